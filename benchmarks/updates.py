@@ -96,7 +96,7 @@ def measured(stream: SceneStream, edit: str, centre: int) -> dict[str, int]:
     if edit == "deleted":
         after, precision = after.select(~gone), precision[~gone]
     update = encode_update(stream, after, classes=precision)
-    assert describe_update(update, stream)["num_removed"] == len(chosen)
+    assert describe_update(stream, update)["num_removed"] == len(chosen)
     assert apply_update(stream, update).manifest.num_elements == after.num_elements
     new_bytes = sum(packet.num_bytes for packet in update.packets)
     return {

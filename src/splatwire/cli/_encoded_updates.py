@@ -8,7 +8,7 @@ from splatwire.cli._files import STANDARD, input_path, output_path
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli.encode import Encode
 from splatwire.codec import encode_update
-from splatwire.codec.update.apply import describe_update
+from splatwire.codec.update.apply import check_base, describe_update
 from splatwire.errors import InvalidValueError
 from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Cameras
@@ -21,6 +21,7 @@ def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> No
         raise InvalidValueError("the scene and the stream to update cannot both be standard input")
     with input_path(command.update) as path:
         base = read_stream(path)[0]
+    check_base(base)  # before the precision of the scene is measured
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:
         started = time.perf_counter()
         report("choosing precision", 0.0)
@@ -31,7 +32,7 @@ def encode_update_of(command: Encode, scene: Any, cameras: Cameras | None) -> No
         report("encoding", 1.0)
         seconds = time.perf_counter() - started
         write_stream(stream, path)
-    facts, share = describe_update(stream, base), stream.num_bytes / base.num_bytes
+    facts, share = describe_update(base, stream), stream.num_bytes / base.num_bytes
     if command.json:
         counts = {"num_bytes": stream.num_bytes, "share": share, **facts}
         print_json({"output": command.output, **counts, "seconds": seconds})

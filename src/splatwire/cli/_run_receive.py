@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -46,6 +47,9 @@ def run(command: Receive) -> None:
         name=address.name, scene_token=address.token, deadline_s=deadline, nack=not command.no_nack, viewpoint=viewpoint
     )
     url = without_token(command.url)
+    if command.follow:
+        _follow(command, address, options)
+        return
     moments, periods = TransferTimes(), itertools.count()
     with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
 
@@ -78,6 +82,51 @@ def run(command: Receive) -> None:
             f"what arrived is in {command.output}. Receive it again, or accept this with --partial", file=sys.stderr,
         )  # fmt: skip
         sys.exit(DAMAGED)
+
+
+def _follow(command: Receive, address: Address, options: ReceiverOptions) -> None:
+    """Receives a scene and its updates until the user stops the command, and writes each state of the scene.
+
+    Raises:
+        InvalidValueError: If an option does not fit, or the scene does not arrive as a whole at first.
+    """
+    if command.deadline or command.partial or command.camera or command.pcap or address.scheme == "moq":
+        raise InvalidValueError("--follow is for udp:// and quic://, without --deadline, --partial, --camera, --pcap")
+    from splatwire.api.following import follow  # applies updates, with libraries that a relay lacks
+
+    transfer = transfer_of(command.trust, address)
+
+    async def run() -> None:
+        loop = asyncio.get_running_loop()
+        stop = loop.create_future()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stop.cancel)
+        began = time.perf_counter()
+
+        async def fetch(name: str) -> Receiver:
+            return await transfer(replace(options, name=name), None, stop=stop)
+
+        async for stream in follow(fetch, address.name, print_warning):
+            with _output(command) as path, progress_bars() as show:
+                if command.conceal is None and not command.explicit:
+                    write_stream(stream, path)
+                else:
+                    _decoding_module().write_scene(command, stream, path, show)
+            elements, seconds = stream.manifest.num_elements, time.perf_counter() - began
+            if command.json:
+                print_json({"output": command.output, "num_elements": elements, "seconds": seconds,
+                            "stream_id": f"{stream.manifest.stream_id:08x}"})  # fmt: skip
+                sys.stdout.flush()
+            else:
+                text = f"{elements:,} {stream.manifest.elements} after {seconds:.2f} s -> {command.output}"
+                print_summary(text, command.output)
+
+    asyncio.run(run())
+
+
+def print_warning(text: str) -> None:
+    """Prints a warning on standard error."""
+    print(f"splatwire: warning: {text}", file=sys.stderr, flush=True)
 
 
 def _decoding_module() -> ModuleType:

@@ -5,10 +5,11 @@ import contextlib
 import logging
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.cli import _bundled
@@ -36,7 +37,12 @@ from splatwire.transport.http.origins import parse_origin
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.transport.running_server import RunningServer
 
+if TYPE_CHECKING:
+    from splatwire.cli._served_updates import UpdateFolder
+
 LOG = logging.getLogger("splatwire.transport.serve")
+LOOK_S = 0.2
+"""Interval between two checks of the folder of updates, seconds."""
 
 
 def run(command: Serve) -> None:
@@ -46,6 +52,8 @@ def run(command: Serve) -> None:
         raise InvalidValueError("--certificate, --key and --origins are for --quic")
     allowed_origins(command)
     check_formats(command.downloads)
+    if command.updates is not None and (command.moq is not None or command.private):
+        raise InvalidValueError("--updates is for public scenes without --moq")
     if command.downloads and command.page is None:
         raise InvalidValueError("--downloads is for --page")
     access = _access(command)
@@ -61,8 +69,26 @@ def run(command: Serve) -> None:
     asyncio.run(_serve(command, _served_streams(command, protected, planned), access))
 
 
-def _served_streams(command: Serve, protection: Protection, planned: int | None = None) -> dict[str, ServedStream]:
-    """Reads the streams to serve and prepares them for sending; returns them by name.
+@dataclass
+class _Scenes:
+    """Streams of a server.
+
+    Attributes:
+        served: Streams prepared for sending, by name.
+        folder: Updates of these streams; None without `--updates`.
+    """
+
+    served: dict[str, ServedStream]
+    folder: "UpdateFolder | None"
+
+    @property
+    def updates(self) -> dict[str, ServedStream | None]:
+        """Updates of the streams by the name under which receivers request them."""
+        return {} if self.folder is None else self.folder.updates
+
+
+def _served_streams(command: Serve, protection: Protection, planned: int | None = None) -> _Scenes:
+    """Reads the streams to serve and prepares them for sending.
 
     Args:
         command: Options of the verb.
@@ -70,7 +96,8 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
         planned: Id of the stream for which the redundancy was planned; None without a plan.
 
     Raises:
-        InvalidValueError: If two streams have one name, or the plan is for another stream.
+        InvalidValueError: If two streams have one name, the plan is for another stream, or `--updates` is set and no
+            stream can be updated.
     """
     named: dict[str, str] = {}
     for path in command.streams or (str(_bundled.ASSETS / _bundled.SPLATS),):
@@ -79,14 +106,21 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
             raise InvalidValueError(
                 f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
             )
-    streams = {name: (path, in_datagrams(read_stream(Path(path))[0], path)) for name, path in named.items()}
+    sources = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
+    streams = {name: (path, in_datagrams(source, path)) for name, (path, source) in sources.items()}
     for path, stream in streams.values():
         if planned is not None and stream.manifest.stream_id != planned:
             raise InvalidValueError(
                 f"{command.plan} is for the stream {planned:08x}, and {path} is "
                 f"{stream.manifest.stream_id:08x}: plan for it"
             )
-    return {name: program_of(stream, protection) for name, (_, stream) in streams.items()}
+    served = {name: program_of(stream, protection) for name, (_, stream) in streams.items()}
+    if command.updates is None:
+        return _Scenes(served, None)
+    from splatwire.cli._served_updates import UpdateFolder, chains_of  # decodes, with libraries that a relay lacks
+
+    chains = chains_of({name: (source, streams[name][1]) for name, (_, source) in sources.items()})
+    return _Scenes(served, UpdateFolder(command.updates, chains, lambda stream: program_of(stream, protection)))
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:
@@ -160,8 +194,9 @@ def _access(command: Serve) -> Access | None:
     return Access(frozenset(command.private), frozenset(command.unlisted), problem)
 
 
-async def _serve(command: Serve, streams: dict[str, ServedStream], access: Access | None) -> None:
+async def _serve(command: Serve, scenes: _Scenes, access: Access | None) -> None:
     stop, reload = stop_on_signals(), reload_on_hangup()
+    streams = scenes.served
     async with contextlib.AsyncExitStack() as stack:
         opened = await open_server(
             streams, command, limits(command), stack, origins=allowed_origins(command), access=access
@@ -171,10 +206,16 @@ async def _serve(command: Serve, streams: dict[str, ServedStream], access: Acces
         for name, parts in () if command.json else sizes.items():
             print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                   f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
+        if command.updates is not None:
+            opened.publish(streams, scenes.updates)
+            if opened.page is not None and isinstance(content := opened.page.content, PageContent):
+                opened.page.content = replace(content, attributes={**content.attributes, "updates": ""})
+            watching = asyncio.ensure_future(_watch_updates(scenes, opened))
+            stack.callback(watching.cancel)
         print_ready(command, opened.server.port, opened.facts, "serving", streams=sizes)
         while await first_event(stop, reload) is reload:
             reload.clear()
-            await _reload(command, opened)
+            await _reload(command, opened, scenes)
         await opened.drain(command.drain)
         log_event(LOG, logging.INFO, "stopped", transfers=opened.server.core.num_served, bytes=opened.server.bytes_sent)
     if command.log_format == "text":
@@ -194,19 +235,32 @@ async def _offer_downloads(command: Serve, opened: RunningServer, stack: context
     opened.page.content = replace(opened.page.content, downloads=downloads)
 
 
-async def _reload(command: Serve, opened: RunningServer) -> None:
+async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
+    """Publishes the changed scenes and their updates whenever updates appear in the folder."""
+    while True:
+        await asyncio.sleep(LOOK_S)
+        folder = scenes.folder
+        assert folder is not None
+        changed = await start_thread(folder.poll, "updates")
+        if changed and folder is scenes.folder:  # the streams were not read again meanwhile
+            scenes.served = scenes.served | changed
+            opened.publish(scenes.served, scenes.updates)
+
+
+async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> None:
     """Reads the streams and the certificate again; keeps the previous ones and logs an error if one is invalid."""
 
-    def read() -> dict[str, ServedStream]:
+    def read() -> _Scenes:
         return _served_streams(command, *protection(command))
 
     try:
-        streams = await start_thread(read, "reading")
-        opened.replace(streams)
+        fresh = await start_thread(read, "reading")
+        opened.replace(fresh.served, fresh.updates)
+        scenes.served, scenes.folder = fresh.served, fresh.folder
     except (SplatwireError, OSError) as error:
         log_event(LOG, logging.ERROR, "reload failed", error=str(error))
     else:
-        log_event(LOG, logging.INFO, "reloaded", streams=len(streams))
+        log_event(LOG, logging.INFO, "reloaded", streams=len(scenes.served))
 
 
 def program_of(stream: SceneStream, protection: Protection) -> ServedStream:

@@ -3,8 +3,11 @@
 import asyncio
 import sys
 import webbrowser
+from dataclasses import replace
 
-from splatwire.bitstream import SceneStream, is_stream, read_stream
+from splatwire.api.following import updates_after
+from splatwire.bitstream import GAUSSIANS, SceneStream, is_stream, read_stream, stream_to_bytes
+from splatwire.bitstream.sections import sections_of
 from splatwire.cli._background import start_thread
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, stream_name
@@ -12,9 +15,10 @@ from splatwire.cli._listening import check_port, stop_on_signals
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli._receiving import transfer_of
 from splatwire.cli.view import View
+from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
 from splatwire.data import load_cameras
-from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.transport import ReceiverOptions
+from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
+from splatwire.transport import Receiver, ReceiverOptions
 from splatwire.transport.address import parse_url, without_token
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
@@ -56,14 +60,23 @@ async def _forward(command: View, cameras: Cameras | None) -> None:
         if relay.is_live:
             print(f"splatwire: {url} is live: the page shows what there is when it is loaded", file=sys.stderr)
         receiving.add_done_callback(lambda task: _warn_of_missing(url, relay) if _went_well(task) else None)
-        await _serve(command, page_of_relay(name, relay, cameras, command.host), receiving)
+        await _serve(command, page_of_relay(name, relay, cameras, command.host), receiving, relay)
     finally:
         receiving.cancel()
         await asyncio.gather(receiving, return_exceptions=True)
 
 
-async def _serve(command: View, content: PageContent, receiving: asyncio.Task[None] | None = None) -> None:
-    """Serves the page until a signal, or until receiving fails."""
+async def _serve(
+    command: View, content: PageContent, receiving: asyncio.Task[None] | None = None, relay: Relay | None = None
+) -> None:
+    """Serves the page until a signal, or until receiving fails.
+
+    Args:
+        command: Options of the verb.
+        content: Content of the page.
+        receiving: Task that receives the stream; None for a local one.
+        relay: Object that receives the stream; None for a local one.
+    """
     stop = stop_on_signals()
     if receiving is not None:
         receiving.add_done_callback(lambda task: None if _went_well(task) else stop.set())
@@ -76,9 +89,39 @@ async def _serve(command: View, content: PageContent, receiving: asyncio.Task[No
                 start_thread(
                     lambda: webbrowser.open(page.url), "browser"
                 )  # a terminal browser blocks until it is closed
+        following = asyncio.ensure_future(_follow(command, relay, receiving, page)) if relay and receiving else None
         await stop.wait()
+        if following is not None:
+            following.cancel()
     if receiving is not None and receiving.done():
         receiving.result()
+
+
+async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], page: PageServer) -> None:
+    """Receives the updates of a scene after the scene itself, and offers them to the page."""
+    await asyncio.wait({receiving})
+    if relay.manifest is None or relay.manifest.codec != GAUSSIANS or relay.failure() or not _went_well(receiving):
+        return
+    address, url = parse_url(command.stream), without_token(command.stream)
+    transfer = transfer_of(command.trust, address)
+
+    async def fetch(name: str) -> Receiver:
+        return await transfer(ReceiverOptions(name=name, scene_token=address.token), None)
+
+    def warn(text: str) -> None:
+        print(f"splatwire: warning: {url}: {text}", file=sys.stderr, flush=True)
+
+    served = False
+    try:
+        async for update in updates_after(fetch, manifest_digest(relay.manifest), warn):
+            assert isinstance(page.content, PageContent)
+            base = read_update(sections_of(update)[SECTION]).base_digest
+            updates = {**page.content.updates, update_name(base): stream_to_bytes(update)}
+            page.content, served = replace(page.content, updates=updates), True
+        if served:
+            warn("an update was missed, and the server no longer has it; start `view` again")
+    except SplatwireError as error:
+        warn(f"updates have ended: {error}")
 
 
 def _create_relay(command: View) -> Relay:

@@ -31,6 +31,9 @@ class Receive:
     cases. Required are all packets of a stream; with --camera all that the camera sees; of a live clip that has ended
     all since this receiver joined. If the server stops sending, the receiver reconnects for up to a minute and resumes
     the transfer."""
+    follow: bool = False
+    """Keep receiving updates of the scene (`serve --updates`) until Ctrl-C. The output is written again after each
+    update. If an update does not arrive, the last scene remains, and a warning says so."""
     no_nack: bool = False
     """Do not request retransmission of lost packets."""
     camera: Path | None = None
@@ -42,7 +45,7 @@ class Receive:
     pcap: Path | None = None
     """Write all datagrams, sent and received, to this file in the format of tcpdump."""
     json: JsonFlag = False
-    """Print one JSON object."""
+    """Print one JSON object; with --follow one per line for each state of the scene."""
 
     @property
     def explicit(self) -> bool:

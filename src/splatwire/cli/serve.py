@@ -43,6 +43,9 @@ class Serve(Listening):
     config: Path | None = None
     """TOML file with options of this verb by name, e.g. page = 8080 or streams = ["room.swz"]. Options of the command
     line win."""
+    updates: Path | None = None
+    """Folder that is watched for updates of the served scenes (`encode --update`). Each is applied when it appears:
+    connected receivers (`receive --follow`) and pages get the update, new ones the changed scene."""
     moq: str | None = None
     """Publish one stream to a relay of Media over QUIC, from which clients receive it, instead of listening:
     https://RELAY[:PORT]/NAME."""

@@ -37,13 +37,16 @@ class RunningServer:
         """True while the server stops: it refuses new transfers, and running transfers continue."""
         return self.server.core.draining
 
-    def replace(self, streams: Mapping[str, ServedStream]) -> None:
+    def replace(
+        self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
+    ) -> None:
         """Replaces all streams, and reads the certificate from its files again; running transfers are not affected.
 
         If the certificate is invalid, nothing is replaced.
 
         Args:
             streams: Prepared streams by name.
+            updates: Updates of the streams by name; None for an update that does not exist yet (`Server.replace`).
 
         Raises:
             InvalidValueError: If the files of the certificate are invalid.
@@ -51,9 +54,21 @@ class RunningServer:
         """
         if not isinstance(self.server, UdpServer):
             self.server.reload_identity()
-        self.server.core.replace(streams)
+        self.publish(streams, updates)
+
+    def publish(
+        self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
+    ) -> None:
+        """Replaces all streams and updates for new transfers and requests; running transfers are not affected.
+
+        Args:
+            streams: Prepared streams by name.
+            updates: Updates of the streams by name; None for an update that does not exist yet (`Server.replace`).
+        """
+        self.server.core.replace(streams, updates)
         if self.page is not None and isinstance(self.page.content, PageContent):
-            self.page.content = replace(self.page.content, streams=streams)
+            existing = {name: stream for name, stream in (updates or {}).items() if stream is not None}
+            self.page.content = replace(self.page.content, streams=streams, updates=existing)
 
     async def drain(self, most_s: float) -> None:
         """Refuses new transfers, and waits until all transfers and HTTP responses have ended.

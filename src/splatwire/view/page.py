@@ -53,7 +53,9 @@ def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}
     cameras = None if cameras is None else cameras.relative_to(relay.origin)
-    return PageContent({name: relay}, host=host, origins=_origins(host), attributes=preview | _attributes(cameras))
+    return PageContent(
+        {name: relay}, host=host, origins=_origins(host), attributes=preview | _attributes(cameras) | {"updates": ""}
+    )
 
 
 def _origins(host: str) -> tuple[str, ...] | None:

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import TypeAlias
 
 from splatwire.arguments import checked
-from splatwire.bitstream import file_head, file_record
+from splatwire.bitstream import Manifest, file_head, file_record
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.errors import MissingSideInfoError
 from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived, Welcomed
@@ -35,6 +35,7 @@ class Relay:
         preview: Preview of the scene, shown until the scene is decoded; empty before its arrival, or without a preview.
         ending: End of the transfer, with its reason; None while it runs.
         origin: Origin of the scene's coordinates; (0, 0, 0) until the side information is received.
+        manifest: Manifest of the stream; None until the side information is received.
     """
 
     @checked
@@ -49,6 +50,7 @@ class Relay:
         self.preview = b""
         self.ending: Finished | None = None
         self.origin = NO_ORIGIN
+        self.manifest: Manifest | None = None
 
     async def run(self) -> None:
         """Receives the stream until the transfer ends.
@@ -129,6 +131,7 @@ class Relay:
                     self._begun.set()
             elif isinstance(event, SideInfoArrived):
                 check_page_support(event.manifest)
+                self.manifest = event.manifest
                 self.origin = ORIGIN.of_side_info(event.side_info, event.manifest.codec)
                 await self._begin_file(event.manifest.stream_id, file_head(event.manifest, event.side_info))
                 self._begun.set()

@@ -97,7 +97,7 @@ def test_changed_streams_decode_to_the_edited_scene_in_the_old_steps(base: Scene
     levels = (classes - CLASSES.min()).astype(np.uint8) + np.uint8(int(coding.classes.max()) + CLASSES.min())
     expected = round_splats(after, replace(coding, classes=levels))
     np.testing.assert_array_equal(sorted_rows(decode_stream(result).scene.splats), sorted_rows(expected))
-    counts = describe_update(update, base)
+    counts = describe_update(base, update)
     assert counts == {"num_kept": COUNT - num_removed, "num_removed": num_removed, "num_new": num_new}
     assert result.manifest.packetization == base.manifest.packetization
 
@@ -126,7 +126,7 @@ def test_edits_of_the_decoded_scene_and_of_its_source_remove_the_same_gaussians(
 def test_updates_follow_each_other(base: SceneStream) -> None:
     first = apply_update(base, encode_update(base, moved(some_splats()), classes=CLASSES))
     second = encode_update(first, some_splats(), classes=CLASSES)
-    assert describe_update(second, first) == {"num_kept": 460, "num_removed": 40, "num_new": 40}
+    assert describe_update(first, second) == {"num_kept": 460, "num_removed": 40, "num_new": 40}
     back = decode_stream(apply_update(first, second)).scene.splats
     np.testing.assert_array_equal(sorted_rows(back), sorted_rows(decode_stream(base).scene.splats))
 
@@ -135,7 +135,7 @@ def test_each_of_several_equal_gaussians_counts() -> None:
     splats = some_splats(60)
     base = encode_splats(splats.select(np.array([*range(60), 5, 5, 7])), SMALL)
     update = encode_update(base, splats.select(np.array([*range(60), 5])))
-    assert describe_update(update, base) == {"num_kept": 61, "num_removed": 2, "num_new": 0}
+    assert describe_update(base, update) == {"num_kept": 61, "num_removed": 2, "num_new": 0}
     assert apply_update(base, update).manifest.num_elements == 61
 
 
@@ -209,7 +209,7 @@ def test_incomplete_and_foreign_streams_are_refused(base: SceneStream) -> None:
     with pytest.raises(InvalidValueError, match="the same scene in other packets is another stream, too"):
         apply_update(repack(base, replace(DATAGRAM, packet_bytes=300)), update)
     with pytest.raises(InvalidValueError, match="the update changes another stream"):
-        describe_update(update, apply_update(base, update))
+        describe_update(apply_update(base, update), update)
     with pytest.raises(BitstreamError, match="has Gaussians, it is not an update"):
         apply_update(base, base)
 

@@ -46,17 +46,18 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
     """
     if update.manifest.codec != UPDATE:
         raise BitstreamError(f"the second stream has {update.manifest.elements}, it is not an update")
-    info, scene = open_base(base, threads)
+    info = check_base(base)
     _check_complete(update, "the update", "the old stream remains valid")
     partial = decode_stream(update, threads=threads)
     change = partial.scene
     assert isinstance(change, UpdateScene)
     _check_base(base, change.base_digest)
+    scene = decode_stream(base, threads=threads).scene
     if write_header(info) != write_header(open_side_info(update.manifest, update.side_info)):
         raise BitstreamError("the update has other quantisation steps than the stream that it changes")
     assert scene.coding is not None
     removed = np.empty(scene.num_elements, bool)
-    removed[curve_order(scene.splats.means, scene.coding)] = read_removed(change.removed, scene.num_elements)
+    removed[curve_order(scene.splats, scene.coding)] = read_removed(change.removed, scene.num_elements)
     if removed.all() and not change.num_elements:
         raise BitstreamError("the update removes all Gaussians")
     result = changed_stream(base, info, scene, removed, change, change.writer, threads)
@@ -68,12 +69,12 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
 
 
 @checked
-def describe_update(update: SceneStream, base: SceneStream) -> dict[str, int]:
+def describe_update(base: SceneStream, update: SceneStream) -> dict[str, int]:
     """Returns the numbers of Gaussians that stay, are removed, and are new.
 
     Args:
+        base: The stream that the update changes, complete.
         update: The update.
-        base: The stream that it changes, complete.
 
     Raises:
         InvalidValueError: If the update is for another stream.
@@ -86,8 +87,8 @@ def describe_update(update: SceneStream, base: SceneStream) -> dict[str, int]:
     return {"num_kept": kept, "num_removed": removed, "num_new": update.manifest.num_elements}
 
 
-def open_base(base: SceneStream, threads: int | None) -> tuple[SideInfo, SplatScene]:
-    """Returns the side information and the decoded scene of a stream that an update can change.
+def check_base(base: SceneStream) -> SideInfo:
+    """Checks that an update can change a stream, and returns the side information of the stream.
 
     Raises:
         InvalidValueError: If packets are missing, or updates of such a stream are not possible.
@@ -102,7 +103,7 @@ def open_base(base: SceneStream, threads: int | None) -> tuple[SideInfo, SplatSc
     info = open_side_info(manifest, base.side_info)
     if info.coarsest < 0:
         raise InvalidValueError("an older release encoded the stream to change: encode its scene again")
-    return info, decode_stream(base, threads=threads).scene
+    return info
 
 
 def changed_stream(

@@ -3,6 +3,7 @@
 import hashlib
 import logging
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from splatwire.codec.gaussians.outliers import within_reach
 from splatwire.codec.gaussians.side_info import SideInfo, write_side_info
 from splatwire.codec.gaussians.source_scene import levels_of, levels_of_flat
 from splatwire.codec.schema import Options
-from splatwire.codec.update.apply import changed_stream, open_base
+from splatwire.codec.update.apply import changed_stream, check_base
 from splatwire.codec.update.matching import find_unchanged
 from splatwire.codec.update.removed import curve_order, write_removed
 from splatwire.codec.update.schema import SCHEMA
@@ -60,9 +61,33 @@ def encode_update(
         The update: a stream with the new Gaussians.
 
     Raises:
-        InvalidValueError: If the stream cannot be updated (see `open_base`), or the scene is empty, of another kind or
+        InvalidValueError: If the stream cannot be updated (see `check_base`), or the scene is empty, of another kind or
             degree of spherical harmonics, or too far away for the lattice of positions.
     """
+    return encode_change(base, scene, classes, threads).update
+
+
+class EncodedChange(NamedTuple):
+    """An update and the stream that it leads to.
+
+    Attributes:
+        update: The update.
+        result: The changed stream, as `apply_update` returns it.
+    """
+
+    update: SceneStream
+    result: SceneStream
+
+
+def encode_change(
+    base: SceneStream, scene: SplatScene | ReceivedScene[SplatScene] | Splats, classes: np.ndarray | None = None,
+    threads: int | None = None,
+) -> EncodedChange:  # fmt: skip
+    """Encodes the changes of a scene, and returns the update together with the changed stream.
+
+    The arguments and errors are those of `encode_update`.
+    """
+    info = check_base(base)
     found = as_scene(scene)
     check_kind(found, SplatScene, "open_scene")
     assert isinstance(found, SplatScene)
@@ -70,7 +95,7 @@ def encode_update(
         classes = array_of(classes, "classes", (found.num_elements,), "i", -128, 127)
     rows = found.validity()
     rows.log_removed("encoding", found.ELEMENTS)
-    info, before = open_base(base, threads)
+    before = decode_stream(base, threads=threads).scene
     coding = before.coding
     assert coding is not None
     after, kept = found.splats.moved_origin(found.origin, before.origin).select(rows.kept), rows.kept
@@ -98,9 +123,9 @@ def encode_update(
     result = changed_stream(base, info, before, removed, _decoded(new), new.manifest.writer, threads)
     fields = UpdateFields(
         manifest_digest(base.manifest), manifest_digest(result.manifest), result.manifest.writer,
-        write_removed(removed[curve_order(before.splats.means, coding)]),
+        write_removed(removed[curve_order(before.splats, coding)]),
     )  # fmt: skip
-    return add_concealment(new, SECTION, write_update(fields))
+    return EncodedChange(add_concealment(new, SECTION, write_update(fields)), result)
 
 
 def _encode_new(

@@ -4,6 +4,8 @@ The bits of the mask are sorted along a Morton curve, because neighbouring Gauss
 are coded in groups of two sizes, so that a long run of equal bits takes few bits.
 """
 
+import math
+
 import numpy as np
 
 from splatwire.codec.gaussians.blocks import to_lattice
@@ -11,22 +13,34 @@ from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
 from splatwire.types import SplatCoding
+from splatwire.types.splats import Splats
 
 GROUP, GROUPS = 16, 16
 """Gaussians of a group, and groups of a larger group, consecutive along the curve."""
 
 
-def curve_order(means: np.ndarray, coding: SplatCoding) -> np.ndarray:
-    """Returns the indices of decoded Gaussians along a Morton curve, int64 (N); Gaussians in one cell keep their order.
+def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
+    """Returns the indices of decoded Gaussians along a Morton curve, int64 (N).
+
+    Gaussians in one cell are sorted by their attributes. The result thus does not depend on the order of the Gaussians,
+    which differs between receivers: a page appends the new Gaussians of an update, `apply_update` encodes the scene.
 
     Args:
-        means: float32 (N, 3), decoded positions.
+        splats: The decoded Gaussians.
         coding: Quantisation parameters of the scene.
     """
-    places = to_lattice(means.astype(np.float64), coding.unit, coding.size_log)
+    places = to_lattice(splats.means.astype(np.float64), coding.unit, coding.size_log)
     places -= places.min(axis=0)
     shift = max(int(places.max()).bit_length() - MAX_AXIS_BITS, 0)
-    return np.argsort(morton_encode(places >> shift), kind="stable")
+    codes = morton_encode(places >> shift)
+    order = np.argsort(codes, kind="stable")
+    same = codes[order[1:]] == codes[order[:-1]]
+    tied = np.flatnonzero(np.append(same, False) | np.append(False, same))
+    own = splats.select(order[tied])
+    keys = (own.means, own.opacities, own.scales, own.quats, own.sh)
+    columns = np.concatenate([values.reshape(len(tied), math.prod(values.shape[1:])) for values in keys], axis=1)
+    order[tied] = order[tied][np.lexsort((*columns.T[::-1], codes[order[tied]]))]
+    return order
 
 
 def write_removed(removed: np.ndarray) -> bytes:

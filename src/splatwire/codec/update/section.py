@@ -34,6 +34,18 @@ def manifest_digest(manifest: Manifest) -> str:
     return hashlib.sha256(manifest_to_bytes(manifest)).hexdigest()
 
 
+def update_name(base_digest: str) -> str:
+    """Returns the name under which a server offers the update of a stream.
+
+    The name is that of the stream that the update changes, so that a receiver can request the next update of what it
+    has.
+
+    Args:
+        base_digest: Digest of that stream (`manifest_digest`), hexadecimal.
+    """
+    return f"update.{base_digest[:16]}"
+
+
 def write_update(fields: UpdateFields) -> bytes:
     """Serialises the content of an update's named section."""
     writer = ByteWriter()

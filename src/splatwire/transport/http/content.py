@@ -89,6 +89,7 @@ class PageContent:
             streams are readable from all origins unless `origins` is set.
         attributes: Further HTML attributes of the page's viewer element (docs/browser.md).
         access: Rules of access to the scenes; None if all are open and listed.
+        updates: Updates of the streams by name. They are offered like streams, but no list contains them.
         downloads: Files of other formats, made from the streams at their first request; None for no such files.
     """
 
@@ -99,6 +100,7 @@ class PageContent:
     public_origin: str | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
     access: Access | None = None
+    updates: Mapping[str, ServedStream | bytes] = field(default_factory=dict)
     downloads: Downloads | None = None
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
@@ -390,7 +392,7 @@ class PageContent:
         )
 
     def _file(self, name: str) -> bytes | GrowingFile | None:
-        stream = self.streams.get(name)
+        stream = self.streams.get(name, self.updates.get(name))
         if not isinstance(stream, ServedStream):
             return stream
         if name not in self._files:

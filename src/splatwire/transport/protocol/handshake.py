@@ -13,6 +13,10 @@ TOKEN_S = 2.0
 """Time after which a token is dropped if the server has not accepted the request, seconds: the server or the client's
 address may have changed.
 """
+WAIT_S = 0.5
+"""Interval of requests for a stream that the server has announced but does not have yet, seconds. The first requests
+follow each other faster (`RETRY_S`).
+"""
 REFUSAL_RETRY_S = 1.0
 """Time from a temporary refusal to the next request, seconds."""
 

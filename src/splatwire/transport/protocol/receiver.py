@@ -39,7 +39,7 @@ from splatwire.transport.protocol.events import (
     Welcomed,
 )
 from splatwire.transport.protocol.gap_tracker import GapTracker
-from splatwire.transport.protocol.handshake import RETRY_S, HandshakeAttempt
+from splatwire.transport.protocol.handshake import RETRY_S, WAIT_S, HandshakeAttempt
 from splatwire.transport.protocol.nack import MAX_ATTEMPTS, NackTracker
 from splatwire.transport.protocol.receive_state import ReceiveState
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
@@ -71,6 +71,8 @@ and rejected.
 """
 GRACE_S = 0.15
 """Time that the receiver waits for late packets after the server has sent everything, seconds."""
+SOON_S = 2.0
+"""Time from the first request for an announced stream in which requests follow each other fast, seconds."""
 BYES = 3
 VIEW_S, VIEW_AGAIN_S, TWICE = 0.1, 1.0, 2
 """Interval at which a new viewpoint is sent to the server, later interval for an unchanged viewpoint (both in seconds),
@@ -273,7 +275,7 @@ class Receiver(ReceiveState):
         """
         if reason == NOT_YET:
             self._asking_since = now
-            greeting.refused(now, RETRY_S)
+            greeting.refused(now, RETRY_S if now - self._began < SOON_S else WAIT_S)
             return [], []
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
         if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN):

@@ -51,6 +51,9 @@ STARTS = 2
 allowed concurrent transfers; also the number of its refusals that are logged and answered with their own reason.
 """
 
+UPDATE_STARTS = 150
+"""Like `STARTS`, for transfers of updates: each client may request an update per second, and some of them twice."""
+
 Key = tuple[Hashable, int]
 """Key of a transfer: address of the client, and random number (nonce) of its connection attempt."""
 
@@ -91,6 +94,7 @@ class Server:
         on_failure: Callable[[Hashable], None] | None = None,
     ) -> None:
         self._streams = dict(streams)
+        self._updates: dict[str, ServedStream | None] = {}
         self._mint = TokenMint(secret)
         self._random = random
         self._limits = limits or ServerLimits()
@@ -99,6 +103,7 @@ class Server:
         self._on_failure = on_failure
         self._starts = StartRateLimiter(STARTS * self._limits.per_network)
         self._refusals = StartRateLimiter(STARTS * self._limits.per_network)
+        self._update_starts = StartRateLimiter(UPDATE_STARTS * self._limits.per_network)
         self._transfers: dict[Key, ServerTransfer] = {}
         self._networks: dict[Key, Network] = {}
         self._sessions: dict[tuple[Hashable, int], Key] = {}
@@ -213,13 +218,17 @@ class Server:
             return None
         return self._due[0][0] if self.total_pacer is None else max(self._due[0][0], self.total_pacer.next_at())
 
-    def replace(self, streams: Mapping[str, ServedStream]) -> None:
+    def replace(
+        self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
+    ) -> None:
         """Replaces all streams for new transfers; running transfers continue with their streams until they end.
 
         Args:
             streams: Prepared streams by name; a client that requests no name gets the first.
+            updates: Updates of these streams by name. The value None announces an update that does not exist yet:
+                clients that request it ask again until it does.
         """
-        self._streams = dict(streams)
+        self._streams, self._updates = dict(streams), dict(updates or {})
 
     def update(self, name: str, stream: ServedStream) -> None:
         """Adds a stream, or updates a live stream and notifies the clients that receive it.
@@ -286,16 +295,17 @@ class Server:
         return transfer.welcome()
 
     def _refused(self, network: Network, request: Request, refusal: int, now: float) -> int:
-        """Counts and logs a refused request; a refusal without response (a repeated request) is not logged.
+        """Counts and logs a refused request.
 
+        A refusal without response (a repeated request) is not logged, and neither is one for the next update.
         After `STARTS` times the allowed concurrent transfers within `WINDOW_S`, refusals of a network are no longer
         logged, and requests for missing or private streams are refused as too many.
 
         Returns:
             Index of the refusal to send in `datagrams.REFUSALS`; 0 for none.
         """
-        if not refusal:
-            return 0
+        if not refusal or (refusal == NOT_YET and request.name in self._updates):
+            return refusal  # followers request the next update several times a second
         self.num_refused += 1
         if not self._refusals.allowed(network, now):
             return TOO_MANY if refusal in (UNKNOWN_STREAM, NEEDS_TOKEN) else refusal
@@ -318,7 +328,8 @@ class Server:
             None if the transfer has started; otherwise the index of the refusal in `datagrams.REFUSALS`, where 0 stands
             for a refusal without response.
         """
-        if self._starts.seen(network, key[1]):
+        starts = self._update_starts if frame.name in self._updates else self._starts
+        if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
             self.num_rejected += 1
             return 0
         if self.draining:
@@ -328,10 +339,11 @@ class Server:
         name = frame.name or self._default_stream()
         if self.access is not None and self.access.refusal(name, frame.scene_token, exists=name in self._streams):
             return NEEDS_TOKEN
-        if name not in self._streams:
-            return UNKNOWN_STREAM
+        stream = self._streams.get(name) or self._updates.get(name)
+        if stream is None:
+            return NOT_YET if name in self._updates else UNKNOWN_STREAM
         held = Counter(self._networks.values())
-        if held[network] >= self._limits.per_network or not self._starts.allowed(network, now):
+        if held[network] >= self._limits.per_network or not starts.allowed(network, now):
             return TOO_MANY
         if len(self._transfers) >= self._limits.sessions:
             full = choose_eviction(+held, network)
@@ -342,11 +354,9 @@ class Server:
                 next(key for key, other in reversed(self._networks.items()) if other == full), "displaced"
             )
         session = self._new_session(key[0])
-        self._transfers[key] = ServerTransfer(
-            self._streams[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
-        )
+        self._transfers[key] = ServerTransfer(stream, session, self._limits, now, reliable_head=reliable, nonce=key[1])
         self._sessions[(key[0], session)], self._networks[key] = key, network
-        self._starts.note(network, key[1], now)
+        starts.note(network, key[1], now)
         self.num_served += 1
         log_event(LOG, logging.INFO, "transfer started", client=network_text(network), stream=name, session=session)
         self._schedule(key)

@@ -1,0 +1,116 @@
+"""Following a scene that changes: the whole scene once, then only its updates."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import aclosing
+
+from splatwire.bitstream import SceneStream
+from splatwire.bitstream.limits import UPDATE
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec.update.apply import apply_update
+from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.transport.protocol.datagrams import REFUSALS
+from splatwire.transport.protocol.receiver import MISSING_STREAM, Receiver
+
+Fetch = Callable[[str], Awaitable[Receiver]]
+"""Function that receives the stream of a given name, and returns the finished receiver."""
+Warn = Callable[[str], None]
+
+RETRY_S = 1.0
+"""Time after which a failed transfer is started again, seconds."""
+
+
+class FollowingStoppedError(Exception):
+    """The caller has stopped a transfer."""
+
+
+async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncIterator[SceneStream]:
+    """Yields a scene when it has arrived, and after each of its updates; ends when the caller stops a transfer.
+
+    Only whole scenes are yielded. If an update does not arrive or cannot be applied, the last scene remains, and `warn`
+    is called. The update is requested again; if the server no longer has it, the whole scene is requested.
+
+    Args:
+        fetch: Receives the stream of a given name.
+        name: Name of the scene; an empty name requests the server's first scene.
+        warn: Called with the text of each warning.
+
+    Raises:
+        InvalidValueError: If the scene does not arrive as a whole at first.
+    """
+    scene: SceneStream | None = None
+    while True:
+        receiver = await fetch(name)
+        stream, reason = receiver.stream(), _reason(receiver)
+        if reason == "stopped":
+            return
+        if stream is None or reason != "complete":
+            if scene is None:
+                raise InvalidValueError(f"the scene did not arrive as a whole: {reason}")
+            warn(f"the scene did not arrive as a whole ({reason}); the last one remains")
+            await asyncio.sleep(RETRY_S)
+            continue
+        scene = stream
+        yield scene
+        try:
+            async with aclosing(updates_after(fetch, manifest_digest(scene.manifest), warn)) as updates:
+                async for update in updates:
+                    scene = await asyncio.to_thread(apply_update, scene, update)
+                    yield scene
+            warn("an update was missed, and the server no longer has it; the whole scene is requested")
+        except FollowingStoppedError:
+            return
+        except SplatwireError as error:
+            warn(f"an update cannot be applied: {error}; the whole scene is requested")
+            await asyncio.sleep(RETRY_S)
+
+
+async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncIterator[SceneStream]:
+    """Yields the updates of a scene, each when it has arrived; ends when the server no longer has the next one.
+
+    Args:
+        fetch: Receives the stream of a given name.
+        digest: Digest of the scene's stream (`manifest_digest`), hexadecimal.
+        warn: Called with the text of each warning.
+
+    Raises:
+        FollowingStoppedError: If the caller has stopped a transfer.
+        InvalidValueError: If the stream that arrives is no update of this scene.
+        BitstreamError: If it is damaged.
+    """
+    while True:
+        receiver = await fetch(update_name(digest))
+        stream, reason = receiver.stream(), _reason(receiver)
+        if reason == "stopped":
+            raise FollowingStoppedError
+        if reason == REFUSALS[MISSING_STREAM]:
+            return
+        if stream is None or reason != "complete":
+            warn(f"an update did not arrive as a whole ({reason}); the last scene remains")
+            await asyncio.sleep(RETRY_S)
+            continue
+        check_follows(stream, digest)
+        yield stream
+        digest = read_update(sections_of(stream)[SECTION]).result_digest
+
+
+def check_follows(stream: SceneStream, digest: str) -> None:
+    """Checks that a stream is an update of a scene.
+
+    Args:
+        stream: The stream.
+        digest: Digest of the scene's stream, hexadecimal.
+
+    Raises:
+        InvalidValueError: If the stream is no update, or that of another scene.
+        BitstreamError: If its section is damaged.
+    """
+    if stream.manifest.codec != UPDATE:
+        raise InvalidValueError(f"the server sends {stream.manifest.elements} as update")
+    if read_update(sections_of(stream).get(SECTION, b"")).base_digest != digest:
+        raise InvalidValueError("the server sends the update of another scene")
+
+
+def _reason(receiver: Receiver) -> str:
+    return "no reason" if receiver.finished is None else receiver.finished.reason

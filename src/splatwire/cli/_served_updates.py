@@ -1,0 +1,138 @@
+"""Updates of `splatwire serve --updates`: reads them from a folder and prepares the changed scenes for sending."""
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from splatwire.bitstream import SceneStream, read_stream
+from splatwire.bitstream.limits import UPDATE
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec.update.apply import check_base
+from splatwire.codec.update.chain import UpdateChain
+from splatwire.codec.update.section import SECTION, read_update
+from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
+from splatwire.transport import ServedStream
+from splatwire.transport.event_log import log_event
+
+LOG = logging.getLogger("splatwire.transport.serve")
+PATIENCE_S = 3.0
+"""Time without change after which an unreadable file is reported, seconds: until then it may still be written."""
+
+Signature = tuple[int, int]
+"""Time of the last change in nanoseconds, and size in bytes, of a file."""
+
+
+def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[str, UpdateChain]:
+    """Returns the scenes that can be updated, by name.
+
+    Args:
+        streams: Stream of the file, and the same scene in packets that fit datagrams, by name.
+
+    Raises:
+        InvalidValueError: If no scene can be updated.
+    """
+    chains: dict[str, UpdateChain] = {}
+    for name, (source, scene) in streams.items():
+        try:
+            check_base(source)
+        except InvalidValueError as error:
+            refused = error
+        else:
+            chains[name] = UpdateChain(source, scene)
+    if not chains:
+        raise refused
+    return chains
+
+
+class UpdateFolder:
+    """Served scenes, which change when updates of them appear in a folder. Not for use by several threads at once.
+
+    An update is applied when the scene is in the state that the update changes. Until then it waits, so that the names
+    of the files do not matter.
+
+    Args:
+        folder: Folder with the updates: `.swz` files, each written by `encode --update`. It may be missing at first.
+        chains: Scenes that can be updated, by name.
+        prepare: Prepares a stream for sending.
+
+    Attributes:
+        updates: Prepared updates by the name under which receivers request them; None for the next one.
+    """
+
+    def __init__(
+        self, folder: Path, chains: Mapping[str, UpdateChain], prepare: Callable[[SceneStream], ServedStream]
+    ) -> None:
+        self._folder, self._chains, self._prepare = folder, dict(chains), prepare
+        self._seen: dict[Path, tuple[Signature, float]] = {}
+        self._read: dict[Path, Signature] = {}
+        self._waiting: dict[Path, SceneStream] = {}
+        self.updates: dict[str, ServedStream | None] = {}
+        for chain in chains.values():
+            self.updates |= dict.fromkeys(chain.offers())
+
+    def poll(self, now: float | None = None) -> dict[str, ServedStream]:
+        """Reads new files and applies their updates.
+
+        Args:
+            now: Current time, seconds; None for that of the clock.
+
+        Returns:
+            The changed scenes, prepared for sending, by name.
+        """
+        self._read_new(time.monotonic() if now is None else now)
+        changed: dict[str, ServedStream] = {}
+        while found := self._next():
+            name, path = found
+            update = self._waiting.pop(path)
+            try:
+                chain = self._chains[name].extended(update)
+            except SplatwireError as error:
+                log_event(LOG, logging.ERROR, "update refused", file=str(path), error=str(error))
+                continue
+            self._chains[name] = chain
+            changed[name] = self._prepare(chain.scene)
+            elements, size = chain.scene.manifest.num_elements, chain.updates[-1].num_bytes
+            log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
+        if changed:
+            offers = {key: one for chain in self._chains.values() for key, one in chain.offers().items()}
+            self.updates = {
+                key: self.updates.get(key) or (None if one is None else self._prepare(one))
+                for key, one in offers.items()
+            }
+        return changed
+
+    def _next(self) -> tuple[str, Path] | None:
+        """Returns the name of a scene and the file of an update of its current state; None if there is none."""
+        states = {chain.source_digest: name for name, chain in self._chains.items()}
+        for path, update in self._waiting.items():
+            if (name := states.get(read_update(sections_of(update)[SECTION]).base_digest)) is not None:
+                return name, path
+        return None
+
+    def _read_new(self, now: float) -> None:
+        """Reads files that are new or have changed."""
+        for path in sorted(self._folder.glob("*.swz")):
+            try:
+                status = path.stat()
+            except OSError:  # removed meanwhile
+                continue
+            signature = status.st_mtime_ns, status.st_size
+            if self._read.get(path) == signature:
+                continue
+            before, since = self._seen.get(path, (None, now))
+            since = since if before == signature else now
+            self._seen[path] = signature, since
+            try:
+                update = read_stream(path)[0]
+                if update.manifest.codec != UPDATE:
+                    raise BitstreamError(f"the stream has {update.manifest.elements}, it is not an update")
+                if len(update.packets) < update.manifest.num_packets:
+                    raise BitstreamError("packets of the update are missing")
+                read_update(sections_of(update).get(SECTION, b""))
+            except (SplatwireError, OSError) as error:
+                if now - since >= PATIENCE_S:
+                    self._read[path] = signature
+                    log_event(LOG, logging.ERROR, "update refused", file=str(path), error=str(error))
+                continue
+            self._read[path], self._waiting[path] = signature, update

@@ -1,0 +1,69 @@
+"""Chain of updates: the current state of a served scene, and the updates that lead to it from earlier states."""
+
+from dataclasses import dataclass, replace
+from itertools import accumulate
+
+from splatwire.bitstream import SceneStream
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec.decoding import decode_stream
+from splatwire.codec.encoding import into_datagrams
+from splatwire.codec.update.apply import apply_update
+from splatwire.codec.update.encoder import encode_change
+from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
+
+MAX_UPDATES = 256
+"""Maximum number of updates that a chain keeps."""
+
+
+@dataclass(frozen=True, eq=False)
+class UpdateChain:
+    """Current state of a scene, and the updates that receivers of its earlier states need.
+
+    Attributes:
+        source: Stream of the current state for which updates are made: that of the file, or the result of its updates.
+        scene: The same scene in packets that fit datagrams. It is `source` if the packets of `source` fit datagrams.
+        updates: Updates between successive states of `scene`, the newest last.
+    """
+
+    source: SceneStream
+    scene: SceneStream
+    updates: tuple[SceneStream, ...] = ()
+
+    @property
+    def source_digest(self) -> str:
+        """Digest of the stream that the next update must change, hexadecimal."""
+        return manifest_digest(self.source.manifest)
+
+    def offers(self) -> dict[str, SceneStream | None]:
+        """Returns the updates by the name under which receivers request them (`update_name`).
+
+        The name of the next update, which does not exist yet, has the value None.
+        """
+        offers: dict[str, SceneStream | None] = {
+            update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
+        }
+        return offers | {update_name(manifest_digest(self.scene.manifest)): None}
+
+    def extended(self, update: SceneStream) -> "UpdateChain":
+        """Applies an update of `source`, and returns the chain with the new state.
+
+        Raises:
+            InvalidValueError: If packets are missing, or the update is for another stream.
+            BitstreamError: If a stream is damaged.
+            DesyncError: If the result differs from the stream that the encoder made.
+        """
+        source = apply_update(self.source, update)
+        if self.scene is self.source:
+            hashed = update.manifest.packetization.hashed
+            return self._with(source, source, update if hashed else into_datagrams(update))
+        scene = decode_stream(source).scene
+        finest = int(decode_stream(self.scene).scene.coding.classes.max())
+        change = encode_change(self.scene, scene, (scene.coding.classes.astype(int) - finest).astype("int8"))
+        return self._with(source, change.result, change.update)
+
+    def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
+        """Adds an update. Drops the oldest updates if together they have more bytes than the scene."""
+        updates = (*self.updates, update)[-MAX_UPDATES:]
+        sizes = accumulate(each.num_bytes for each in reversed(updates))
+        useful = sum(size <= scene.num_bytes for size in sizes)
+        return replace(self, source=source, scene=scene, updates=updates[len(updates) - max(useful, 1) :])

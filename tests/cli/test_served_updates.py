@@ -1,0 +1,144 @@
+"""`serve --updates` sends the updates of a folder, and `receive --follow` and `view` take them."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+from codec.gaussians.test_gaussians import DATAGRAM, SMALL, some_splats
+from codec.update.test_chain import edits
+from explicit import encode_splats
+from processes import server_process
+from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
+from splatwire.cli._served_updates import PATIENCE_S, UpdateFolder, chains_of
+from splatwire.codec import apply_update
+from splatwire.codec.update.section import manifest_digest, update_name
+from splatwire.errors import InvalidValueError
+from splatwire.transport import make_served_stream
+from splatwire.transport.http.content import served_stream_file
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+
+
+def folder_of(tmp_path: Path, source: SceneStream) -> UpdateFolder:
+    return UpdateFolder(tmp_path / "updates", chains_of({"room": (source, source)}), make_served_stream)
+
+
+def test_updates_are_applied_in_the_order_of_the_states_and_not_of_their_names(tmp_path: Path) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    updates, folder = edits(base), folder_of(tmp_path, base)
+    assert folder.poll() == {}
+    (tmp_path / "updates").mkdir()
+    write_stream(updates[1], tmp_path / "updates" / "a.swz")
+    assert folder.poll() == {}
+    assert list(folder.updates.values()) == [None]
+    write_stream(updates[0], tmp_path / "updates" / "b.swz")
+    write_stream(updates[2], tmp_path / "updates" / "c.swz")
+    (served,) = folder.poll().values()
+    newest = base
+    for update in updates:
+        newest = apply_update(newest, update)
+    assert stream_from_bytes(served_stream_file(served))[0].manifest == newest.manifest
+    assert [each is None for each in folder.updates.values()] == [False, False, False, True]
+    assert folder.poll() == {}
+
+
+def test_cut_and_foreign_files_are_reported_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    folder, place = folder_of(tmp_path, base), tmp_path / "updates"
+    place.mkdir()
+    write_stream(edits(base)[0], place / "whole.swz")
+    (place / "cut.swz").write_bytes((place / "whole.swz").read_bytes()[:-9])
+    (place / "whole.swz").unlink()
+    write_stream(base, place / "scene.swz")
+    with caplog.at_level("ERROR"):
+        for now in (0.0, 1.0, PATIENCE_S, 2 * PATIENCE_S, 3 * PATIENCE_S):
+            assert folder.poll(now) == {}
+    assert len(caplog.records) == 2
+    assert "it is not an update" in caplog.text
+    write_stream(edits(base)[0], place / "cut.swz")
+    assert list(folder.poll(100.0)) == ["room"]
+
+
+def test_scenes_without_updates_are_refused() -> None:
+    tiered = encode_splats(some_splats(), SMALL, tiers=np.arange(500) % 2)
+    plain = encode_splats(some_splats(), SMALL)
+    with pytest.raises(InvalidValueError, match="importance tiers"):
+        chains_of({"tiered": (tiered, tiered)})
+    assert list(chains_of({"tiered": (tiered, tiered), "plain": (plain, plain)})) == ["plain"]
+
+
+@pytest.mark.parametrize("option", [("--moq", "https://localhost/x"), ("--quic", "--private", "room")])
+def test_updates_are_for_public_scenes(tmp_path: Path, run, option) -> None:
+    outcome = run("serve", "--updates", str(tmp_path), *option)
+    assert (outcome.status, "--updates is for public scenes" in outcome.err) == (2, True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quic", [False, True])
+def test_a_server_swaps_updates_in_for_receivers_and_pages(tmp_path: Path, quic: bool) -> None:
+    base = encode_splats(some_splats(), SMALL)  # its packets fit no datagrams: the server makes updates of its own
+    updates = edits(base)
+    write_stream(base, tmp_path / "room.swz")
+    (tmp_path / "updates").mkdir()
+    words = ["--quic", "--page", "0"] if quic else []
+    serve = ["serve", str(tmp_path / "room.swz"), "--updates", str(tmp_path / "updates"), "--port", "0", "--json"]
+    with server_process([sys.executable, "-m", "splatwire", *serve, *words]) as facts:
+        url = f"{'quic' if quic else 'udp'}://127.0.0.1:{facts['port']}/room"
+        trust = ["--insecure"] if quic else []
+        follow = ["receive", url, "--follow", "-o", str(tmp_path / "got.swz"), "--json", *trust]
+        receiver = subprocess.Popen(
+            [sys.executable, "-m", "splatwire", *follow], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        try:
+            lines = [json.loads(receiver.stdout.readline())]
+            for number, update in enumerate(updates):
+                write_stream(update, tmp_path / "updates" / f"{number}.swz")
+                lines.append(json.loads(receiver.stdout.readline()))
+            receiver.terminate()
+            assert receiver.wait(10) == 0
+            assert receiver.stderr.read() == ""
+        finally:
+            receiver.kill()
+            receiver.communicate()
+        assert [line["num_elements"] for line in lines] == [500, 500, 500, 460]
+        newest = read_stream(tmp_path / "got.swz")[0]
+        if quic:
+            page = urlopen(facts["page"]).read().decode()
+            assert ' updates=""' in page
+            assert "update." not in page.replace("updates", "")
+            whole = stream_from_bytes(urlopen(f"{facts['page']}streams/room.swz").read())[0]
+            assert whole.manifest == newest.manifest
+            with pytest.raises(HTTPError, match="404"):
+                urlopen(f"{facts['page']}streams/{update_name(manifest_digest(newest.manifest))}.swz")
+
+
+@pytest.mark.slow
+def test_view_offers_the_updates_that_it_receives(tmp_path: Path) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    update = edits(base)[0]
+    write_stream(base, tmp_path / "room.swz")
+    (tmp_path / "updates").mkdir()
+    serve = ["serve", str(tmp_path / "room.swz"), "--updates", str(tmp_path / "updates"), "--port", "0", "--json"]
+    view = ["--port", "0", "--no-open", "--json"]
+    with (
+        server_process([sys.executable, "-m", "splatwire", *serve]) as facts,
+        server_process([sys.executable, "-m", "splatwire", "view", f"udp://127.0.0.1:{facts['port']}", *view]) as page,
+    ):
+        assert ' updates=""' in urlopen(page["url"]).read().decode()
+        write_stream(update, tmp_path / "updates" / "1.swz")
+        file = f"{page['url']}streams/{update_name(manifest_digest(base.manifest))}.swz"
+        end = time.monotonic() + 20
+        while time.monotonic() < end:
+            try:
+                found = stream_from_bytes(urlopen(file).read())[0]
+                break
+            except HTTPError:
+                time.sleep(0.1)
+        assert found == update

@@ -1,0 +1,178 @@
+"""Receivers that follow a scene get its updates, and keep the last whole scene if one is lost."""
+
+import asyncio
+import random
+from collections.abc import Coroutine
+from typing import Any
+
+import pytest
+
+from codec.gaussians.test_gaussians import DATAGRAM, some_splats
+from codec.update.test_chain import edits
+from explicit import encode_splats
+from splatwire.api.following import follow
+from splatwire.bitstream import SceneStream, stream_to_bytes
+from splatwire.codec import apply_update
+from splatwire.codec.update.chain import UpdateChain
+from splatwire.transport import Finished, Receiver, ReceiverOptions, ServedStream, make_served_stream
+from splatwire.transport.address import Address
+from splatwire.transport.running_server import RunningServer
+from splatwire.transport.udp import UdpServer, receive_udp
+from transport.network import bernoulli
+from transport.relay import Relay
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+BASE = encode_splats(some_splats(), DATAGRAM)
+UPDATES = edits(BASE)
+
+
+def run(work: Coroutine[Any, Any, Any]) -> Any:
+    return asyncio.run(asyncio.wait_for(work, 30))
+
+
+def states() -> list[UpdateChain]:
+    chains = [UpdateChain(BASE, BASE)]
+    for update in UPDATES:
+        chains.append(chains[-1].extended(update))
+    return chains
+
+
+def publish(server: RunningServer, chain: UpdateChain) -> None:
+    updates: dict[str, ServedStream | None] = {
+        name: None if update is None else make_served_stream(update) for name, update in chain.offers().items()
+    }
+    server.publish({"room": make_served_stream(chain.scene)}, updates)
+
+
+def fetcher(port: int) -> Any:
+    async def fetch(name: str) -> Receiver:
+        return await receive_udp(Address("127.0.0.1", port), ReceiverOptions(name=name))
+
+    return fetch
+
+
+def test_followers_get_each_state_over_lossy_datagrams() -> None:
+    async def work() -> list[SceneStream]:
+        server = RunningServer(UdpServer({}, "127.0.0.1", 0), {})
+        relay = Relay(server.server.port, bernoulli(0.2, random.Random(1)), bernoulli(0.2, random.Random(2)))
+        chains, found, warnings = iter(states()), [], []
+        publish(server, next(chains))
+        try:
+            async for scene in follow(fetcher(relay.port), "room", warnings.append):
+                found.append(scene)
+                if len(found) == 4:
+                    break
+                publish(server, next(chains))
+        finally:
+            relay.close()
+            server.server.close()
+        assert not warnings
+        return found
+
+    assert [stream_to_bytes(scene) for scene in run(work())] == [stream_to_bytes(each.scene) for each in states()]
+
+
+def test_the_next_update_is_announced_and_other_names_are_refused() -> None:
+    async def work() -> None:
+        server = RunningServer(UdpServer({}, "127.0.0.1", 0), {})
+        first, second = states()[:2]
+        publish(server, first)
+        try:
+            waiting = asyncio.ensure_future(fetcher(server.server.port)(next(iter(first.offers()))))
+            await asyncio.sleep(0.6)
+            assert not waiting.done()
+            assert server.server.core.num_refused == 0
+            publish(server, second)
+            assert (await waiting).stream() == second.updates[-1]
+            refused = await fetcher(server.server.port)("update.0123456789abcdef")
+            assert refused.finished.reason == "no such stream"
+            unnamed = await fetcher(server.server.port)("")
+            assert unnamed.stream() == second.scene
+        finally:
+            server.server.close()
+
+    run(work())
+
+
+class Done(Receiver):
+    """Finished receiver of a stream."""
+
+    def __init__(self, reason: str, received: SceneStream | None) -> None:
+        super().__init__(0, 0.0)
+        self.finished, self._received_stream = Finished(reason, received is not None), received
+
+    def stream(self) -> SceneStream | None:
+        return self._received_stream
+
+
+class Answers:
+    """Finished receivers in place of transfers: an answer for each request."""
+
+    def __init__(self, *answers: tuple[str, SceneStream | None]) -> None:
+        self.answers, self.names = list(answers), []
+
+    async def fetch(self, name: str) -> Done:
+        self.names.append(name)
+        reason, stream = self.answers.pop(0) if self.answers else ("stopped", None)
+        return Done(reason, stream)
+
+
+def followed(monkeypatch: pytest.MonkeyPatch, *answers: tuple[str, SceneStream | None]) -> tuple[Any, list[str], Any]:
+    monkeypatch.setattr("splatwire.api.following.RETRY_S", 0.0)
+    server, warnings = Answers(*answers), []
+
+    async def work() -> list[SceneStream]:
+        return [scene async for scene in follow(server.fetch, "room", warnings.append)]
+
+    return run(work()), warnings, server.names
+
+
+def test_a_lost_update_leaves_the_last_scene_and_is_requested_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    update = UPDATES[0]
+    found, warnings, names = followed(
+        monkeypatch, ("complete", BASE), ("the server fell silent", update.with_packets(update.packets[1:])),
+        ("no answer", None), ("complete", update),
+    )  # fmt: skip
+    assert found == [BASE, apply_update(BASE, update)]
+    assert [text.partition(" (")[0] for text in warnings] == ["an update did not arrive as a whole"] * 2
+    assert names[1] == names[2] == names[3]
+
+
+def test_a_receiver_that_missed_an_update_gets_the_whole_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+    newest = states()[-1].scene
+    found, warnings, names = followed(
+        monkeypatch, ("complete", BASE), ("no such stream", None), ("no answer", None), ("complete", newest)
+    )
+    assert found == [BASE, newest]
+    assert "the server no longer has it" in warnings[0]
+    assert "the last one remains" in warnings[1]
+    assert names[2] == names[3] == "room"
+
+
+@pytest.mark.parametrize("wrong", [BASE, UPDATES[1]])
+def test_streams_that_do_not_follow_are_not_applied(monkeypatch: pytest.MonkeyPatch, wrong: SceneStream) -> None:
+    found, warnings, _ = followed(monkeypatch, ("complete", BASE), ("complete", wrong))
+    assert found == [BASE]
+    assert warnings[0].startswith("an update cannot be applied: the server sends")
+
+
+def test_a_scene_that_does_not_arrive_at_first_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ValueError, match="did not arrive as a whole: no answer"):
+        followed(monkeypatch, ("no answer", None))
+
+
+def test_a_follower_may_start_an_update_each_second() -> None:
+    """Transfers of updates have a limit of their own, since a follower starts one for each update."""
+
+    async def work() -> None:
+        chain = UpdateChain(BASE, BASE).extended(UPDATES[0])
+        server = RunningServer(UdpServer({}, "127.0.0.1", 0), {})
+        publish(server, chain)
+        try:
+            for _ in range(40):
+                receiver = await fetcher(server.server.port)(next(iter(chain.offers())))
+                assert receiver.finished.reason == "complete"
+        finally:
+            server.server.close()
+
+    run(work())
