@@ -1,7 +1,7 @@
 """Following a scene that changes: the whole scene once, then only its updates."""
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing
 
 from splatwire.bitstream import SceneStream
@@ -25,7 +25,7 @@ class FollowingStoppedError(Exception):
     """The caller has stopped a transfer."""
 
 
-async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncIterator[SceneStream]:
+async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
     """Yields a scene when it has arrived, and after each of its updates; ends when the caller stops a transfer.
 
     Only whole scenes are yielded. If an update does not arrive or cannot be applied, the last scene remains, and `warn`
@@ -66,7 +66,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncIterator[SceneStre
             await asyncio.sleep(RETRY_S)
 
 
-async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncIterator[SceneStream]:
+async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
     """Yields the updates of a scene, each when it has arrived; ends when the server no longer has the next one.
 
     Args:

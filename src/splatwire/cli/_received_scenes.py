@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from splatwire.api.following import follow
 from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.bitstream.view import Viewpoint
@@ -19,6 +20,8 @@ from splatwire.io import save_decoded
 from splatwire.io.formats.ply import write_ply
 from splatwire.sequence.written_frames import check_num_frames, write_frames
 from splatwire.transport.address import without_token
+
+__all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]
 
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:

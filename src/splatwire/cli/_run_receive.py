@@ -92,9 +92,7 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
     """
     if command.deadline or command.partial or command.camera or command.pcap or address.scheme == "moq":
         raise InvalidValueError("--follow is for udp:// and quic://, without --deadline, --partial, --camera, --pcap")
-    from splatwire.api.following import follow  # applies updates, with libraries that a relay lacks
-
-    transfer = transfer_of(command.trust, address)
+    transfer, decoding = transfer_of(command.trust, address), _decoding_module()
 
     async def run() -> None:
         loop = asyncio.get_running_loop()
@@ -106,12 +104,12 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
         async def fetch(name: str) -> Receiver:
             return await transfer(replace(options, name=name), None, stop=stop)
 
-        async for stream in follow(fetch, address.name, print_warning):
+        async for stream in decoding.follow(fetch, address.name, print_warning):
             with _output(command) as path, progress_bars() as show:
                 if command.conceal is None and not command.explicit:
                     write_stream(stream, path)
                 else:
-                    _decoding_module().write_scene(command, stream, path, show)
+                    decoding.write_scene(command, stream, path, show)
             elements, seconds = stream.manifest.num_elements, time.perf_counter() - began
             if command.json:
                 print_json({"output": command.output, "num_elements": elements, "seconds": seconds,

@@ -54,6 +54,8 @@ def run(command: Serve) -> None:
     check_formats(command.downloads)
     if command.updates is not None and (command.moq is not None or command.private):
         raise InvalidValueError("--updates is for public scenes without --moq")
+    if command.updates is not None and not command.updates.is_dir():
+        raise InvalidValueError(f"--updates is a folder, {command.updates} is none")
     if command.downloads and command.page is None:
         raise InvalidValueError("--downloads is for --page")
     access = _access(command)
@@ -117,10 +119,9 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
     served = {name: program_of(stream, protection) for name, (_, stream) in streams.items()}
     if command.updates is None:
         return _Scenes(served, None)
-    from splatwire.cli._served_updates import UpdateFolder, chains_of  # decodes, with libraries that a relay lacks
-
-    chains = chains_of({name: (source, streams[name][1]) for name, (_, source) in sources.items()})
-    return _Scenes(served, UpdateFolder(command.updates, chains, lambda stream: program_of(stream, protection)))
+    updates = import_module("splatwire.cli._served_updates")  # decodes, with libraries that a relay lacks
+    chains = updates.chains_of({name: (source, streams[name][1]) for name, (_, source) in sources.items()})
+    return _Scenes(served, updates.UpdateFolder(command.updates, chains, lambda stream: program_of(stream, protection)))
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:

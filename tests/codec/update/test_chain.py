@@ -16,11 +16,12 @@ from splatwire.codec.update.removed import curve_order
 from splatwire.codec.update.section import manifest_digest, update_name
 from splatwire.errors import InvalidValueError
 from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
 
 
-def edits(base: SceneStream) -> list[SceneStream]:
+def edits(base: SceneStream, splats: Splats | None = None) -> list[SceneStream]:
     """Three updates, each of the result of the one before."""
-    updates, splats = [], some_splats()
+    updates, splats = [], splats or some_splats()
     for edit in (moved, recoloured, lambda each: each.select(outside())):
         splats = edit(splats)
         updates.append(encode_update(base, splats))
