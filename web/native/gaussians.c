@@ -1,5 +1,6 @@
-// Packet decoder of explicit Gaussians, compiled to WebAssembly by `npm run native`. It is the counterpart of
-// `src/codec/gaussians/packet.ts`, which decodes bit for bit the same where a page forbids WebAssembly.
+// Packet decoder of explicit Gaussians and of motion, compiled to WebAssembly by `npm run native`. It is the counterpart
+// of `src/codec/gaussians/packet.ts` and `src/codec/tracks/`, which decode bit for bit the same where a page forbids
+// WebAssembly.
 //
 // One instance decodes the packets of one stream. The caller fills the tables below, then for each packet copies the
 // payload to the address that `begin` returns. It calls `decode`, which returns the address of the integers.
@@ -33,6 +34,7 @@
 #define FIRST_HARMONIC (FIRST_CLASS + 18 * 8)
 #define FIRST_MAGNITUDE (FIRST_HARMONIC + 8 + 64)
 #define NUM_CONTEXTS (FIRST_MAGNITUDE + 24)
+#define MOTION_CONTEXTS 1208
 #define BITS 12
 #define DIRECTION_BITS 14
 #define ONE (1 << DIRECTION_BITS)
@@ -62,7 +64,7 @@ int32_t defaults[7];
 // transform of the harmonics, with rows of `MOST_HARMONICS` numbers, and the lower corner of the block.
 double fractions[1 << BITS], wholes[2 * OCTAVES], transform[MOST_HARMONICS * MOST_HARMONICS], corner[3];
 
-static int32_t models[2 * NUM_CONTEXTS];
+static int32_t models[2 * MOTION_CONTEXTS];  // of Gaussians or of motion
 static const int32_t running_bounds[7] = {2, 6, 13, 24, 42, 74, 135};
 
 // Memory: distributions grow from the end of the program's data, arrays of a packet lie behind a fixed distance.
@@ -100,6 +102,19 @@ INLINE void take(uint64_t start, uint64_t size) {
   span = size << bits;
   next -= bits >> 3;
   if (next < last) next = last;
+}
+
+// Starts to decode a payload of `bytes` bytes at `heap_end`, which is copied to `reversed`.
+static void start_decoder(uint32_t bytes, uint8_t *reversed) {
+  const uint8_t *payload = (const uint8_t *)heap_end;
+  for (uint32_t i = 0; i < ZEROS; i++) reversed[i] = 0;
+  for (uint32_t i = 0; i < bytes; i++) reversed[ZEROS + i] = payload[bytes - 1 - i];
+  last = reversed;
+  next = reversed + ZEROS + bytes - 8;
+  __builtin_memcpy(&code, next, 8);
+  code >>= 16;
+  next -= 6;
+  span = 1ULL << 48;
 }
 
 INLINE uint32_t target(uint64_t unit, uint32_t most) {
@@ -703,6 +718,7 @@ EXPORT(prepare) void prepare(void) {
 
 /// Returns the address for a payload of `bytes` bytes.
 EXPORT(begin) uint32_t begin(uint32_t bytes) {
+  if (!heap_end) heap_end = ((uint32_t)&__heap_base + 15) & ~15u;
   reserve(heap_end + bytes);
   return heap_end;
 }
@@ -730,16 +746,7 @@ EXPORT(decode) uint32_t decode(
   count = number;
   absolute = coarsest >= 0;
   for (int32_t i = 0; i < 2 * NUM_CONTEXTS; i++) models[i] = initial[i];
-  const uint8_t *payload = (const uint8_t *)heap_end;
-  uint8_t *reversed = (uint8_t *)(narrow_z + number + WINDOW);
-  for (uint32_t i = 0; i < ZEROS; i++) reversed[i] = 0;
-  for (uint32_t i = 0; i < bytes; i++) reversed[ZEROS + i] = payload[bytes - 1 - i];
-  last = reversed;
-  next = reversed + ZEROS + bytes - 8;
-  __builtin_memcpy(&code, next, 8);
-  code >>= 16;
-  next -= 6;
-  span = 1ULL << 48;
+  start_decoder(bytes, (uint8_t *)(narrow_z + number + WINDOW));
   int32_t least = box_bits - 21, start = clip((int32_t)raw(6), least > 0 ? least : 0, box_bits);
   read_cells(box_bits - start);
   if (box_bits - start <= NARROW_BITS) {
@@ -761,4 +768,277 @@ EXPORT(decode) uint32_t decode(
     }
   }
   return rows_at;
+}
+
+// Motion; see `src/codec/tracks/motion.ts`, `predict.ts` and `trajectories.ts`.
+
+#define CHANNELS 13
+#define KINDS 5
+#define HEAD 6
+#define MOVING 1
+#define MAX_FRAMES 64
+#define MAX_CANDIDATES 4096
+#define LEVELS 10
+#define ORDERS 8
+#define MAGNITUDES 16
+#define MAX_OCTAVE 29
+#define MAX_LEAD (1 << 24)
+#define NEAREST 8
+#define WEIGHT 4096
+#define AWAY 0x1p60f  // above all squared distances
+#define UNLIMITED (1ULL << 62)
+#define MAX_COEFFICIENT 0x1p36
+
+enum { TRACK, STATE, BEGINS, ENDS, BEFORE, AFTER };
+enum { C_GONE = 0, C_MOVING = 2, C_ENDS = 6, C_BEGINS = 7, C_ZERO = 8, C_OCTAVE = 408 };
+
+// Tables that the caller fills: units of the channels, polynomials with one row of `MAX_FRAMES` values per degree, and
+// the models of a packet's start.
+struct {
+  double units[CHANNELS + 1], polynomials[MAX_FRAMES * MAX_FRAMES];
+  int32_t models[2 * MOTION_CONTEXTS];
+} motion;
+
+static const uint8_t kind_of[CHANNELS] = {0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4};
+static int32_t orders[KINDS], size, *headers, *residuals, num_frames;
+
+static int32_t read_headers(int32_t first_new) {
+  int32_t first = (int32_t)raw(28);
+  uint64_t gap = gamma_code();
+  int32_t before = first - (gap > MAX_LEAD ? MAX_LEAD : (int32_t)gap), end = first + smaller((int32_t)raw(13), MAX_CANDIDATES);
+  gap = gamma_code();
+  int32_t at = 0, gone = 0, moved = 0;
+  for (int32_t track = first; track < end; track++) {
+    gone = bit(C_GONE + gone);
+    if (gone) continue;
+    if (at == (int32_t)count) break;
+    int32_t state = bit(C_MOVING + moved), *row = headers + HEAD * at++;
+    moved = (moved << 1 | state) & 3;
+    row[TRACK] = track;
+    row[STATE] = state;
+    row[BEGINS] = track >= first_new && bit(C_BEGINS) ? (int32_t)below(num_frames) : 0;
+    row[ENDS] = bit(C_ENDS) ? (int32_t)below(num_frames) : num_frames;
+    row[BEFORE] = track - before;
+    row[AFTER] = 0;
+    before = track + 1;
+  }
+  if (at) headers[HEAD * (at - 1) + AFTER] = gap > MAX_LEAD ? MAX_LEAD : (int32_t)gap;
+  return at;
+}
+
+static int32_t read_coefficient(int32_t kind, int32_t order, int32_t level) {
+  if (!bit(C_ZERO + (kind * ORDERS + smaller(order, ORDERS - 1)) * LEVELS + level)) return 0;
+  int32_t base = C_OCTAVE + (kind * LEVELS + level) * MAGNITUDES, octave = 0;
+  while (octave < MAX_OCTAVE && bit(base + smaller(octave, MAGNITUDES - 1))) octave++;
+  uint32_t value = (1u << octave) + (uint32_t)raw(octave);
+  if (value > 0x3fffffff) value = 0x3fffffff;
+  return raw(1) ? -(int32_t)value : (int32_t)value;
+}
+
+static void read_track(int32_t *row, const int32_t *before) {
+  int32_t greatest = 0;
+  for (int32_t c = 0, at = 0; c < CHANNELS; c++) {
+    int32_t kind = kind_of[c], first = !c || kind_of[c - 1] != kind, own = 0;
+    if (first) {
+      greatest = 0;
+      if (before && orders[kind]) own = __builtin_abs(before[at]);
+    }
+    for (int32_t k = 0; k < orders[kind]; k++, at++) {
+      uint32_t near = larger(own, greatest), side = first ? 0 : 2 * (uint32_t)__builtin_abs(row[at - orders[kind]]);
+      if (side > near) near = side;
+      int32_t value = row[at] = read_coefficient(kind, k, smaller(bits_of(near), LEVELS - 1));
+      own = k == 0 && first ? __builtin_abs(value) : larger(own, __builtin_abs(value));
+    }
+    greatest = larger(greatest, own);
+  }
+}
+
+/// Decodes the headers and residuals of a packet of `number` tracks over `frames` frames from the payload at `begin`.
+/// Returns the address of the headers. Behind them lies room for shifts, int32 (number, 13), for places, double
+/// (number, 3), at a multiple of 8, and for an order, int32 (number).
+EXPORT(readMotion) uint32_t read_motion(uint32_t bytes, uint32_t number, int32_t frames, int32_t first_new) {
+  uint32_t headers_at = (heap_end + bytes + 15) & ~15u, places_at = (headers_at + 4 * (HEAD + CHANNELS) * number + 7) & ~7u;
+  uint32_t reversed_at = places_at + 28 * number, residuals_at = (reversed_at + ZEROS + bytes + 7) & ~7u;
+  reserve(residuals_at);
+  headers = (int32_t *)headers_at;
+  residuals = (int32_t *)residuals_at;
+  count = number;
+  num_frames = frames;
+  for (int32_t i = 0; i < 2 * MOTION_CONTEXTS; i++) models[i] = motion.models[i];
+  for (uint32_t i = 0; i < HEAD * number; i++) headers[i] = -1;
+  start_decoder(bytes, (uint8_t *)reversed_at);
+  int32_t found = read_headers(first_new);
+  for (int32_t kind = 0; kind < KINDS; kind++) orders[kind] = (int32_t)below(frames + 1);
+  size = 3 * (orders[0] + orders[1] + orders[2] + orders[4]) + orders[3];
+  reserve(residuals_at + 4 * size * number);
+  int32_t *before = 0;
+  for (int32_t i = 0; i < found; i++) {
+    if (headers[HEAD * i + STATE] != MOVING) continue;
+    read_track(residuals + i * size, before);
+    before = residuals + i * size;
+  }
+  return headers_at;
+}
+
+static double *places, *rows_of;
+static float *known;  // coordinates of the known tracks in their sequence, one axis after another
+static uint32_t num_known, padded;
+
+static void add_known(uint32_t i) {
+  for (int32_t a = 0; a < 3; a++) known[a * padded + num_known] = (float)places[3 * i + a];
+  axes[num_known++] = (int32_t)i;
+}
+
+// The nearest known tracks as keys: squared distance, then position in the sequence of known tracks.
+static uint64_t nearest[NEAREST];
+
+static int32_t find_known(uint32_t i) {
+  const double *place = places + 3 * i;
+  v128_t x = wasm_f32x4_splat((float)place[0]), y = wasm_f32x4_splat((float)place[1]);
+  v128_t z = wasm_f32x4_splat((float)place[2]), worst = wasm_f32x4_splat(AWAY);
+  for (int32_t m = 0; m < NEAREST; m++) nearest[m] = UNLIMITED;
+  for (uint32_t n = 0; n < num_known; n += 4) {
+    const float *at = known + n;
+    v128_t dx = wasm_f32x4_sub(wasm_v128_load(at), x), dy = wasm_f32x4_sub(wasm_v128_load(at + padded), y);
+    v128_t dz = wasm_f32x4_sub(wasm_v128_load(at + 2 * padded), z);
+    v128_t d = wasm_f32x4_add(wasm_f32x4_add(wasm_f32x4_mul(dx, dx), wasm_f32x4_mul(dy, dy)), wasm_f32x4_mul(dz, dz));
+    // differences are exact, squares are rounded
+    for (uint32_t near = wasm_i32x4_bitmask(wasm_f32x4_le(d, worst)); near; near &= near - 1) {
+      uint32_t position = n + (uint32_t)__builtin_ctz(near);
+      if (position >= num_known) break;
+      uint64_t square = 0;
+      for (int32_t a = 0; a < 3; a++) {
+        int64_t apart = (int64_t)(known[a * padded + position] - (float)place[a]);
+        square += (uint64_t)(apart * apart);
+      }
+      uint64_t key = square << 16 | position;
+      if (key >= nearest[NEAREST - 1]) continue;
+      int32_t m = NEAREST - 1;
+      for (; m > 0 && nearest[m - 1] > key; m--) nearest[m] = nearest[m - 1];
+      nearest[m] = key;
+      worst = wasm_f32x4_splat((float)(nearest[NEAREST - 1] >> 16) * 1.000001f);
+    }
+  }
+  return smaller((int32_t)num_known, NEAREST);
+}
+
+// Weights of the nearest tracks in the plane fit.
+static double plane_weights[NEAREST];
+
+static void fit_plane(uint32_t i, int32_t found) {
+  double o[3 * NEAREST], near[NEAREST], radius = 1, total = 0, sums[3] = {0}, m[6] = {0};
+  for (int32_t n = 0; n < found; n++) {
+    for (int32_t a = 0; a < 3; a++) {
+      o[3 * n + a] = places[3 * axes[nearest[n] & 65535] + a] - places[3 * i + a];
+      if (magnitude(o[3 * n + a]) > radius) radius = magnitude(o[3 * n + a]);
+    }
+  }
+  for (int32_t n = 0; n < found; n++) {
+    double w = near[n] = 1 + __builtin_floor(2 * ((double)(nearest[0] >> 16) + 1) / ((double)(nearest[n] >> 16) + 1));
+    total += w;
+    for (int32_t a = 0; a < 3; a++) {
+      o[3 * n + a] = __builtin_floor(o[3 * n + a] * 1024 / radius);
+      sums[a] += w * o[3 * n + a];
+    }
+    for (int32_t a = 0, at = 0; a < 3; a++)
+      for (int32_t b = a; b < 3; b++) m[at++] += w * o[3 * n + a] * o[3 * n + b];
+  }
+  for (int32_t a = 0, at = 0; a < 3; a++)
+    for (int32_t b = a; b < 3; b++, at++) m[at] = total * m[at] - sums[a] * sums[b];
+  double trace = m[0] + m[3] + m[5], spread = 1, pull = 1, most = 0, h[3];
+  while (__builtin_floor(trace / spread) >= 65536) spread *= 2;
+  double ridge = __builtin_floor(trace / (spread * 16384)) + 4;
+  for (int32_t n = 0; n < 6; n++) m[n] = __builtin_floor(m[n] / spread) + (n == 0 || n == 3 || n == 5 ? ridge : 0);
+  double a = m[3] * m[5] - m[4] * m[4], b = m[2] * m[4] - m[1] * m[5], c = m[1] * m[4] - m[2] * m[3];
+  double d = m[0] * m[5] - m[2] * m[2], e = m[1] * m[2] - m[0] * m[4], g = m[0] * m[3] - m[1] * m[1];
+  double determinant = m[0] * a + m[1] * b + m[2] * c;
+  if (determinant < 1) determinant = 1;
+  h[0] = a * sums[0] + b * sums[1] + c * sums[2];
+  h[1] = b * sums[0] + d * sums[1] + e * sums[2];
+  h[2] = c * sums[0] + e * sums[1] + g * sums[2];
+  for (int32_t n = 0; n < 3; n++) most = magnitude(h[n]) > most ? magnitude(h[n]) : most;
+  while (__builtin_floor(most / pull) >= 0x1p33) pull *= 2;
+  for (int32_t n = 0; n < 3; n++) h[n] = __builtin_floor(h[n] / pull);
+  double scale = 0x1p20 * pull / spread;
+  for (int32_t n = 0; n < found; n++) {
+    double moment = h[0] * (total * o[3 * n] - sums[0]) + h[1] * (total * o[3 * n + 1] - sums[1]) +
+                    h[2] * (total * o[3 * n + 2] - sums[2]);
+    double turn = __builtin_floor(moment / determinant * scale + 0.5);
+    double share = __builtin_floor(near[n] * (0x1p20 - turn) / (total * (0x1p20 / WEIGHT)));
+    plane_weights[n] = share < -WEIGHT ? -WEIGHT : share > WEIGHT ? WEIGHT : share;
+  }
+}
+
+static void predict_track(uint32_t i, const int32_t *shifts) {
+  int32_t found = find_known(i);
+  double left = WEIGHT, *own = rows_of + i * size;
+  for (int32_t m = 0; m < found; m++) plane_weights[m] = __builtin_floor((double)WEIGHT / found);
+  if (found >= 4) fit_plane(i, found);
+  for (int32_t m = 0; m < found; m++) left -= plane_weights[m];
+  if (found) plane_weights[0] += left;
+  for (int32_t u = 0; u < size; u++) own[u] = 0;
+  for (int32_t m = 0; m < found; m++) {
+    int32_t j = axes[nearest[m] & 65535];
+    if (headers[HEAD * j + STATE] != MOVING) continue;
+    for (int32_t u = 0; u < size; u++) own[u] += plane_weights[m] * rows_of[j * size + u];
+  }
+  for (int32_t c = 0, u = 0; c < CHANNELS; c++) {
+    double step = 1u << shifts[CHANNELS * i + c];
+    for (int32_t k = 0; k < orders[kind_of[c]]; k++, u++) {
+      double value = __builtin_floor((own[u] + WEIGHT / 2) / WEIGHT) + residuals[i * size + u] * step;
+      own[u] = value < -MAX_COEFFICIENT ? -MAX_COEFFICIENT : value > MAX_COEFFICIENT ? MAX_COEFFICIENT : value;
+    }
+  }
+}
+
+static void write_offsets(const double *own, float *out) {
+  int32_t colour = 0;
+  for (int32_t c = 0; c < CHANNELS; own += orders[kind_of[c++]]) {
+    int32_t end = orders[kind_of[c]];
+    while (end && own[end - 1] == 0) end--;
+    if (!end) continue;
+    colour |= kind_of[c] == KINDS - 1;
+    for (int32_t f = 0; f < num_frames; f += 2) {
+      v128_t sum = wasm_f64x2_splat(0);
+      for (int32_t k = 0; k < end; k++) {
+        v128_t values = wasm_v128_load(motion.polynomials + MAX_FRAMES * k + f);
+        sum = wasm_f64x2_add(sum, wasm_f64x2_mul(wasm_f64x2_splat(own[k]), values));
+      }
+      out[CHANNELS * f + c] = (float)(wasm_f64x2_extract_lane(sum, 0) * motion.units[c]);
+      if (f + 1 < num_frames) out[CHANNELS * (f + 1) + c] = (float)(wasm_f64x2_extract_lane(sum, 1) * motion.units[c]);
+    }
+  }
+  if (!colour) return;
+  for (int32_t f = 0; f < num_frames; f++, out += CHANNELS) {
+    double y = out[10] / R3, co = out[11], cg = out[12];
+    out[10] = (float)(y + co / R2 - cg / R6);
+    out[11] = (float)(y + 2 * cg / R6);
+    out[12] = (float)(y - co / R2 - cg / R6);
+  }
+}
+
+/// Computes the offsets of the packet's tracks, float (number, frames, 13), from the shifts and places behind its
+/// headers, and the coding order of `num_moving` tracks behind them, int32. Returns their address.
+EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
+  const int32_t *shifts = headers + HEAD * count;
+  places = (double *)(((uint32_t)(shifts + CHANNELS * count) + 7) & ~7u);
+  const int32_t *order = (int32_t *)(places + 3 * count);
+  uint32_t rows_at = ((uint32_t)(residuals + size * count) + 15) & ~15u, known_at = (rows_at + 8 * size * count + 15) & ~15u;
+  padded = (count + 3) & ~3u;
+  uint32_t out_at = known_at + 12 * padded + 4 * count, row = CHANNELS * num_frames;
+  reserve(out_at + 4 * row * count);
+  rows_of = (double *)rows_at, known = (float *)known_at, axes = (int32_t *)(known_at + 12 * padded);
+  num_known = 0;
+  for (uint32_t i = 0; i < count; i++)
+    if (headers[HEAD * i + STATE] != MOVING) add_known(i);
+  for (uint32_t n = 0; n < num_moving; n++) {
+    predict_track((uint32_t)order[n], shifts);
+    add_known((uint32_t)order[n]);
+  }
+  float *out = (float *)out_at;
+  for (uint32_t i = 0; i < count; i++, out += row) {
+    for (uint32_t n = 0; n < row; n++) out[n] = 0;
+    if (headers[HEAD * i + STATE] == MOVING) write_offsets(rows_of + i * size, out);
+  }
+  return out_at;
 }

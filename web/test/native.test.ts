@@ -10,6 +10,15 @@ import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
 import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
 import { convert } from "../src/codec/gaussians/to_splats.ts";
 import { emptySplats } from "../src/codec/splats.ts";
+import { HEAD, NUM_CHANNELS, NUM_CONTEXTS, STATE } from "../src/codec/tracks/layout.ts";
+import {
+  FastMotionPackets,
+  type MotionPacket,
+  NativeMotionPackets,
+  PlainMotionPackets,
+  type TrackBases,
+} from "../src/codec/tracks/motion_packets.ts";
+import type { SequenceInfo } from "../src/codec/tracks/side_info.ts";
 import { Intake, planOf } from "../src/packets/plan.ts";
 import { anySideInfo, randomNumbers } from "./side_info.ts";
 import { readStream, STREAMS } from "./vectors.ts";
@@ -114,5 +123,74 @@ test("WebAssembly and plain TypeScript decode any bytes to the same integers", (
         count = 1 + random(random(4) ? 40 : 300);
       assertSame(native.decode(payload, 0, count), plain.decode(payload, 0, count), info, 0);
     }
+  }
+});
+
+/** Returns positions and steps of any tracks. Some positions are equal, so that neighbours are equally near. */
+function anyBases(headers: Int32Array, random: (below: number) => number): TrackBases {
+  const count = headers.length / HEAD,
+    extent = 2 ** random(30),
+    places = Float64Array.from({ length: 3 * count }, () => random(3) && random(extent)),
+    shifts = Int32Array.from({ length: NUM_CHANNELS * count }, () => random(31));
+  return { places, shifts };
+}
+
+/** Returns side information of motion; bytes decode to many tracks with long trajectories where `odds` is large. */
+function anyMotionInfo(random: (below: number) => number, odds: number): SequenceInfo {
+  const models = Int32Array.from({ length: 2 * NUM_CONTEXTS }, () => 256 * (1 + Math.floor(random(256) / odds)));
+  return { models, bases: { sizeLog: 1, unit: 20 } } as unknown as SequenceInfo;
+}
+
+test("WebAssembly and plain TypeScript decode any bytes to the same motion", () => {
+  const random = randomNumbers(4);
+  let moved = 0;
+  for (let trial = 0; trial < 40; trial++) {
+    const info = anyMotionInfo(random, 1 + random(4)),
+      native = NativeMotionPackets.of(info)!,
+      plain = new PlainMotionPackets(info);
+    for (let n = 0; n < 8; n++) {
+      const payload = Uint8Array.from({ length: random(3000) }, () => random(256)),
+        frames = 1 + random(n ? 16 : 64),
+        packet: MotionPacket = { payload, count: 1 + random(200), frames, firstNew: random(2 ** 28) },
+        seed = random(1000),
+        basesOf = (headers: Int32Array) => anyBases(headers, randomNumbers(seed)),
+        expected = plain.decode(packet, basesOf)!,
+        found = native.decode(packet, basesOf)!;
+      assert.deepEqual(found, expected);
+      for (let i = STATE; i < expected.headers.length; i += HEAD) moved += Number(expected.headers[i] === 1);
+    }
+  }
+  assert.ok(moved > 5000, `${moved} tracks`);
+});
+
+test("motion whose offsets are too many for WebAssembly, or whose memory cannot grow, is decoded without it", () => {
+  const random = randomNumbers(5),
+    info = anyMotionInfo(random, 1),
+    payload = Uint8Array.from({ length: 300 }, () => random(256)),
+    basesOf = (headers: Int32Array) => anyBases(headers, randomNumbers(6)),
+    large = { payload, count: 6000, frames: 64, firstNew: 0 },
+    small = { payload, count: 50, frames: 8, firstNew: 0 },
+    plain = new PlainMotionPackets(info),
+    { Instance } = WebAssembly;
+  let made = 0;
+  WebAssembly.Instance = class extends Instance {
+    constructor(module: WebAssembly.Module, imports?: WebAssembly.Imports) {
+      super(module, imports);
+      made++;
+      const { exports } = new Instance(module, imports);
+      const readMotion = () => {
+        throw new WebAssembly.RuntimeError("unreachable");
+      };
+      Object.defineProperty(this, "exports", { value: { ...exports, readMotion } });
+    }
+  };
+  try {
+    const packets = new FastMotionPackets(info);
+    assert.deepEqual(packets.decode(large, basesOf), plain.decode(large, basesOf));
+    assert.equal(made, 0);
+    for (let n = 0; n < 2; n++) assert.deepEqual(packets.decode(small, basesOf), plain.decode(small, basesOf));
+    assert.equal(made, 1);
+  } finally {
+    WebAssembly.Instance = Instance;
   }
 });

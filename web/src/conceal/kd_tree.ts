@@ -12,17 +12,20 @@ export class KdTree {
   readonly #query = new Float64Array(3);
   #count = 0;
   #excluded = -1;
+  /** Points that are left out of searches (1); null if none. */
+  leftOut: Uint8Array | null = null;
 
   /**
    * Builds a tree for the `k` nearest neighbours. Among equally distant points, the smaller key is nearer. The default
-   * key is the index.
+   * key is the index. Building is faster with a `similar` tree of the same points at slightly different positions.
    */
   constructor(
     readonly points: Float32Array,
     readonly k: number,
     readonly keys: Int32Array | null = null,
+    similar: KdTree | null = null,
   ) {
-    this.#order = Int32Array.from({ length: points.length / 3 }, (_, i) => i);
+    this.#order = similar ? similar.#order.slice() : Int32Array.from({ length: points.length / 3 }, (_, i) => i);
     this.#squaredDistances = new Float64Array(k);
     this.#indices = new Int32Array(k);
     this.#build(0, this.#order.length, 0);
@@ -142,7 +145,7 @@ export class KdTree {
 
   /** Adds a point to the heap. Its top is the farthest point. */
   #add(d: number, i: number): void {
-    if (i === this.#excluded) return;
+    if (i === this.#excluded || this.leftOut?.[i]) return;
     const far = this.#squaredDistances,
       indices = this.#indices;
     let at = this.#count++;
@@ -161,7 +164,7 @@ export class KdTree {
   #replace(d: number, i: number): void {
     const far = this.#squaredDistances,
       indices = this.#indices;
-    if (i === this.#excluded || !this.#isNearer(d, i, far[0], indices[0])) return;
+    if (i === this.#excluded || this.leftOut?.[i] || !this.#isNearer(d, i, far[0], indices[0])) return;
     let at = 0;
     for (let child = 1; child < this.k; child = 2 * at + 1) {
       if (child + 1 < this.k && this.#isNearer(far[child], indices[child], far[child + 1], indices[child + 1])) child++;

@@ -44,23 +44,27 @@ export function pack(parts: readonly Splats[], degree: number, size: number): Pa
   };
   let n = 0;
   for (const splats of parts) {
+    const [colours, opacities, quats, harmonics] = [
+      splats.colours,
+      splats.opacities,
+      splats.quats,
+      splats.harmonics,
+    ].map(({ buffer, byteOffset, length }) => new Uint32Array(buffer, byteOffset, length));
     for (let i = 0; i < splats.count; i++, n++) {
       for (let a = 0; a < 3; a++) {
         all.centers[4 * n + a] = splats.means[3 * i + a] / size;
         all.scales[4 * n + a] = toHalfFloat(splats.scales[3 * i + a] / size);
-        all.colours[4 * n + a] = toHalfFloat(splats.colours[3 * i + a]);
+        all.colours[4 * n + a] = halfOf(colours[3 * i + a]);
       }
-      all.colours[4 * n + 3] = toHalfFloat(splats.opacities[i]);
+      all.colours[4 * n + 3] = halfOf(opacities[i]);
       all.opacities[n] = splats.opacities[i];
-      const sign = splats.quats[4 * i] < 0 ? -1 : 1;
-      for (let a = 0; a < 4; a++) all.rotations[4 * n + a] = toHalfFloat(sign * splats.quats[4 * i + a]);
+      const sign = splats.quats[4 * i] < 0 ? 1 << 31 : 0;
+      for (let a = 0; a < 4; a++) all.rotations[4 * n + a] = halfOf(sign ^ quats[4 * i + a]);
       for (let j = 0; j < number; j += 2) {
-        const first = splats.harmonics[i * number + j],
-          second = j + 1 < number ? splats.harmonics[i * number + j + 1] : 0;
+        const first = harmonics[i * number + j],
+          second = j + 1 < number ? harmonics[i * number + j + 1] : 0;
         if (first === 0 && second === 0) continue; // the most frequent case
-        const low = toHalfFloat(first),
-          high = toHalfFloat(second);
-        all.harmonics[j >> 3][4 * n + ((j >> 1) & 3)] = (low | (high << 16)) >>> 0;
+        all.harmonics[j >> 3][4 * n + ((j >> 1) & 3)] = (halfOf(first) | (halfOf(second) << 16)) >>> 0;
       }
     }
   }
@@ -80,8 +84,12 @@ const SUBNORMAL_BIAS = 2 ** -1;
 /** Returns the bits of the nearest half float. Numbers that are too large become infinite. */
 export function toHalfFloat(value: number): number {
   FLOAT[0] = value;
-  const bits = BITS[0],
-    sign = (bits >>> 16) & 0x8000,
+  return halfOf(BITS[0]);
+}
+
+/** Returns the bits of the half float nearest to the float with these bits. */
+function halfOf(bits: number): number {
+  const sign = (bits >>> 16) & 0x8000,
     rest = bits & 0x7fffffff;
   if (rest >= 0x47800000) return sign | (rest > 0x7f800000 ? 0x7e00 : 0x7c00);
   if (rest < 0x38800000) {

@@ -11,6 +11,9 @@ import { FRACTIONS, WHOLES } from "./to_splats.ts";
 
 /** Length of a row of the module's table of the transform. */
 const TRANSFORM_STRIDE = 16;
+/** Constants of the module's text, which `scripts/native.mjs` describes. */
+const OFFSET = 45,
+  PREFIXES = "!#%&}~";
 /** Functions that the module imports. */
 const IMPORTS = { math: { sin: Math.sin, cos: Math.cos } };
 
@@ -27,17 +30,30 @@ interface Exports {
 let compiled: WebAssembly.Module | null | undefined;
 
 /** Returns the compiled module; null if the page's policy or the engine does not allow it. */
-function moduleOf(): WebAssembly.Module | null {
+function compiledModule(): WebAssembly.Module | null {
   if (compiled !== undefined) return compiled;
   try {
-    const bytes = Uint8Array.from({ length: MODULE.length / 2 }, (_, n) =>
-      parseInt(MODULE.slice(2 * n, 2 * n + 2), 16),
-    );
-    compiled = new WebAssembly.Module(bytes);
+    const bytes: number[] = [];
+    for (let n = 0; n < MODULE.length; n++) {
+      const prefix = PREFIXES.indexOf(MODULE[n]),
+        code = prefix < 0 ? MODULE.charCodeAt(n) : 48 * prefix + MODULE.charCodeAt(++n) - 40;
+      bytes.push((code - OFFSET) & 255);
+    }
+    compiled = new WebAssembly.Module(Uint8Array.from(bytes));
   } catch {
     compiled = null;
   }
   return compiled;
+}
+
+/** Returns an instance of the module; null where there is no WebAssembly, or no memory for another instance. */
+export function instantiate<T>(): T | null {
+  const module = compiledModule();
+  try {
+    return module && (new WebAssembly.Instance(module, IMPORTS).exports as T);
+  } catch {
+    return null;
+  }
 }
 
 /** Decodes the packets of one stream: in WebAssembly if possible. Memory is only taken for the first packet. */
@@ -79,9 +95,9 @@ export class NativePackets implements GaussianPackets {
 
   private constructor(
     public info: SideInfo,
-    module: WebAssembly.Module,
+    exports: Exports,
   ) {
-    this.#exports = new WebAssembly.Instance(module, IMPORTS).exports as unknown as Exports;
+    this.#exports = exports;
     const tables = {
       normal: NORMAL,
       inverses: INVERSE_SCALES,
@@ -101,11 +117,11 @@ export class NativePackets implements GaussianPackets {
 
   /** Returns a decoder; null where there is no WebAssembly. */
   static of(info: SideInfo): NativePackets | null {
-    const module = moduleOf();
+    const exports = instantiate<Exports>();
     try {
-      return module && new NativePackets(info, module);
+      return exports && new NativePackets(info, exports);
     } catch {
-      return null; // no memory for another instance
+      return null; // no memory for its tables
     }
   }
 

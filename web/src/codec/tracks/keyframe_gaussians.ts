@@ -4,7 +4,8 @@
 import { BitstreamError } from "../../bytes.ts";
 import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
-import { NUM_CHANNELS } from "./layout.ts";
+import { HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
+import type { TrackBases } from "./motion_packets.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import { MotionSteps } from "./steps.ts";
 
@@ -65,6 +66,20 @@ export class KeyframeGaussians {
       const width = splats[name].length / Math.max(count, 1);
       this.splats[name].set(splats[name], width * from);
     }
+  }
+
+  /** Returns the positions and steps of the tracks of a packet with these headers; null if one was not received. */
+  of(headers: Int32Array): TrackBases | null {
+    const count = headers.length / HEAD,
+      places = new Float64Array(3 * count),
+      shifts = new Int32Array(NUM_CHANNELS * count);
+    for (let i = 0; i < count; i++) {
+      const slot = this.slots[headers[HEAD * i + TRACK]] ?? -1;
+      if (slot < 0) return null;
+      for (let a = 0; a < 3; a++) places[3 * i + a] = this.places[3 * slot + a];
+      for (let c = 0; c < NUM_CHANNELS; c++) shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * slot + c];
+    }
+    return { places, shifts };
   }
 
   #reserve(count: number): void {

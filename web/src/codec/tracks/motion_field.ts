@@ -10,6 +10,8 @@ import { proximityWeights, Quadratic } from "./quadratic.ts";
 export const NEIGHBOURS = 40;
 /** Squared colour contrast at which the correction by contrast is halved. */
 const COLOUR_RIDGE = 0.1 * DC * DC;
+const PREVIOUS = 8,
+  UNKNOWN = 255;
 
 /** Motion field of a set of tracks. */
 export class MotionField {
@@ -17,9 +19,11 @@ export class MotionField {
   readonly #fit: Quadratic;
   readonly #currentSums: NeighbourSums;
   readonly #previousSums: NeighbourSums;
-  /** Kinds of channels that change in each neighbour, and kinds with a non-zero offset before the group. */
+  /**
+   * Kinds of channels that change in each row, or have a non-zero offset before the group times `PREVIOUS`. Rows that
+   * were no neighbours yet are `UNKNOWN`.
+   */
   readonly #kinds: Uint8Array;
-  readonly #previousKinds: Uint8Array;
   /**
    * Neighbours of the last query by row, the same by slot for the state before the group, and their positions relative
    * to the query.
@@ -31,32 +35,50 @@ export class MotionField {
   readonly #own = new Float32Array(NUM_CHANNELS);
   readonly #found: Float32Array;
 
-  /** Rows `observedRows` of the received motion are placed at `origins` and contribute their changes from there. */
+  /**
+   * Rows `observedRows` of the received motion are placed at `origins` and contribute their changes from there. `null`
+   * stands for origins of 0.
+   */
   constructor(
     readonly arrived: TrackOffsets,
     readonly observedRows: Int32Array,
-    readonly origins: Float32Array,
+    readonly origins: Float32Array | null,
     readonly past: PreviousState,
     readonly frames: number,
   ) {
     const points = new Float32Array(3 * observedRows.length),
-      count = Math.min(NEIGHBOURS, observedRows.length),
-      slots = observedRows.map((row) => arrived.slots[row]),
-      from = changedKinds(origins, Int32Array.from(observedRows.keys()), NUM_CHANNELS),
-      still = from.every((kind) => !kind);
+      { means } = past.splats,
+      count = Math.min(NEIGHBOURS, observedRows.length);
     for (let n = 0; n < observedRows.length; n++)
       for (let a = 0; a < 3; a++)
-        points[3 * n + a] = past.splats.means[3 * slots[n] + a] + origins[n * NUM_CHANNELS + a];
+        points[3 * n + a] =
+          means[3 * arrived.slots[observedRows[n]] + a] + (origins ? origins[n * NUM_CHANNELS + a] : 0);
     this.#tree = new KdTree(points, count);
     this.#fit = new Quadratic(count);
-    this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, still ? null : origins);
+    this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, origins);
     this.#previousSums = new NeighbourSums(1, count, past.lastOffsets, null);
-    this.#kinds = changedKinds(arrived.offsets, observedRows, frames * NUM_CHANNELS).map((kind, n) => kind | from[n]);
-    this.#previousKinds = changedKinds(past.lastOffsets, slots, NUM_CHANNELS);
+    this.#kinds = new Uint8Array(observedRows.length).fill(UNKNOWN);
     this.#neighbours = emptyNeighbours(count);
     this.#previousNeighbours = { ...this.#neighbours, rows: new Int32Array(count), kinds: new Uint8Array(count) };
     this.#offsets = new Float64Array(3 * count);
     this.#found = new Float32Array(frames * NUM_CHANNELS);
+  }
+
+  /** Leaves rows out of the neighbours (1), by row of the received motion. At least `NEIGHBOURS` must remain. */
+  leaveOut(rows: Uint8Array): void {
+    this.#tree.leftOut = Uint8Array.from(this.observedRows, (row) => rows[row]);
+  }
+
+  #kindsOf(n: number): number {
+    const known = this.#kinds[n];
+    if (known !== UNKNOWN) return known;
+    const { arrived, origins, past, frames } = this,
+      row = this.observedRows[n],
+      size = frames * NUM_CHANNELS,
+      last = arrived.slots[row] * NUM_CHANNELS,
+      from = origins ? changedKinds(origins, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS) : 0,
+      changed = changedKinds(arrived.offsets, row * size, (row + 1) * size) | from;
+    return (this.#kinds[n] = changed + PREVIOUS * changedKinds(past.lastOffsets, last, last + NUM_CHANNELS));
   }
 
   /**
@@ -110,9 +132,10 @@ export class MotionField {
       for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * n + a] - here[a];
       rows[i] = row;
       origins[i] = n;
-      kinds[i] = this.#kinds[n];
+      const both = this.#kindsOf(n);
+      kinds[i] = both % PREVIOUS;
       last.rows[i] = arrived.slots[row];
-      last.kinds[i] = this.#previousKinds[n];
+      last.kinds[i] = both / PREVIOUS;
     }
     return unionOf(kinds);
   }

@@ -9,41 +9,76 @@ const OPACITY = 9,
   /** Least factor of opacity for tracks that may not exist yet. */
   MIN_FADE = 1e-3;
 
-/**
- * Returns the offsets of the tracks `queryTracks`, shape (tracks, frames, channels). Prediction uses neighbours among
- * `observedRows`, the rows with received motion for the whole group. `bornTogether` marks the tracks born in the same
- * group as most of the received ones (1), by slot. Offsets of others refer to another time.
- */
-export function extrapolate(
-  arrived: TrackOffsets,
-  observedRows: Int32Array,
-  queryTracks: Int32Array,
-  bornTogether: Uint8Array,
-  past: PreviousState,
-  frames: number,
-): Float32Array {
-  const { isNew } = past,
-    out = new Float32Array(frames * NUM_CHANNELS * queryTracks.length);
-  const peers = observedRows.filter((row) => bornTogether[arrived.slots[row]]),
-    enough = peers.length >= NEIGHBOURS,
-    caseOf = (slot: number) => (enough && bornTogether[slot] === 1 ? "alike" : isNew(slot) ? "fresh" : "old");
-  queryTracks.forEach((slot, n) => {
-    if (!observedRows.length || caseOf(slot) !== "alike")
-      repeatLastOffset(past.lastOffsets, slot, out, n * frames, frames);
-  });
-  for (const way of ["alike", "fresh", "old"]) {
-    const sources = way === "alike" ? peers : observedRows,
-      at = Int32Array.from(queryTracks.keys()).filter((n) => caseOf(queryTracks[n]) === way);
-    if (!at.length || !sources.length) continue;
-    const field = new MotionField(arrived, sources, motionOrigins(way, arrived, sources, past, frames), past, frames);
-    for (const n of at) {
-      const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
-      if (way === "alike") field.predict(queryTracks[n], own);
-      else field.addChanges(queryTracks[n], own);
+/** Estimates lost motion of a group from its received motion. */
+export class Extrapolation {
+  /** Motion fields by case and birth group. */
+  readonly #fields = new Map<string, MotionField>();
+
+  /**
+   * `completeRows` are the rows with received motion for the whole group. `birthGroup` returns the group that a track
+   * is born in, by slot.
+   */
+  constructor(
+    readonly arrived: TrackOffsets,
+    readonly completeRows: Int32Array,
+    readonly birthGroup: Int32Array,
+    readonly past: PreviousState,
+    readonly frames: number,
+  ) {}
+
+  /**
+   * Returns the offsets of the tracks `queryTracks`, shape (tracks, frames, channels). Rows marked as `lost` are not
+   * used. Tracks that are born in the same group as most of the received ones are predicted from these, because
+   * offsets of others refer to another time.
+   */
+  estimate(lost: Uint8Array, queryTracks: Int32Array): Float32Array {
+    const { arrived, past, frames, birthGroup } = this,
+      { slots } = arrived,
+      out = new Float32Array(frames * NUM_CHANNELS * queryTracks.length),
+      observedRows = this.completeRows.filter((row) => !lost[row]),
+      birth = mostFrequent(observedRows.map((row) => birthGroup[slots[row]])),
+      peers = observedRows.filter((row) => birthGroup[slots[row]] === birth),
+      enough = peers.length >= NEIGHBOURS,
+      caseOf = (slot: number) => (enough && birthGroup[slot] === birth ? "alike" : past.isNew(slot) ? "fresh" : "old");
+    queryTracks.forEach((slot, n) => {
+      if (!observedRows.length || caseOf(slot) !== "alike")
+        repeatLastOffset(past.lastOffsets, slot, out, n * frames, frames);
+    });
+    for (const way of ["alike", "fresh", "old"]) {
+      const sources = way === "alike" ? peers : observedRows,
+        at = Int32Array.from(queryTracks.keys()).filter((n) => caseOf(queryTracks[n]) === way);
+      if (!at.length || !sources.length) continue;
+      const field = this.#field(way, sources, birth, lost);
+      for (const n of at) {
+        const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
+        if (way === "alike") field.predict(queryTracks[n], own);
+        else field.addChanges(queryTracks[n], own);
+      }
     }
+    if (observedRows.length) fadeIn(arrived, queryTracks, past, frames, out);
+    return out;
   }
-  if (observedRows.length) fadeIn(arrived, queryTracks, past, frames, out);
-  return out;
+
+  /** Returns the motion field of the rows `sources`. One field with all rows is kept, and leaves out the lost ones. */
+  #field(way: string, sources: Int32Array, birth: number, lost: Uint8Array): MotionField {
+    const { arrived, past, frames } = this,
+      make = (rows: Int32Array) =>
+        new MotionField(arrived, rows, motionOrigins(way, arrived, rows, past, frames), past, frames);
+    if (sources.length < NEIGHBOURS) return make(sources);
+    const name = `${way} ${birth}`,
+      all = this.completeRows.filter((row) => way !== "alike" || this.birthGroup[arrived.slots[row]] === birth),
+      field = this.#fields.get(name) ?? make(all);
+    this.#fields.set(name, field);
+    field.leaveOut(lost);
+    return field;
+  }
+}
+
+/** Returns the most frequent value; among equally frequent ones the smallest. */
+function mostFrequent(values: Int32Array): number {
+  const counts: number[] = [];
+  for (const value of values) counts[value] = (counts[value] ?? 0) + 1;
+  return counts.reduce((best, count, value) => (count > (counts[best] ?? 0) ? value : best), 0);
 }
 
 /** Repeats a track's last offset in all frames, written from frame index `to`. */
@@ -59,7 +94,7 @@ export function repeatLastOffset(
 }
 
 /**
- * Returns the reference offsets of the neighbours' motion, by case: 0 for tracks born together (`alike`), the first
+ * Returns the reference offsets of the neighbours' motion, by case: null for tracks born together (`alike`), the first
  * frame of this group for new tracks (`fresh`), the end of the group before otherwise.
  */
 function motionOrigins(
@@ -68,9 +103,9 @@ function motionOrigins(
   observedRows: Int32Array,
   past: PreviousState,
   frames: number,
-): Float32Array {
+): Float32Array | null {
+  if (way === "alike") return null;
   const found = new Float32Array(observedRows.length * NUM_CHANNELS);
-  if (way === "alike") return found;
   observedRows.forEach((row, n) => {
     const [values, at] = way === "fresh" ? [arrived.offsets, row * frames] : [past.lastOffsets, arrived.slots[row]];
     found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);

@@ -14,20 +14,15 @@ const ALL = POSE | SHAPE | COLOUR,
   /** Neighbours added per pass, so that each sum is read and written once for all of them. */
   NEIGHBOURS_PER_PASS = 4;
 
-/** Returns the kinds of channels that change in each of the rows `from`. A row has `stride` values. */
-export function changedKinds(values: Float32Array, from: Int32Array, stride: number): Uint8Array {
-  const kinds = new Uint8Array(from.length);
-  for (let n = 0; n < from.length; n++) {
-    const begin = from[n] * stride;
-    let found = 0;
-    for (let at = begin; at < begin + stride && found < ALL; at += NUM_CHANNELS) {
-      if (!(found & POSE) && changes(values, at, at + FIRST_SHAPE)) found |= POSE;
-      if (!(found & SHAPE) && changes(values, at + FIRST_SHAPE, at + FIRST_COLOUR)) found |= SHAPE;
-      if (!(found & COLOUR) && changes(values, at + FIRST_COLOUR, at + NUM_CHANNELS)) found |= COLOUR;
-    }
-    kinds[n] = found;
+/** Returns the kinds of channels with a value other than 0 in the frames of a row from index `begin` to `end`. */
+export function changedKinds(values: Float32Array, begin: number, end: number): number {
+  let found = 0;
+  for (let at = begin; at < end && found < ALL; at += NUM_CHANNELS) {
+    if (!(found & POSE) && changes(values, at, at + FIRST_SHAPE)) found |= POSE;
+    if (!(found & SHAPE) && changes(values, at + FIRST_SHAPE, at + FIRST_COLOUR)) found |= SHAPE;
+    if (!(found & COLOUR) && changes(values, at + FIRST_COLOUR, at + NUM_CHANNELS)) found |= COLOUR;
   }
-  return kinds;
+  return found;
 }
 
 function changes(values: Float32Array, begin: number, end: number): boolean {

@@ -96,39 +96,43 @@ function weightedMeans(
 }
 
 /** Returns the positions relative to their lower corner, rounded to `PLACE_BITS` bits per axis. */
-function normalisedPositions(places: Float64Array): Float64Array {
+export function normalisedPositions(places: Float64Array): Float64Array {
   const low = [Infinity, Infinity, Infinity];
   let extent = 0,
     unit = 1;
   for (let n = 0; n < places.length; n++) low[n % 3] = Math.min(low[n % 3], places[n]);
   const moved = places.map((place, n) => place - low[n % 3]);
-  for (const place of moved) extent = Math.max(extent, place);
+  for (let n = 0; n < moved.length; n++) extent = Math.max(extent, moved[n]);
   while (Math.floor(extent / unit) >= 2 ** PLACE_BITS) unit *= 2;
   return moved.map((place) => Math.floor(place / unit));
 }
 
 /** Returns the moving tracks in coding order: by step, then along a Z-order curve with decreasing strides. */
-function codingOrder(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
+export function codingOrder(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const some = Int32Array.from(moving.keys()).filter((i) => moving[i]),
-    codes = new Int32Array(moving.length),
-    n = some.length;
-  for (const i of some) {
-    for (let a = 0; a < 3; a++) codes[i] += spreadBits(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
-  }
-  const by = some.slice().sort((i, j) => codes[i] - codes[j] || i - j),
+    n = some.length,
     bits = n > 1 ? 32 - Math.clz32(n - 1) : 0,
-    order = new Int32Array(n),
-    place = new Int32Array(moving.length);
+    order = new Int32Array(n);
+  const by = sortedBy(some, (i) => {
+    let code = 0;
+    for (let a = 0; a < 3; a++) code += spreadBits(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
+    return code;
+  });
   for (let slot = 0, at = 0; slot < 1 << bits; slot++) {
     let back = 0;
     for (let bit = 0; bit < bits; bit++) back |= ((slot >> bit) & 1) << (bits - 1 - bit);
-    if (back < n) {
-      place[by[back]] = at;
-      order[at++] = by[back];
-    }
+    if (back < n) order[at++] = by[back];
   }
-  const key = (i: number): number => (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1;
-  return order.sort((i, j) => key(i) - key(j) || place[i] - place[j]);
+  return sortedBy(order, (i) => (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1);
+}
+
+/** Returns the tracks by ascending key, an integer below 2^30. Equal keys keep their order. */
+function sortedBy(tracks: Int32Array, key: (track: number) => number): Int32Array {
+  const unit = 2 ** 22; // larger than the number of tracks, so that sorting needs no function
+  return Int32Array.from(
+    Float64Array.from(tracks, (track, at) => key(track) * unit + at).sort(),
+    (value) => tracks[value % unit],
+  );
 }
 
 /** Inserts two zero bits after each of ten bits. */

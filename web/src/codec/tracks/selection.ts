@@ -27,8 +27,8 @@ const WAYS = 3,
   /** Weights of errors of red, green, blue and opacity. */
   CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
 
-/** Estimates the motion of tracks from received rows, shape (tracks, frames, channels). */
-type Interpolate = (rows: Int32Array, queryTracks: Int32Array) => Float32Array;
+/** Estimates the motion of tracks, shape (tracks, frames, channels). Rows marked as `lost` are not used. */
+type Interpolate = (lost: Uint8Array, queryTracks: Int32Array) => Float32Array;
 /** Returns the first frame and the end frame of a track, as expected without its motion. */
 type Lifetime = (slot: number) => readonly [number, number];
 
@@ -92,22 +92,34 @@ function testErrors(
   tested.forEach((row, n) => (foldOf[row] = n % folds));
   const estimates = Array.from({ length: folds }, (_, fold) =>
     interpolate(
-      order.filter((row) => foldOf[row] !== fold),
+      Uint8Array.from(foldOf, (other) => Number(other === fold)),
       tested.filter((row) => foldOf[row] === fold).map((row) => slots[row]),
     ),
   );
+  let tree: KdTree | null = null;
   for (const frame of new Set([1, 3, 5].map((part) => Math.floor((part * frames) / 6)))) {
     const exists = (row: number) => begins[row] <= frame && frame < ends[row],
       place = (row: number) => moved(splats, slots[row], offsets, row * frames + frame),
-      rows = order.filter(exists);
-    if (!rows.length) continue;
+      absent = Uint8Array.from(order, (row) => Number(!exists(row))),
+      count = absent.length - absent.reduce((sum, gone) => sum + gone, 0);
+    if (!count) continue;
     const places = placesOf(
-        splats,
-        rows.map((row) => slots[row]),
-        offsets,
-        (n) => rows[n] * frames + frame,
-      ),
-      tree = new KdTree(places, Math.min(COVERING, rows.length));
+      splats,
+      order.map((row) => slots[row]),
+      offsets,
+      (n) => order[n] * frames + frame,
+    );
+    tree = new KdTree(places, Math.min(COVERING, count), null, tree);
+    tree.leftOut = absent;
+    const around = (point: Point, fold: number): Float64Array => {
+      const sums = new Float64Array(4),
+        near = nearest(tree!, point);
+      for (let i = 0; i < near.length; i++) {
+        const other = order[near[i]];
+        if (foldOf[other] !== fold) addDensity(splats, slots[other], tree!.distances[i], sums);
+      }
+      return sums;
+    };
     tested.forEach((row, n) => {
       const slot = slots[row],
         fold = n % folds,
@@ -115,21 +127,12 @@ function testErrors(
         [begin, end] = lifetime(slot),
         motion = Math.floor(n / folds) * frames + frame,
         ways = [moved(splats, slot, estimates[fold], motion), moved(splats, slot, lastOffsets, slot)],
-        around = (point: Point): Float64Array => {
-          const sums = new Float64Array(4),
-            near = nearest(tree, point);
-          for (let i = 0; i < near.length; i++) {
-            const other = rows[near[i]];
-            if (foldOf[other] !== fold) addDensity(splats, slots[other], tree.distances[i], sums);
-          }
-          return sums;
-        },
-        aroundTruth = truth && around(truth);
+        aroundTruth = truth && around(truth, fold);
       for (let way = 0; way < WAYS; way++) {
         const estimate = begin <= frame && frame < end && way !== HIDDEN ? ways[way] : null;
         let error = 0;
         if (truth) error += difference(splats, aroundTruth!, truth, slot, truth, estimate);
-        if (estimate) error += difference(splats, around(estimate), estimate, slot, truth, estimate);
+        if (estimate) error += difference(splats, around(estimate, fold), estimate, slot, truth, estimate);
         errors[WAYS * n + way] += error * FACTORS[way];
       }
     });

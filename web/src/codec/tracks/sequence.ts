@@ -8,15 +8,14 @@ import { checkMemory } from "../memory.ts";
 import type { DecodedFrame, SequenceDecoder } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
-import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
-import { decodeMotion } from "./motion.ts";
-import { extrapolate, repeatLastOffset } from "./motion_prediction.ts";
+import { AFTER, BEFORE, BEGINS, ENDS, HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
+import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
+import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import type { PreviousState, TrackOffsets } from "./poses.ts";
-import { coefficients, coefficientsOf } from "./predict.ts";
 import { HELD, HIDDEN, MOVED, placesOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
-import { applyOffsets, offsetsOf, unitsOf } from "./trajectories.ts";
+import { applyOffsets } from "./trajectories.ts";
 
 /** A decoded frame. */
 export interface SequenceFrame extends DecodedFrame {
@@ -28,12 +27,6 @@ export interface SequenceFrame extends DecodedFrame {
 const CACHE_BYTES = 192 << 20;
 /** Concealers for tracks with lost motion. */
 const CONCEALERS = ["motion", "hold", "drop"];
-
-/** Decoded motion packet: headers, and offsets of its tracks. */
-interface Decoded {
-  readonly headers: Int32Array;
-  readonly offsets: Float32Array;
-}
 
 /** State of the tracks at the end of a group, by slot. */
 interface ConcealmentState {
@@ -70,9 +63,9 @@ export class Clip implements SequenceDecoder {
   readonly #receivedElements: number[];
   /** First group with motion packets still in memory. */
   #firstGroup = 0;
-  readonly #units: Float64Array;
+  readonly #packets: FastMotionPackets;
   #cachedBytes = 0;
-  readonly #cache = new Map<Packet, Decoded>();
+  readonly #cache = new Map<Packet, DecodedMotion>();
   #current: DecodedGroup | null = null;
   #previous: ConcealmentState | null = null;
 
@@ -84,7 +77,7 @@ export class Clip implements SequenceDecoder {
     this.bases = new KeyframeGaussians(info);
     this.#motion = info.groups.map(() => []);
     this.#receivedElements = info.groups.map(() => 0);
-    this.#units = unitsOf(info);
+    this.#packets = new FastMotionPackets(info);
   }
 
   /** Continues with a longer clip, which has more groups. */
@@ -157,7 +150,7 @@ export class Clip implements SequenceDecoder {
       { slots, begins, ends, offsets, concealed, hidden, gains } = this.#decodeGroup(group, shown, concealer),
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
-      here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !hidden[n]),
+      here = drawnRows(begins, ends, hidden, at),
       splats = emptySplats(here.length, this.info.bases.degree),
       tracks = new Int32Array(here.length);
     let extrapolated = 0;
@@ -199,7 +192,7 @@ export class Clip implements SequenceDecoder {
     const { bases, info } = this,
       frames = this.framesOf(group),
       covered = new Uint8Array(bases.count),
-      found: Decoded[] = [];
+      found: DecodedMotion[] = [];
     let rows = bases.count;
     this.#check(rows, frames);
     for (const packet of this.#motion[group].filter(shown)) {
@@ -226,30 +219,21 @@ export class Clip implements SequenceDecoder {
   }
 
   /** Decodes a motion packet. Returns null if one of its bases was not received. */
-  #decode(group: number, packet: Packet): Decoded | null {
-    const { bases, info } = this,
+  #decode(group: number, packet: Packet): DecodedMotion | null {
+    const { info } = this,
       frames = this.framesOf(group),
       known = this.#cache.get(packet);
     if (known) return known;
-    const { headers, residuals, orders } = decodeMotion(
-        packet.payload,
-        info.models,
-        packet.count,
-        frames,
-        info.groups[group].firstNew,
-      ),
-      slots = new Int32Array(packet.count);
-    for (let i = 0; i < slots.length; i++) {
-      slots[i] = bases.slots[headers[HEAD * i + TRACK]] ?? -1;
-      if (slots[i] < 0) return null;
-    }
-    const decoded = { headers, offsets: this.#offsets(headers, residuals, orders, slots, frames) };
+    const { payload, count } = packet,
+      { firstNew } = info.groups[group],
+      decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) => this.bases.of(headers));
+    if (!decoded) return null;
     this.#addToCache(packet, decoded);
     return decoded;
   }
 
   /** Adds decoded motion to the cache and removes the oldest entries beyond `CACHE_BYTES`. */
-  #addToCache(packet: Packet, decoded: Decoded): void {
+  #addToCache(packet: Packet, decoded: DecodedMotion): void {
     this.#cache.set(packet, decoded);
     this.#cachedBytes += decoded.offsets.byteLength;
     for (const [oldest, { offsets }] of this.#cache) {
@@ -257,33 +241,6 @@ export class Clip implements SequenceDecoder {
       this.#cache.delete(oldest);
       this.#cachedBytes -= offsets.byteLength;
     }
-  }
-
-  #offsets(
-    headers: Int32Array,
-    residuals: Int32Array,
-    orders: Int32Array,
-    slots: Int32Array,
-    frames: number,
-  ): Float32Array {
-    const { places, shifts } = this.bases,
-      count = slots.length,
-      own = new Float64Array(3 * count),
-      steps = new Int32Array(NUM_CHANNELS * count),
-      moving = new Uint8Array(count),
-      size = frames * NUM_CHANNELS,
-      offsets = new Float32Array(size * count);
-    for (let i = 0; i < count; i++) {
-      const slot = slots[i];
-      for (let a = 0; a < 3; a++) own[3 * i + a] = places[3 * slot + a];
-      for (let c = 0; c < NUM_CHANNELS; c++) steps[NUM_CHANNELS * i + c] = shifts[NUM_CHANNELS * slot + c];
-      moving[i] = Number(headers[HEAD * i + STATE] === MOVING);
-    }
-    const found = coefficients(own, moving, steps, residuals, orders),
-      row = coefficientsOf(orders);
-    for (let i = 0; i < count; i++)
-      if (moving[i]) offsetsOf(found, i * row, frames, orders, this.#units, offsets, i * size);
-    return offsets;
   }
 
   /** Adds the tracks with lost motion. */
@@ -357,22 +314,26 @@ export class Clip implements SequenceDecoder {
     const frames = this.framesOf(group),
       size = frames * NUM_CHANNELS,
       { begins, ends, slots } = poses,
-      tracks = slots.map((slot) => this.bases.tracks[slot]),
-      order = slots.map((_, row) => row).sort((a, b) => tracks[a] - tracks[b]),
-      interpolate = (rows: Int32Array, queries: Int32Array): Float32Array => {
-        const complete = rows.filter((n) => begins[n] === 0 && ends[n] === frames),
-          bornTogether = this.#bornTogether(complete.map((n) => slots[n]));
-        return extrapolate(poses, complete, queries, bornTogether, past, frames);
-      },
+      order = this.#rowsByTrack(slots),
+      complete = order.filter((n) => begins[n] === 0 && ends[n] === frames),
+      estimates = new Extrapolation(poses, complete, this.bases.birthGroups, past, frames),
+      interpolate = estimates.estimate.bind(estimates),
       lifetime = (slot: number) => this.#lifetime(slot, group),
       ways = select(poses, order, lost, frames, past, interpolate, lifetime),
       moving = rowsWhere(lost.length, (n) => ways[n] === MOVED),
       found = interpolate(
-        order,
+        new Uint8Array(slots.length),
         moving.map((n) => lost[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return ways;
+  }
+
+  /** Returns the rows by ascending track. */
+  #rowsByTrack(slots: Int32Array): Int32Array {
+    const rowOf = new Int32Array(this.bases.count).fill(-1);
+    for (let row = 0; row < slots.length; row++) rowOf[slots[row]] = row;
+    return this.bases.slots.filter((slot) => slot >= 0 && rowOf[slot] >= 0).map((slot) => rowOf[slot]);
   }
 
   /** Returns the gains of size and opacity of drawn tracks, by which they cover hidden ones, shape (rows, 2). */
@@ -408,17 +369,6 @@ export class Clip implements SequenceDecoder {
     };
   }
 
-  /** Marks the tracks born in the same group as most of the given ones, by slot. */
-  #bornTogether(slots: Int32Array): Uint8Array {
-    const { birthGroups, count } = this.bases,
-      counts = new Int32Array(this.info.groups.length),
-      found = new Uint8Array(count);
-    for (const slot of slots) counts[birthGroups[slot]]++;
-    const most = counts.indexOf(counts.reduce((a, b) => Math.max(a, b), 0));
-    for (let slot = 0; slot < count; slot++) found[slot] = Number(birthGroups[slot] === most);
-    return found;
-  }
-
   #concealmentState(
     group: number,
     { slots, ends, offsets, concealed }: TrackOffsets & ConcealedTracks,
@@ -445,7 +395,7 @@ export class Clip implements SequenceDecoder {
  * Joins the tracks of all packets. The first one counts if a track occurs twice. The arrays have room for `most`
  * tracks.
  */
-function joinPackets(found: readonly Decoded[], slotOf: Int32Array, most: number, frames: number): TrackOffsets {
+function joinPackets(found: readonly DecodedMotion[], slotOf: Int32Array, most: number, frames: number): TrackOffsets {
   const size = frames * NUM_CHANNELS,
     seen = new Uint8Array(slotOf.length),
     slots = new Int32Array(most),
@@ -488,6 +438,14 @@ function appendStatic(
     offsets = new Float32Array(poses.offsets.buffer, 0, count * frames * NUM_CHANNELS);
   slots.set(others, known);
   return { slots, begins, ends, offsets, concealed };
+}
+
+/** Returns the rows of tracks that are drawn in a frame, ascending. */
+function drawnRows(begins: Int32Array, ends: Int32Array, hidden: Uint8Array, at: number): Int32Array {
+  const found = new Int32Array(begins.length);
+  let some = 0;
+  for (let n = 0; n < begins.length; n++) if (begins[n] <= at && at < ends[n] && !hidden[n]) found[some++] = n;
+  return found.subarray(0, some);
 }
 
 /** Returns the rows that satisfy a condition, ascending. */

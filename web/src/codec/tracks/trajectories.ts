@@ -97,15 +97,18 @@ export function applyOffsets(
   out: Splats,
   to: number,
 ): void {
-  const number = out.harmonics.length / Math.max(out.count, 1);
+  const number = out.harmonics.length / Math.max(out.count, 1),
+    turns = offsets[at + 3] || offsets[at + 4] || offsets[at + 5],
+    grows = offsets[at + 6] || offsets[at + 7] || offsets[at + 8] || offsets[at + 9];
   for (let a = 0; a < 3; a++) {
     out.means[3 * to + a] = splats.means[3 * from + a] + offsets[at + a];
-    out.scales[3 * to + a] = splats.scales[3 * from + a] * Math.exp(offsets[at + 6 + a]);
+    out.scales[3 * to + a] = splats.scales[3 * from + a] * (grows ? Math.exp(offsets[at + 6 + a]) : 1);
     out.colours[3 * to + a] = splats.colours[3 * from + a] + offsets[at + 10 + a];
   }
-  out.opacities[to] = Math.min(splats.opacities[from] * Math.exp(offsets[at + 9]), MAX_OPACITY);
+  out.opacities[to] = Math.min(splats.opacities[from] * (grows ? Math.exp(offsets[at + 9]) : 1), MAX_OPACITY);
   for (let n = 0; n < number; n++) out.harmonics[number * to + n] = splats.harmonics[number * from + n];
-  turn(splats.quats, 4 * from, offsets, at + 3, out.quats, 4 * to);
+  if (turns) turn(splats.quats, 4 * from, offsets, at + 3, out.quats, 4 * to);
+  else for (let a = 0; a < 4; a++) out.quats[4 * to + a] = splats.quats[4 * from + a];
 }
 
 function turn(quats: Float32Array, q: number, offsets: Float32Array, r: number, out: Float32Array, to: number): void {

@@ -1,0 +1,159 @@
+// Decoders of motion packets: in WebAssembly, and a plain one that decodes bit for bit the same.
+
+import { instantiate } from "../gaussians/native.ts";
+import { HEAD, MAX_GROUP_FRAMES, MOVING, NUM_CHANNELS, STATE } from "./layout.ts";
+import { decodeMotion } from "./motion.ts";
+import { codingOrder, coefficients, coefficientsOf, normalisedPositions } from "./predict.ts";
+import type { SequenceInfo } from "./side_info.ts";
+import { offsetsOf, polynomials, unitsOf } from "./trajectories.ts";
+
+/**
+ * Largest number of tracks of a packet that is decoded in WebAssembly, and largest number of its offsets, because the
+ * memory of WebAssembly never shrinks.
+ */
+const MAX_TRACKS = 1 << 16,
+  MAX_OFFSETS = 1 << 22;
+
+/** Decoded motion packet: headers, and offsets of its tracks. */
+export interface DecodedMotion {
+  /** Shape (tracks, HEAD). */
+  readonly headers: Int32Array;
+  /** Shape (tracks, frames, channels). */
+  readonly offsets: Float32Array;
+}
+
+/** Properties of the tracks' bases. */
+export interface TrackBases {
+  /** Positions in half lattice units, shape (tracks, 3). */
+  readonly places: Float64Array;
+  /** log2 of the steps, shape (tracks, channels). */
+  readonly shifts: Int32Array;
+}
+
+/** Motion packet as decoders need it. */
+export interface MotionPacket {
+  readonly payload: Uint8Array;
+  /** Number of tracks. */
+  readonly count: number;
+  /** Number of frames of the group. */
+  readonly frames: number;
+  /** First track that is born in the group. */
+  readonly firstNew: number;
+}
+
+interface MotionPackets {
+  /** Decodes a packet. Returns null if `basesOf` does so for its headers. */
+  decode(packet: MotionPacket, basesOf: (headers: Int32Array) => TrackBases | null): DecodedMotion | null;
+}
+
+/** Decodes in WebAssembly if possible. */
+export class FastMotionPackets implements MotionPackets {
+  #native: MotionPackets | null | undefined;
+
+  constructor(readonly info: SequenceInfo) {}
+
+  decode(packet: MotionPacket, basesOf: (headers: Int32Array) => TrackBases | null): DecodedMotion | null {
+    const { count, frames } = packet;
+    if (this.#native !== null && count <= MAX_TRACKS && count * frames * NUM_CHANNELS <= MAX_OFFSETS) {
+      try {
+        this.#native ??= NativeMotionPackets.of(this.info);
+        if (this.#native) return this.#native.decode(packet, basesOf);
+      } catch (error) {
+        if (!(error instanceof WebAssembly.RuntimeError)) throw error;
+        this.#native = null; // its memory cannot grow
+      }
+    }
+    return new PlainMotionPackets(this.info).decode(packet, basesOf);
+  }
+}
+
+export class PlainMotionPackets implements MotionPackets {
+  constructor(readonly info: SequenceInfo) {}
+
+  decode(
+    { payload, count, frames, firstNew }: MotionPacket,
+    basesOf: (headers: Int32Array) => TrackBases | null,
+  ): DecodedMotion | null {
+    const { headers, residuals, orders } = decodeMotion(payload, this.info.models, count, frames, firstNew),
+      bases = basesOf(headers);
+    if (!bases) return null;
+    const size = frames * NUM_CHANNELS,
+      moving = movingOf(headers),
+      offsets = new Float32Array(size * count),
+      found = coefficients(bases.places, moving, bases.shifts, residuals, orders),
+      row = coefficientsOf(orders),
+      units = unitsOf(this.info);
+    for (let i = 0; i < count; i++) if (moving[i]) offsetsOf(found, i * row, frames, orders, units, offsets, i * size);
+    return { headers, offsets };
+  }
+}
+
+/** Returns the mask of moving tracks. */
+function movingOf(headers: Int32Array): Uint8Array {
+  return Uint8Array.from({ length: headers.length / HEAD }, (_, i) => Number(headers[HEAD * i + STATE] === MOVING));
+}
+
+/** Functions of `native/gaussians.c`, and the address of its tables. */
+interface Exports {
+  readonly memory: WebAssembly.Memory;
+  readonly motion: WebAssembly.Global;
+  begin(bytes: number): number;
+  readMotion(bytes: number, count: number, frames: number, firstNew: number): number;
+  offsets(moving: number): number;
+}
+
+export class NativeMotionPackets implements MotionPackets {
+  #frames = 0;
+
+  private constructor(
+    info: SequenceInfo,
+    readonly exports: Exports,
+  ) {
+    const { units, models } = this.#tables();
+    units.set(unitsOf(info));
+    models.set(info.models);
+  }
+
+  /** Returns a decoder; null where there is no WebAssembly. */
+  static of(info: SequenceInfo): NativeMotionPackets | null {
+    const exports = instantiate<Exports>();
+    return exports && new NativeMotionPackets(info, exports);
+  }
+
+  /** Tables of the module: units of the channels, polynomials with one row per degree, initial models. */
+  #tables(): { units: Float64Array; polynomials: Float64Array; models: Int32Array } {
+    const { memory, motion } = this.exports,
+      units = new Float64Array(memory.buffer, motion.value, NUM_CHANNELS + 1),
+      table = new Float64Array(memory.buffer, motion.value + units.byteLength, MAX_GROUP_FRAMES ** 2);
+    return { units, polynomials: table, models: new Int32Array(memory.buffer, table.byteOffset + table.byteLength) };
+  }
+
+  decode(
+    { payload, count, frames, firstNew }: MotionPacket,
+    basesOf: (headers: Int32Array) => TrackBases | null,
+  ): DecodedMotion | null {
+    const { memory, begin, readMotion, offsets } = this.exports,
+      address = begin(payload.length);
+    if (frames !== this.#frames) {
+      const table = this.#tables().polynomials,
+        values = polynomials(frames);
+      for (let n = 0; n < values.length; n++)
+        table[MAX_GROUP_FRAMES * (n % frames) + Math.floor(n / frames)] = values[n];
+      this.#frames = frames;
+    }
+    new Uint8Array(memory.buffer, address).set(payload);
+    const headersAt = readMotion(payload.length, count, frames, firstNew),
+      headers = new Int32Array(memory.buffer, headersAt, HEAD * count).slice(),
+      bases = basesOf(headers);
+    if (!bases) return null;
+    const shiftsAt = headersAt + headers.byteLength;
+    new Int32Array(memory.buffer, shiftsAt).set(bases.shifts);
+    const places = normalisedPositions(bases.places),
+      order = codingOrder(places, movingOf(headers), bases.shifts),
+      placesAt = 8 * Math.ceil((shiftsAt + bases.shifts.byteLength) / 8);
+    new Float64Array(memory.buffer, placesAt).set(places);
+    new Int32Array(memory.buffer, placesAt + places.byteLength).set(order);
+    const at = offsets(order.length);
+    return { headers, offsets: new Float32Array(memory.buffer, at, count * frames * NUM_CHANNELS).slice() };
+  }
+}
