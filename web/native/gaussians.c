@@ -1,6 +1,6 @@
-// Packet decoder of explicit Gaussians and of motion, compiled to WebAssembly by `npm run native`. It is the counterpart
-// of `src/codec/gaussians/packet.ts` and `src/codec/tracks/`, which decode bit for bit the same where a page forbids
-// WebAssembly.
+// Packet decoder of explicit Gaussians and of motion, compiled to WebAssembly by `npm run native`. It is the
+// counterpart of `src/codec/gaussians/packet.ts` and of `src/codec/tracks/`, which decode bit for bit the same where a
+// page forbids WebAssembly.
 //
 // One instance decodes the packets of one stream. The caller fills the tables below, then for each packet copies the
 // payload to the address that `begin` returns. It calls `decode`, which returns the address of the integers.
@@ -800,12 +800,13 @@ struct {
 } motion;
 
 static const uint8_t kind_of[CHANNELS] = {0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 4, 4, 4};
-static int32_t orders[KINDS], size, *headers, *residuals, num_frames;
+static int32_t orders[KINDS], size, stride, *headers, *residuals, num_frames;
 
 static int32_t read_headers(int32_t first_new) {
   int32_t first = (int32_t)raw(28);
   uint64_t gap = gamma_code();
-  int32_t before = first - (gap > MAX_LEAD ? MAX_LEAD : (int32_t)gap), end = first + smaller((int32_t)raw(13), MAX_CANDIDATES);
+  int32_t before = first - (gap > MAX_LEAD ? MAX_LEAD : (int32_t)gap);
+  int32_t end = first + smaller((int32_t)raw(13), MAX_CANDIDATES);
   gap = gamma_code();
   int32_t at = 0, gone = 0, moved = 0;
   for (int32_t track = first; track < end; track++) {
@@ -857,7 +858,8 @@ static void read_track(int32_t *row, const int32_t *before) {
 /// Returns the address of the headers. Behind them lies room for shifts, int32 (number, 13), for places, double
 /// (number, 3), at a multiple of 8, and for an order, int32 (number).
 EXPORT(readMotion) uint32_t read_motion(uint32_t bytes, uint32_t number, int32_t frames, int32_t first_new) {
-  uint32_t headers_at = (heap_end + bytes + 15) & ~15u, places_at = (headers_at + 4 * (HEAD + CHANNELS) * number + 7) & ~7u;
+  uint32_t headers_at = (heap_end + bytes + 15) & ~15u;
+  uint32_t places_at = (headers_at + 4 * (HEAD + CHANNELS) * number + 7) & ~7u;
   uint32_t reversed_at = places_at + 28 * number, residuals_at = (reversed_at + ZEROS + bytes + 7) & ~7u;
   reserve(residuals_at);
   headers = (int32_t *)headers_at;
@@ -870,6 +872,7 @@ EXPORT(readMotion) uint32_t read_motion(uint32_t bytes, uint32_t number, int32_t
   int32_t found = read_headers(first_new);
   for (int32_t kind = 0; kind < KINDS; kind++) orders[kind] = (int32_t)below(frames + 1);
   size = 3 * (orders[0] + orders[1] + orders[2] + orders[4]) + orders[3];
+  stride = (size + 1) & ~1;
   reserve(residuals_at + 4 * size * number);
   int32_t *before = 0;
   for (int32_t i = 0; i < found; i++) {
@@ -971,16 +974,25 @@ static void fit_plane(uint32_t i, int32_t found) {
 
 static void predict_track(uint32_t i, const int32_t *shifts) {
   int32_t found = find_known(i);
-  double left = WEIGHT, *own = rows_of + i * size;
+  double left = WEIGHT, *own = rows_of + i * stride;
   for (int32_t m = 0; m < found; m++) plane_weights[m] = __builtin_floor((double)WEIGHT / found);
   if (found >= 4) fit_plane(i, found);
   for (int32_t m = 0; m < found; m++) left -= plane_weights[m];
   if (found) plane_weights[0] += left;
-  for (int32_t u = 0; u < size; u++) own[u] = 0;
+  int32_t some = 0;
+  const double *rows[NEAREST];
+  v128_t weights_of[NEAREST];
   for (int32_t m = 0; m < found; m++) {
     int32_t j = axes[nearest[m] & 65535];
     if (headers[HEAD * j + STATE] != MOVING) continue;
-    for (int32_t u = 0; u < size; u++) own[u] += plane_weights[m] * rows_of[j * size + u];
+    rows[some] = rows_of + j * stride;
+    weights_of[some++] = wasm_f64x2_splat(plane_weights[m]);
+  }
+  for (int32_t u = 0; u < stride; u += 2) {
+    v128_t sum = wasm_f64x2_splat(0);
+    for (int32_t m = 0; m < some; m++)
+      sum = wasm_f64x2_add(sum, wasm_f64x2_mul(weights_of[m], wasm_v128_load(rows[m] + u)));
+    wasm_v128_store(own + u, sum);
   }
   for (int32_t c = 0, u = 0; c < CHANNELS; c++) {
     double step = 1u << shifts[CHANNELS * i + c];
@@ -1023,7 +1035,8 @@ EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
   const int32_t *shifts = headers + HEAD * count;
   places = (double *)(((uint32_t)(shifts + CHANNELS * count) + 7) & ~7u);
   const int32_t *order = (int32_t *)(places + 3 * count);
-  uint32_t rows_at = ((uint32_t)(residuals + size * count) + 15) & ~15u, known_at = (rows_at + 8 * size * count + 15) & ~15u;
+  uint32_t rows_at = ((uint32_t)(residuals + size * count) + 15) & ~15u;
+  uint32_t known_at = (rows_at + 8 * stride * count + 15) & ~15u;
   padded = (count + 3) & ~3u;
   uint32_t out_at = known_at + 12 * padded + 4 * count, row = CHANNELS * num_frames;
   reserve(out_at + 4 * row * count);
@@ -1038,7 +1051,7 @@ EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
   float *out = (float *)out_at;
   for (uint32_t i = 0; i < count; i++, out += row) {
     for (uint32_t n = 0; n < row; n++) out[n] = 0;
-    if (headers[HEAD * i + STATE] == MOVING) write_offsets(rows_of + i * size, out);
+    if (headers[HEAD * i + STATE] == MOVING) write_offsets(rows_of + i * stride, out);
   }
   return out_at;
 }

@@ -42,24 +42,23 @@ export function pack(parts: readonly Splats[], degree: number, size: number): Pa
     harmonics: Array.from({ length: numShTextures(degree) }, () => new Uint32Array(texels)),
     opacities: new Float32Array(count),
   };
+  const { centers, scales, rotations, opacities: opaque } = all;
   let n = 0;
   for (const splats of parts) {
-    const [colours, opacities, quats, harmonics] = [
-      splats.colours,
-      splats.opacities,
-      splats.quats,
-      splats.harmonics,
-    ].map(({ buffer, byteOffset, length }) => new Uint32Array(buffer, byteOffset, length));
+    const { means, scales: sizes } = splats,
+      [colours, opacities, quats, harmonics] = [splats.colours, splats.opacities, splats.quats, splats.harmonics].map(
+        ({ buffer, byteOffset, length }) => new Uint32Array(buffer, byteOffset, length),
+      );
     for (let i = 0; i < splats.count; i++, n++) {
+      const sign = splats.quats[4 * i] < 0 ? 1 << 31 : 0;
       for (let a = 0; a < 3; a++) {
-        all.centers[4 * n + a] = splats.means[3 * i + a] / size;
-        all.scales[4 * n + a] = toHalfFloat(splats.scales[3 * i + a] / size);
+        centers[4 * n + a] = means[3 * i + a] / size;
+        scales[4 * n + a] = toHalfFloat(sizes[3 * i + a] / size);
         all.colours[4 * n + a] = halfOf(colours[3 * i + a]);
       }
       all.colours[4 * n + 3] = halfOf(opacities[i]);
-      all.opacities[n] = splats.opacities[i];
-      const sign = splats.quats[4 * i] < 0 ? 1 << 31 : 0;
-      for (let a = 0; a < 4; a++) all.rotations[4 * n + a] = halfOf(sign ^ quats[4 * i + a]);
+      opaque[n] = splats.opacities[i];
+      for (let a = 0; a < 4; a++) rotations[4 * n + a] = halfOf(sign ^ quats[4 * i + a]);
       for (let j = 0; j < number; j += 2) {
         const first = harmonics[i * number + j],
           second = j + 1 < number ? harmonics[i * number + j + 1] : 0;

@@ -1,7 +1,7 @@
 // Written by `npm run native` from `native/gaussians.c`.
 
 /** SHA-256 of the source. */
-export const SOURCE_DIGEST = "df24781b06ca059deb25cd7577fcceb225786e254cb14d0ad33d8694557f5ecb";
+export const SOURCE_DIGEST = "180d28f68e34e4f9709e5a249b4a7e6b565e9b366e9bc0664d635ef9676dcaef";
 /** Module in WebAssembly, as text. */
 export const MODULE =
   "-%V&8&2.---.%H;%U.&A.&A%U1&D&D&A&A.&D%U.&D-%U.&D.&A%U1&D&A&A&A-%U--%U1&D&D&D&D.&D%U.&D.&D%U3&D&D&D&D&D&D.&D%" +
@@ -11,7 +11,7 @@ export const MODULE =
   "&4&3&;&*&7&9-/3&(&4&7&3&*&70.5&9&-&.&3&3&*&8&80/3&<&-&4&1&*&8006&9&7%V&3&8&+&4&7&2016&+&7%V&(&9&.&4&3&8024&5" +
   "&7&*&5%V&7&*-33&8&(%V&1&*&8033&<&.&)&9&-&8042%W&*&,&.&3-53&)&*&(&4&)&*-64&.&3&.&9&.%V&1055&)&*&+%V&:&1&9&806" +
   "2%W%V&8&*&8079&(&4&*&+&+&.&(&.&*&3&9&8087&7&*%V&)z&4&9&.&4&3-?3&2&4&9&.&4&3094&4&+&+&8&*&9&8-@5&.&3&;&*&7&8&" +
-  "*&80:3&3&4&7&2%V&10;7}G&N.A!8:89&D.&A.&D.&@4&A/&D.&A/&@1&A0&D.&@P&E&E&E&E-n&E0&0O1Q&E&E&E&E-n-U/}E&E}U&E-M.n" +
+  "*&80:3&3&4&7&2%V&10;7}C&O.A!8:89&D.&A.&D.&@4&A/&D.&A/&@1&A0&D.&@P&E&E&E&E-n&E0&0O1Q&E&E&E&E-n-U/}E&E}U&E-M.n" +
   "/&9ne&/M-&1&/=&H&E&E&E-n-U/}E&E}U&E-N2/mM-r:-M2M-n9&1O3&/O4M-n1&9&/O5M3&/O6M-n/&9&/O7M3&/N8M.n0&3N9n-U/}I&E}" +
   "U&E-N:n-N;0mn-N3M2N<0mM<M/M3n}U&E}U&E-&/X0-O=M=}5M:M3&/X0-}5}7}Ke/-M<n1&/N<M3n5&/O3nEt:-8M:X0]N=M5M;n9&1O<&/" +
   "O3M0M:X0U)/O>=&I&E&E&E-}7}Ke/-M3n1&/M0M>M=)/&0O>=&I&E&E&E-}7}Ke/-M3n5&/M0M>M:X0e)/n/&9n!5&E}U&E-&/U/-&0=&I&E" +
@@ -147,7 +147,7 @@ export const MODULE =
   "&D&AO7M8M7%IHM;&K&Id0!=}U~-&E-n-n-U/!5}U~-&E-O.M1M-n0&;&0O-M-M.vHc/!9}U~-&E-M5M6U/9&0N-8n-M-M-nL&:O1&8M1&0O1" +
   "n&E&E.M1n&E&E.vHn1&9n-U/~5}V~-&E-&/n.&:c/~5}V~-&E-M-M3&/}AM0}B&Kn-M/M4H}A&AO8o&F&E&E&E&=M8o&F&E&E&E&=%JHO8o," +
   ",,,4M8o,,,,4%HH}<8&///&D.&Cn-N-/m/m0mn.=&P&E&E&E-%E:.nMN.M-n.&/O-nMt:-9/88M-N.M-:-o-<8M.n.&/N-o.N/0mn.=&P&E&" +
-  "E&E-M/o.&K&AN/M-n&D&/O-n.w:-8M/o&D&A8~7702&D1&C8&DM-M.n~1-&1M-n-U/}9}N}V&E-&/n<&/n&5&6O1&/n4&/n&=&6M.nI&1&/O" +
+  "E&E-M/o.&K&AN/M-n&D&/O-n.w:-8M/o&D&A8!8702&D1&C8&DM-M.n~1-&1M-n-U/}9}N}V&E-&/n<&/n&5&6O1&/n4&/n&=&6M.nI&1&/O" +
   "2&/nD&/n&=&6O3=&H&E&E&E-n-M3c/})&Q~(&E-n-M1c/&U&Q~(&E-n-M.c/~-}D}W&E-n-M/c/}-&Q~(&E-n}U}I&DN40mM4n&U&Q~(&E-&" +
   "/M4n~5!-~*&E-&/U/-c/-M4n1&/O4:-8/mM.n3&1O5r:-M1N40mM4n&Dc/-M4n1&/N4M5n&D&/O5:-88M-M2=&O&E&E&E-nI=&P&E&E&E-N6" +
   "=&V&E&E&E-N7n:=&P&E&E&E-N8=&V&E&E&E-N9/m/mM8}<O4n.u:-M4n&EMM4n&EMuHM6}<O4&/N:M4M7o&E&E&E5M7o&E&E&E5%IH}<&0N;" +
@@ -155,56 +155,57 @@ export const MODULE =
   "2n/&/=&Q&E&E&E-O@c/1M5M4c/-n-NA/mM4M0u:-n4=&Q&E&E&E-r:-M<=&R&E&E&E-NA8M2n.&9n/&6N2M5MAc/5M<NA/mn3=&Q&E&E&E-r" +
   ":-M<=&R&E&E&E-NA8M@M2&7N2M?n.&/N?M5n-c/AM5MAc/9M5M4M;&0c/=M4n.&/N;8M4n.&/O4M:u:-88M?r:-M=M?nE&1&/n&A&/M9o&E&" +
   "E&E5M9o&E&E&E5%IHk/-9.8n-N?8M/n.&/N5n&1N40mM4n!9!-~*&E-&/M5=&R&E&E&E-c/-M4n1&/O4:-8n-n-U/!)!-~*&E-n-U/~5!-~*" +
-  "&E-&/n-U/!-!-~*&E-&/n-U/!5!-~*&E-&/n0&1n-U/!1!-~*&E-&/O4c/!9!-~*&E-M.M4&1n/&9M3&/=&H&E&E&E-/mM?n.u:-n-U/!9!-" +
-  "~*&E-NBn-U/})&Q~(&E-NCn-U/&U&Q~(&E-NDn-N3n-N/0m/mMDM3nE&1&/U/1n.t:-MCMBM3&1n/&9&/N=n-N5n-N.n-NA0mM.Z-}1&E}U&" +
-  "E-N4/m/m/mM.r:-n-N2M5n-M.n}1&E}U&E-&/n&D&/Z--O-M4sO:HN;M-M4tN<M/r:/M::/9.8M/:-n-N2n.N<n-N;9.8n-N;n.N</mM4n/&" +
-  "9U/~5!-~*&E-:-n-N29.8M/MAn/&9&/U/-O5M5nL&:O5&8M5&0N28/mM4n/&9U/~5!-~*&E-O@n.u:-M4n7&1N>M4n0&9N0n-N:0mM2M;M2M" +
-  ";wHN4/mM<:-M=MAM@&0n/&9&/U/-O5M5nL&:O5&8M5&0n.&9O5M4M5M4xHN48/m/mM:n4M:n4uHM0&7n7&1nMM4&,&0O4n6M4n6vHO4&/n5&" +
-  "/=&Q&E&E&E-:-n-N49.8M4M>&/n1&9n}-0&/N-n-N4/m0m/mM-M4n<M4n<vH&/=&Q&E&E&E-:-M4N59/8nJN5M4n.&/O4nJt:-88n.M5&9M5" +
-  "=&P&E&E&E-}<&/O4n,,,,0M4n,,,,0vHO4n-M4&0n.=&P&E&E&E-%EHN48M=MAn/&9&/M4c/-M2M4M4nL&:O5&8M5&0O4M2M4wHO5M4M:HM5" +
-  "M<HN2MAn.&/NAM:n.&/O:M@t:-88M;M2M;M2wHN5M.n.&/O.n:t:-8M=N/8M3n.&/O3M?t:-88M18}>J:F&D0&A/&D0&@.&D/&@.&D/&C.&D" +
-  "/&A0&D5&A.&BP&E&E&E&E-n!E/&0O.Q&E&E&E&E-n-N/n-n-U/~-}D}W&E-O0n0&/n&A&6O1c/!A!-~*&E-n-n-U/&U&Q~(&E-M0nE&1O2&/" +
-  "O3M0na&1O4&/n4&/n&=&6O5c/!=!-~*&E-M1n9&1M0n/&9&/M0n-U/!9!-~*&E-&1O0n0&9n-U/})&Q~(&E-M0n/&9&/n<&/n&5&6O6&/n<&" +
-  "/n&5&6O7&/O8M4n-U/}-&Q~(&E-O9&1&/=&H&E&E&E-n-M7c/!I!-~*&E-n-M6c/!E!-~*&E-n-M7n-U/!A!-~*&E-O1n9&1&/O:c/}Q}D}W" +
-  "&E-n-n-c/!M!-~*&E-/mn-U/~-}D}W&E-O;r:-n-U/&U&Q~(&E-n1&/N00m/mM0U/-n.s:-M/=})&E&E&E-8M0nE&/N0M;M/n.&/O/t:-88/" +
-  "mM-r:-M5M2&/N<M1n/&9N4M1n0&9N=n-U/!9!-~*&E-O>n0&9N?M>n/&9N@n-U/})&Q~(&E-NAn-U/&U&Q~(&E-NBn-U/!=!-~*&E-NCM>n." +
-  "uNDn-NE0mMCM<MEn/&9&/U/-OFnE&1&/O1X0=NGM1X05NHM1X0-NInmN00mM0n}U~(~-&E-&/o&E&E&E&E&E&E&E&E}U-d0-M0n5&/O0:-8n" +
-  "-NJ/m/mn-U/!M!-~*&E-OK:-n-N19.8MG}K*@NLMH}K*@NMMI}K*@NNn-NO*9--&E%R--&E%R--&E%R--&E%RNP0m/mM7MOn/&9&/O0*-1-M" +
-  "N*!:.OQMQ*!;.M0M4&/*-/-MM*!:.OQMQ*!;.*!9.M0M=&/*-0-ML*!:.OQMQ*!;.*!9.MP*r*}9.ORr:-0mMR&-MO&/O2MK|:.M7M2n/&9&" +
-  "/N0o-NSn-N/0mM0W/-M1M/&/X0-}K}()1OTMT&CMS&ANSM0M4&/N0M/n5&/O/nEt:-8/mMSo=&KM2}B&IOTn-V0}M~(~-&E-%O:-n4N0n}M~" +
-  "(~-&E-N//m0mM/n&=&/O2V0-OSMT%M:.M/MSd0-M0n.xN5M2N/M0n&D&/N0M5:-8n-N08M0n0&9n&E~(~-&E-&/MTd0-n-V0}M~(~-&E-o=&" +
-  "M}Jp5-&El})*@NP8MRn&D&/MR&6OR:-88MOn1&/OOMKv:-8MKn5MKn5uHNJ/m/mMKn.{:-q------}EmNG9.8q------}EmMJ}L}8}1NGn}U" +
-  "}W~-&E-N0MJN/0mM0MGf0-M0n5&/N0M/n&D&/O/:-8/mMKn0z:-M.o-d0%UM.*9----------------*81%En-N5M.nM&/n-n])8-q------" +
-  "!ElNHM.n}E.&/N/0mMCM:M5n0&9#T.&E~(~-&E-n/&9&/U/-nE&1&/N2n-N00mM/M0&/M2M0&/X0-M1M0&/X0-}6OGf0-MG}.OGMHMGMH&)H" +
-  "NHM0n5&/O0nEt:-8M/nE&/N/M5n.&/O5MJt:-8n-NUn-V0&E~(~-&E-o<&Mo+,,,,,,-&Ho/&A}ONVq--------NWM.n}E.&/NX0mM.n!E-&" +
-  "/MUn0&9O0&/MVM0V0&E~(~-&E-o=&Mo.&A}O}8}1q------!El}5OIf0-M.n}E.&/MUnE&1&/NYn-N00mMXM0&/O/M/X0-q------&Um}7MH" +
-  "}8}1OGf0-M.n~5-&/M0&/O/MIMG}7M/X0-}5f0-M0n5&/O0nEt:-8n-N2n0N5nENRM.nM&/NOMXNZ0mMIMYM2n0&9&/X0-}7NGMZN/M5N1MO" +
-  "N00mM0MGM/X0-}7M0X0-}5f0-M/n5&/N/M0n5&/N0M1n&D&/O1:-8MZn5&/NZMOMR&/NOMRn&=&/NRM5n&D&/N5M2n.&/O2n0t:-8MXnE&/N" +
-  "XMWMI}5NWMUn.&/OUMJt:-8n-N1nEN2M.nM&/N5n-NR0mM.n~5-&/MRn0&9&/X0-NGM5N0M1N/0mM0MWM0X0-}7MGM.n~5-&/M/&/X0-}7}6" +
-  "f0-M0n5&/N0M/n5&/O/nEt:-8M5M2&/N5M2n&=&/N2M1n5&/N1MRn.&/ORn0t:-8q------!ElNH/mM.X0MM.X0e}5M.X0u}5OG}1q------" +
-  "!Em&+r:-q------!ElNH0mMGMHMH}5OH}8}1q------!Em&+:-88MGMHq------~5m}7}8}1q------=m}5NGn-N00mM.nM&/M0&/O/M/X0-" +
-  "MH}8}1MGMGq--------M0nEsHMGM0HM0nUsH}5f0-M0n5&/O0n]t:-8M.M.X0MO[M.X0eOI}7M.X0UOVMV}7}6M.X0%UO#T}7MVM.X0mOG}7" +
-  "M.X0]O]MI}7}6O^M.X0%EO_}7MVM]}7M[MG}7}6O%(M.X0%MOa}7}5}5f0=M.M%(M#T}7M_M]MG}7MVM.X0uO%(}7}6Ob}7MaM[M%(}7M]M]" +
-  "}7}6}7}5}5f05M.M^M#T}7M_MIM%(}7MGMG}7}6O%(}7MbMa}7}5}5f0-q--------NGn-N00mM.M0&/X0-}.OIMGMIMG&)HNGM0n5&/O0nE" +
-  "t:-8M]M^}7M[M%(}7MVMb}7}5}5OVq------!El&(N0q------!ElNI/mMG}1q-------o&+r:-q------!ElNI0mMGMIMI}5OI}8}1q----" +
-  "---o&+:-88q------!ElMVM0HNVn-N00mM.M0&/O/M/X0-MI}8}1f0-M0n5&/O0nEt:-8MWq------&5m}7N]MIq------]n}7MH}8NHM#T}" +
-  "/NIMa}/N[M_}/N#Tn-N/M.n}E.&/N0M.X0=N_M.X05NaM.X0-N^MJN10mM/n}U}W~-&E-&/q------}E}Uq------}EmM.n!E-&/M/&/X0-q" +
-  "------]nM_MWM0n=&/X0-}7MI}5}7M^MWM0X0-}7M#T}5}7MaMWM0n5&/X0-}7M[}5}7}5}5MV}8MH}7q------!5l}5}1}6}7M]}8}1OGMG" +
-  "q------}Em&)HMGq------}E}U&(Hf0-M0nE&/N0M/n5&/N/M1n&D&/O1:-88q------}EmNGn}U}W~-&E-N0MJN/0mMGM0X0-}6NGM0n5&/" +
-  "N0M/n&D&/O/:-88MKn-wN1n-MGn-X0}U}W~-&E-}5f0}U}W~-&E-8M6M>MF&1n0&9&/O5N0M>N//mMD:-0mM0o-d0-M0n5&/N0M/n&D&/O/:" +
-  "-88/mM1r:-n-N20m/mMD:-MBM:M2n0&9O0#T.&E~(~-&E-n/&9&/U/-O/nE&1&/n1&/U/-n.t:-M6M/M>&1n0&9&/N/M0X0}U}W~-&E-NGM5" +
-  "N0M>N10mM0MGM/X0-}7M0X0-}5f0-M/n5&/N/M0n5&/N0M1n&D&/O1:-88M2n.&/O2MJt:-88M6M?MF&1&/NRMAM@MF&1&/NOM3MFna&1&/N" +
-  "Zn-N/n-N20m/mM2Z-}1&E}U&E-n/&9U/~5!-~*&E-O1n.u:-n.MZM2n/&9&/U/-&9}MNHM1M/&/N5MRM/n0&9&/N0MOM/n/&9&/N/0mM0q--" +
-  "----]}Wq------]oM/U/-}LMH}7M0X0-q------}5m}5q------]l}7}1}5OGMGq------]o&)HMGq------]}W&(Hf0-M0n5&/N0M/n1&/N" +
-  "/M1n&D&/O1:-8M5N/8M2n.&/O2n:t:-8MF=})&E&E&E-MEn.&/OEM-t:-88/mM;r:-M9n:&1O0n.M0n.xHN:M8n]&/NUM9na&1N=n-U/!9!-" +
-  "~*&E-NDn-U/&U&Q~(&E-N>M8NYn-NJ0mMYN0M:N//mM9r:-0mM0n-c/-M0n1&/N0M/n&D&/O/:-88/mM>MJnE&1&/U/1n.t:-M6MDMJ&1n0&" +
-  "9&/NZn-N7n-U/}-&Q~(&E-NRn-NK0m/mMKZ-}1&E}U&E-n/&9U/~5!-~*&E-OXr:-MZMXn0&9&/n&=&/N0MXN4/m0mM0X0-q--------%W:." +
-  "M0n&=&/N0M4n&D&/O4:-9/88M7MKn&;&/n0v&7N7MRn.u:-MYMKn/&9&/NOMKn0&9X0}5&Q~(&E-NGn-N2n&U&R~(&E-N50m*9----------" +
-  "------NP/mM4n.u:-M5N0MZN/M4N10mMPM0*-0-M/*70-*!G.*!E.NPM0n&E1&/N0M/n5&/N/M1n&D&/O1:-88MOM2na&1&/MGMP*N-}7}Ke" +
-  "/-/mM2n.&7O0MR{:-MOM0na&1&/MGMP*N.}7}Ke/-8M5n=&/N5M2n/&/O2MRu:-88MZMXn0&9&/NZMKn.&/OKn:t:-8M7r:-MUN0MRn.u:-0" +
-  "mM0n&A&/O/W/-NcM/M0n&=&/O1W/-}Pq}?y%M!=&?}K(l}8OGM0W/-}POHMH}5q[N6A&S}-0m}8}5}Ke/-M0MGMc}Pq~2h&D&+}3}5!Kl}8O" +
-  "I}6MHq[N6A&S}-0m}8OH}6}Ke/-M1MGMI}5MH}6}Ke/-M0na&/N0MRn&D&/OR:-88MUM=&/NUMYM=&/NYMJn.&/OJM;t:-88M.n!E/&/Q&E&" +
-  "E&E&E-M88&L..2&Dn-N.n-U/!A!-~*&E-n/&9N/n-U/!=!-~*&E-M-nE&1&/N0n-U/!I!-~*&E-n-U/!M!-~*&E-O1n/&9&/N20mM2M0M.&/" +
-  "X0-}Ke/-M2M/&/N2M.n5&/O.nEt:-8n-M1n.&/c/!M!-~*&E-n-U/}Q}D}W&E-M1n/&9&/M-c/-8%S..&C/mM-M.}A&Co=&LO-o&F&E&-%N:" +
-  "-o-<8/mM-o,,D%L:-o&E&E&E5<8M-o&E&EE&Ao6&M}<n/&9O.a/&I!.~*&E-M.a/&E!.~*&E-O/&BM-o,0&H&Co6&LM/&A88_.-n&E&E}U-8" +
-  "V/---3---:---E---W---w---&L------...///0111";
+  "&E-&/n-U/!-!-~*&E-&/n-U/!5!-~*&E-&/n0&1n-U/!1!-~*&E-&/O4c/!9!-~*&E-n-M4n.&/n&C&6c/!=!-~*&E-M.M4&1n/&9M3&/=&H" +
+  "&E&E&E-/mM?n.u:-n-U/!9!-~*&E-NBn-U/})&Q~(&E-NCn-U/&U&Q~(&E-NDn-N3n-N/0m/mMDM3nE&1&/U/1n.t:-MCMBM3&1n/&9&/N=n" +
+  "-N5n-N.n-NA0mM.Z-}1&E}U&E-N4/m/m/mM.r:-n-N2M5n-M.n}1&E}U&E-&/n&D&/Z--O-M4sO:HN;M-M4tN<M/r:/M::/9.8M/:-n-N2n." +
+  "N<n-N;9.8n-N;n.N</mM4n/&9U/~5!-~*&E-:-n-N29.8M/MAn/&9&/U/-O5M5nL&:O5&8M5&0N28/mM4n/&9U/~5!-~*&E-O@n.u:-M4n7&" +
+  "1N>M4n0&9N0n-N:0mM2M;M2M;wHN4/mM<:-M=MAM@&0n/&9&/U/-O5M5nL&:O5&8M5&0n.&9O5M4M5M4xHN48/m/mM:n4M:n4uHM0&7n7&1n" +
+  "MM4&,&0O4n6M4n6vHO4&/n5&/=&Q&E&E&E-:-n-N49.8M4M>&/n1&9n}-0&/N-n-N4/m0m/mM-M4n<M4n<vH&/=&Q&E&E&E-:-M4N59/8nJN" +
+  "5M4n.&/O4nJt:-88n.M5&9M5=&P&E&E&E-}<&/O4n,,,,0M4n,,,,0vHO4n-M4&0n.=&P&E&E&E-%EHN48M=MAn/&9&/M4c/-M2M4M4nL&:O" +
+  "5&8M5&0O4M2M4wHO5M4M:HM5M<HN2MAn.&/NAM:n.&/O:M@t:-88M;M2M;M2wHN5M.n.&/O.n:t:-8M=N/8M3n.&/O3M?t:-88M18})K:F&D" +
+  "0&A/&D0&@.&D/&@.&D/&C/&D/&A/&D5&A.&BP&E&E&E&E-n!E/&0O.Q&E&E&E&E-n-N/n-n-U/~-}D}W&E-O0n0&/n&A&6O1c/!E!-~*&E-n" +
+  "-n-U/&U&Q~(&E-M0nE&1O2&/O3M0na&1O4&/n4&/n&=&6O5c/!A!-~*&E-M1n9&1M0n/&9&/M0n-U/!=!-~*&E-&1n0&9n-U/})&Q~(&E-M0" +
+  "n-U/!9!-~*&E-&1n/&9&/n<&/n&5&6O6&/n<&/n&5&6O7&/O8M4n-U/}-&Q~(&E-O9&1&/=&H&E&E&E-n-M7c/!M!-~*&E-n-M6c/!I!-~*&" +
+  "E-n-n-U/!E!-~*&E-O1n9&1M7&/O:c/}Q}D}W&E-n-n-c/)!-~*&E-/mn-U/~-}D}W&E-O;r:-n-U/&U&Q~(&E-n1&/N00m/mM0U/-n.s:-M" +
+  "/=})&E&E&E-8M0nE&/N0M;M/n.&/O/t:-88/mM-r:-M5M2&/N<M1n/&9N4M1n0&9N=n-U/!9!-~*&E-n/&9N>n-U/})&Q~(&E-N?n-U/&U&Q" +
+  "~(&E-N@n-U/!A!-~*&E-NAn-U/!=!-~*&E-OBn.uNCn-ND0mMAM<MDn/&9&/OEU/-OFnE&1&/O1X0=NGM1X05NHM1X0-NInmN00mM0n}U~(~" +
+  "-&E-&/o&E&E&E&E&E&E&E&E}U-d0-M0n5&/O0:-8/m/m/mn-U/)!-~*&E-OJ:-M6MBMF&1n0&9&/NK9.8MG}K*@NLMH}K*@NMMI}K*@NNn-N" +
+  "O*9--&E%R--&E%R--&E%R--&E%RNP0m/mM7MOn/&9&/O0*-1-MN*!:.OQMQ*!;.M0M4&/*-/-MM*!:.OQMQ*!;.*!9.M0M=&/*-0-ML*!:.O" +
+  "QMQ*!;.*!9.MP*r*}9.ORr:-0mMR&-MO&/O2MJ|:.M7M2n/&9&/N0o-NSn-N/0mM0W/-M1M/&/X0-}K}()1OTMT&CMS&ANSM0M4&/N0M/n5&" +
+  "/O/nEt:-8/mMSo=&KM2}B&IOTn-V0}M~(~-&E-%O:-n4N0n}M~(~-&E-N//m0mM/n&=&/O2V0-OSMT%M:.M/MSd0-M0n.xN5M2N/M0n&D&/N" +
+  "0M5:-8n-N08M0n0&9n&E~(~-&E-&/MTd0-n-V0}M~(~-&E-o=&M}Jp5-&El})*@NP8MRn&D&/MR&6OR:-88MOn1&/OOMJv:-8M6MBMF&1n0&" +
+  "9&/NK/mMJn.u:-q------}EmMJn5MJn5uHOU}L}8}1NGn}U}W~-&E-N0MUN/0mM0MGf0-M0n5&/N0M/n&D&/O/:-8/mMJn0z:-M.o-d0%UM." +
+  "*9----------------*81%En-N5M.nM&/n-n])8-q------!ElNHM.n}E.&/N/0mMAM:M5n0&9#T.&E~(~-&E-n/&9&/U/-nE&1&/N2n-N00" +
+  "mM/M0&/M2M0&/X0-M1M0&/X0-}6OGf0-MG}.OGMHMGMH&)HNHM0n5&/O0nEt:-8M/nE&/N/M5n.&/O5MUt:-8n-NVn-V0&E~(~-&E-o<&Mo+" +
+  ",,,,,,-&Ho/&A}ONWq--------NXM.n}E.&/NY0mM.n!E-&/MVn0&9O0&/MWM0V0&E~(~-&E-o=&Mo.&A}O}8}1q------!El}5OIf0-M.n}" +
+  "E.&/MVnE&1&/NZn-N00mMYM0&/O/M/X0-q------&Um}7MH}8}1OGf0-M.n~5-&/M0&/O/MIMG}7M/X0-}5f0-M0n5&/O0nEt:-8n-N2n0N5" +
+  "nENRM.nM&/NOMYNJ0mMIMZM2n0&9&/X0-}7NGMJN/M5N1MON00mM0MGM/X0-}7M0X0-}5f0-M/n5&/N/M0n5&/N0M1n&D&/O1:-8MJn5&/NJ" +
+  "MOMR&/NOMRn&=&/NRM5n&D&/N5M2n.&/O2n0t:-8MYnE&/NYMXMI}5NXMVn.&/OVMUt:-8n-N1nEN2M.nM&/N5n-NR0mM.n~5-&/MRn0&9&/" +
+  "X0-NGM5N0M1N/0mM0MXM0X0-}7MGM.n~5-&/M/&/X0-}7}6f0-M0n5&/N0M/n5&/O/nEt:-8M5M2&/N5M2n&=&/N2M1n5&/N1MRn.&/ORn0t" +
+  ":-8q------!ElNH/mM.X0MM.X0e}5M.X0u}5OG}1q------!Em&+r:-q------!ElNH0mMGMHMH}5OH}8}1q------!Em&+:-88MGMHq----" +
+  "--~5m}7}8}1q------=m}5NGn-N00mM.nM&/M0&/O/M/X0-MH}8}1MGMGq--------M0nEsHMGM0HM0nUsH}5f0-M0n5&/O0n]t:-8M.M.X0" +
+  "MO[M.X0eOI}7M.X0UOWMW}7}6M.X0%UO#T}7MWM.X0mOG}7M.X0]O]MI}7}6O^M.X0%EO_}7MWM]}7M[MG}7}6O%(M.X0%MOa}7}5}5f0=M." +
+  "M%(M#T}7M_M]MG}7MWM.X0uO%(}7}6Ob}7MaM[M%(}7M]M]}7}6}7}5}5f05M.M^M#T}7M_MIM%(}7MGMG}7}6O%(}7MbMa}7}5}5f0-q---" +
+  "-----NGn-N00mM.M0&/X0-}.OIMGMIMG&)HNGM0n5&/O0nEt:-8M]M^}7M[M%(}7MWMb}7}5}5OWq------!El&(N0q------!ElNI/mMG}1" +
+  "q-------o&+r:-q------!ElNI0mMGMIMI}5OI}8}1q-------o&+:-88q------!ElMWM0HNWn-N00mM.M0&/O/M/X0-MI}8}1f0-M0n5&/" +
+  "O0nEt:-8MXq------&5m}7N]MIq------]n}7MH}8NHM#T}/NIMa}/N[M_}/N#Tn-N/M.n}E.&/N0M.X0=N_M.X05NaM.X0-N^MUN10mM/n}" +
+  "U}W~-&E-&/q------}E}Uq------}EmM.n!E-&/M/&/X0-q------]nM_MXM0n=&/X0-}7MI}5}7M^MXM0X0-}7M#T}5}7MaMXM0n5&/X0-}" +
+  "7M[}5}7}5}5MW}8MH}7q------!5l}5}1}6}7M]}8}1OGMGq------}Em&)HMGq------}E}U&(Hf0-M0nE&/N0M/n5&/N/M1n&D&/O1:-88" +
+  "q------}EmNGn}U}W~-&E-N0MUN/0mMGM0X0-}6NGM0n5&/N0M/n&D&/O/:-8n-N5n-MGn-X0}U}W~-&E-}5f0}U}W~-&E-n-N00m/mM@M:M" +
+  "0n&E~(~-&E-&/#T.-n/&9&/U/-O/nE&1&/n1&/U/-n.t:-M.n}E.&/M5n1&9&/M0n}U}W~-&E-&/*70-*81-M.n!E-&/M5n/&9&/M6M/MB&1" +
+  "n0&9&/c/-M5n.&/N58M0n5&/N0MUn&D&/OU:-9088n-n-X0}U}W~-&E-q------}Em}5f0}U}W~-&E-8n-N58/mMC:-n-N20m*9---------" +
+  "-------NP/mM5n.u:-M.n!E-&/N0M.n}E.&/N/M5N10mMPM/*-1-M0U/-M2n0&9&/*---*!G.*!E.NPM/n=&/N/M0n1&/N0M1n&D&/O1:-88" +
+  "MKM2n0&9&/MP*8--M2n/&/O2MBu:-88M?M>MF&1&/NRM3MFna&1&/NOn-N/n-N20m/mM2Z-}1&E}U&E-n/&9U/~5!-~*&E-O1n.u:-n.MOM2" +
+  "n/&9&/U/-&9}MNHM1M/&/N5MKM/n0&9&/N0MRM/n/&9&/N/0mM0q------]}Wq------]oM/U/-}LMH}7M0X0-q------}5m}5q------]l}" +
+  "7}1}5OGMGq------]o&)HMGq------]}W&(Hf0-M0n5&/N0M/n1&/N/M1n&D&/O1:-8M5N/8M2n.&/O2n:t:-8MEU/-=})&E&E&E-MDn.&/O" +
+  "DM-t:-88/mM;r:-M9n:&1O0n.M0n.xHN=M8n]&/NBM9na&1NVn-U/!=!-~*&E-N@n-U/&U&Q~(&E-N:M8NKn-NU0mMKN0M=N//mM9r:-0mM0" +
+  "n-c/-M0n1&/N0M/n&D&/O/:-88/mM:MUnE&1&/U/1n.t:-M6M@MU&1n0&9&/NJn-NZn-U/}-&Q~(&E-NRn-NY0m/mMYZ-}1&E}U&E-n/&9U/" +
+  "~5!-~*&E-O7r:-MJM7n0&9&/n&=&/N0M7N4/m0mM0X0-q--------%W:.M0n&=&/N0M4n&D&/O4:-9/88MZMYn&;&/n0v&7NZMRn.u:-MKMY" +
+  "n/&9&/NOMYn0&9X0}5&Q~(&E-NGn-N2n&U&R~(&E-N50m*9----------------NP/mM4n.u:-M5N0MJN/M4N10mMPM0*-0-M/*70-*!G.*!" +
+  "E.NPM0n&E1&/N0M/n5&/N/M1n&D&/O1:-88MOM2na&1&/MGMP*N-}7}Ke/-/mM2n.&7O0MR{:-MOM0na&1&/MGMP*N.}7}Ke/-8M5n=&/N5M" +
+  "2n/&/O2MRu:-88MJM7n0&9&/NJMYn.&/OYn:t:-8MZr:-MBN0MRn.u:-0mM0n&A&/O/W/-NcM/M0n&=&/O1W/-}Pq}?y%M!=&?}K(l}8OGM0" +
+  "W/-}POHMH}5q[N6A&S}-0m}8}5}Ke/-M0MGMc}Pq~2h&D&+}3}5!Kl}8OI}6MHq[N6A&S}-0m}8OH}6}Ke/-M1MGMI}5MH}6}Ke/-M0na&/N" +
+  "0MRn&D&/OR:-88MBMV&/NBMKMV&/NKMUn.&/OUM;t:-88M.n!E/&/Q&E&E&E&E-M88&L..2&Dn-N.n-U/!E!-~*&E-n/&9N/n-U/!A!-~*&E" +
+  "-M-nE&1&/N0n-U/!M!-~*&E-n-U/)!-~*&E-O1n/&9&/N20mM2M0M.&/X0-}Ke/-M2M/&/N2M.n5&/O.nEt:-8n-M1n.&/c/)!-~*&E-n-U/" +
+  "}Q}D}W&E-M1n/&9&/M-c/-8%S..&C/mM-M.}A&Co=&LO-o&F&E&-%N:-o-<8/mM-o,,D%L:-o&E&E&E5<8M-o&E&EE&Ao6&M}<n/&9O.a/&I" +
+  "!.~*&E-M.a/&E!.~*&E-O/&BM-o,0&H&Co6&LM/&A88_.-n&E&E}U-8V/---3---:---E---W---w---&L------...///0111";

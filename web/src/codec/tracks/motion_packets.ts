@@ -90,7 +90,9 @@ export class PlainMotionPackets implements MotionPackets {
 
 /** Returns the mask of moving tracks. */
 function movingOf(headers: Int32Array): Uint8Array {
-  return Uint8Array.from({ length: headers.length / HEAD }, (_, i) => Number(headers[HEAD * i + STATE] === MOVING));
+  const moving = new Uint8Array(headers.length / HEAD);
+  for (let i = 0; i < moving.length; i++) moving[i] = Number(headers[HEAD * i + STATE] === MOVING);
+  return moving;
 }
 
 /** Functions of `native/gaussians.c`, and the address of its tables. */

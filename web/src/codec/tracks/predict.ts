@@ -97,42 +97,50 @@ function weightedMeans(
 
 /** Returns the positions relative to their lower corner, rounded to `PLACE_BITS` bits per axis. */
 export function normalisedPositions(places: Float64Array): Float64Array {
-  const low = [Infinity, Infinity, Infinity];
+  const found = places.slice();
   let extent = 0,
     unit = 1;
-  for (let n = 0; n < places.length; n++) low[n % 3] = Math.min(low[n % 3], places[n]);
-  const moved = places.map((place, n) => place - low[n % 3]);
-  for (let n = 0; n < moved.length; n++) extent = Math.max(extent, moved[n]);
+  for (let a = 0; a < 3; a++) {
+    let low = Infinity;
+    for (let n = a; n < places.length; n += 3) low = Math.min(low, places[n]);
+    for (let n = a; n < places.length; n += 3) extent = Math.max(extent, (found[n] -= low));
+  }
   while (Math.floor(extent / unit) >= 2 ** PLACE_BITS) unit *= 2;
-  return moved.map((place) => Math.floor(place / unit));
+  for (let n = 0; n < found.length; n++) found[n] = Math.floor(found[n] / unit);
+  return found;
 }
 
 /** Returns the moving tracks in coding order: by step, then along a Z-order curve with decreasing strides. */
 export function codingOrder(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
-  const some = Int32Array.from(moving.keys()).filter((i) => moving[i]),
-    n = some.length,
-    bits = n > 1 ? 32 - Math.clz32(n - 1) : 0,
-    order = new Int32Array(n);
-  const by = sortedBy(some, (i) => {
-    let code = 0;
-    for (let a = 0; a < 3; a++) code += spreadBits(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
-    return code;
-  });
+  const keys = new Float64Array(moving.length),
+    some = new Int32Array(moving.length);
+  let n = 0;
+  for (let i = 0; i < moving.length; i++) {
+    if (!moving[i]) continue;
+    for (let a = 0; a < 3; a++) keys[n] += spreadBits(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
+    some[n++] = i;
+  }
+  const by = sortedBy(keys, some, n),
+    bits = n > 1 ? 32 - Math.clz32(n - 1) : 0;
   for (let slot = 0, at = 0; slot < 1 << bits; slot++) {
     let back = 0;
     for (let bit = 0; bit < bits; bit++) back |= ((slot >> bit) & 1) << (bits - 1 - bit);
-    if (back < n) order[at++] = by[back];
+    if (back >= n) continue;
+    const i = (some[at] = by[back]);
+    keys[at++] = (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1;
   }
-  return sortedBy(order, (i) => (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1);
+  return sortedBy(keys, some, n);
 }
 
-/** Returns the tracks by ascending key, an integer below 2^30. Equal keys keep their order. */
-function sortedBy(tracks: Int32Array, key: (track: number) => number): Int32Array {
-  const unit = 2 ** 22; // larger than the number of tracks, so that sorting needs no function
-  return Int32Array.from(
-    Float64Array.from(tracks, (track, at) => key(track) * unit + at).sort(),
-    (value) => tracks[value % unit],
-  );
+/** Returns the first `n` tracks by ascending key, an integer below 2^30. Equal keys keep their order. */
+function sortedBy(keys: Float64Array, tracks: Int32Array, n: number): Int32Array {
+  const unit = 2 ** 22, // larger than the number of tracks, so that sorting needs no function
+    some = keys.subarray(0, n),
+    found = new Int32Array(n);
+  for (let i = 0; i < n; i++) some[i] = some[i] * unit + i;
+  some.sort();
+  for (let i = 0; i < n; i++) found[i] = tracks[some[i] % unit];
+  return found;
 }
 
 /** Inserts two zero bits after each of ten bits. */

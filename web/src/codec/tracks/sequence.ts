@@ -6,7 +6,7 @@ import type { Packet } from "../../packets/packet.ts";
 import { FIRST_FRAME } from "../../packets/section_names.ts";
 import { checkMemory } from "../memory.ts";
 import type { DecodedFrame, SequenceDecoder } from "../schema.ts";
-import { emptySplats, type Splats } from "../splats.ts";
+import type { Splats } from "../splats.ts";
 import { KeyframeGaussians } from "./keyframe_gaussians.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
 import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
@@ -15,7 +15,7 @@ import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { HELD, HIDDEN, MOVED, placesOf, select } from "./selection.ts";
 import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
-import { applyOffsets } from "./trajectories.ts";
+import { movedSplats } from "./trajectories.ts";
 
 /** A decoded frame. */
 export interface SequenceFrame extends DecodedFrame {
@@ -151,14 +151,13 @@ export class Clip implements SequenceDecoder {
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
       here = drawnRows(begins, ends, hidden, at),
-      splats = emptySplats(here.length, this.info.bases.degree),
-      tracks = new Int32Array(here.length);
+      from = here.map((n) => slots[n]),
+      splats = movedSplats(this.bases.splats, from, here, offsets, frames * NUM_CHANNELS, at * NUM_CHANNELS),
+      tracks = from.map((slot) => this.bases.tracks[slot]);
     let extrapolated = 0;
     for (let to = 0; to < here.length; to++) {
       const n = here[to];
-      applyOffsets(this.bases.splats, slots[n], offsets, (n * frames + at) * NUM_CHANNELS, splats, to);
       if (gains) enlarge(splats, to, gains[2 * n], gains[2 * n + 1]);
-      tracks[to] = this.bases.tracks[slots[n]];
       extrapolated += concealed[n];
     }
     return { number, splats, tracks, concealed: extrapolated };
@@ -404,15 +403,20 @@ function joinPackets(found: readonly DecodedMotion[], slotOf: Int32Array, most: 
     all = new Float32Array(size * most);
   let rows = 0;
   for (const { headers, offsets } of found) {
-    for (let i = 0; i < offsets.length / size; i++) {
+    const first = rows,
+      count = offsets.length / size;
+    all.set(offsets.subarray(0, all.length - first * size), first * size);
+    for (let i = 0; i < count; i++) {
       const slot = slotOf[headers[HEAD * i + TRACK]];
       if (seen[slot]) continue;
       seen[slot] = 1;
       slots[rows] = slot;
       begins[rows] = Math.min(Math.max(headers[HEAD * i + BEGINS], 0), frames - 1);
       ends[rows] = Math.min(Math.max(headers[HEAD * i + ENDS], begins[rows]), frames);
-      all.set(offsets.subarray(i * size, (i + 1) * size), rows++ * size);
+      if (rows < first + i) all.set(offsets.subarray(i * size, (i + 1) * size), rows * size);
+      rows++;
     }
+    all.fill(0, rows * size, (first + count) * size); // what was copied of tracks that occur twice
   }
   return {
     slots: slots.subarray(0, rows),

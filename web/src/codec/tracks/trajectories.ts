@@ -1,7 +1,7 @@
 // Conversion of motion coefficients to offsets. It is the floating-point end of the motion decoder.
 
 import { BITS, DIRECTION_BITS } from "../gaussians/layout.ts";
-import type { Splats } from "../splats.ts";
+import { emptySplats, type Splats } from "../splats.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 import type { SequenceInfo } from "./side_info.ts";
 
@@ -88,28 +88,44 @@ export function offsetsOf(
   }
 }
 
-/** Writes Gaussian `from` of `splats`, moved by the 13 offsets from index `at`, as Gaussian `to` of `out`. */
-export function applyOffsets(
+/**
+ * Returns Gaussians `from` of `splats`, each moved by the 13 offsets from index `stride * rows[n] + first` on. `rows`
+ * and `from` have one entry per Gaussian.
+ */
+export function movedSplats(
   splats: Splats,
-  from: number,
+  from: Int32Array,
+  rows: Int32Array,
   offsets: Float32Array,
-  at: number,
-  out: Splats,
-  to: number,
-): void {
-  const number = out.harmonics.length / Math.max(out.count, 1),
-    turns = offsets[at + 3] || offsets[at + 4] || offsets[at + 5],
-    grows = offsets[at + 6] || offsets[at + 7] || offsets[at + 8] || offsets[at + 9];
-  for (let a = 0; a < 3; a++) {
-    out.means[3 * to + a] = splats.means[3 * from + a] + offsets[at + a];
-    out.scales[3 * to + a] = splats.scales[3 * from + a] * (grows ? Math.exp(offsets[at + 6 + a]) : 1);
-    out.colours[3 * to + a] = splats.colours[3 * from + a] + offsets[at + 10 + a];
+  stride: number,
+  first: number,
+): Splats {
+  const found = emptySplats(rows.length, splats.degree),
+    { means, quats, scales, opacities, colours, harmonics } = found,
+    { means: places, scales: sizes, colours: shades, quats: turns } = splats,
+    width = 3 * ((splats.degree + 1) ** 2 - 1);
+  for (let to = 0; to < rows.length; to++) {
+    const i = 3 * from[to],
+      n = 3 * to,
+      at = stride * rows[to] + first;
+    means[n] = places[i] + offsets[at];
+    means[n + 1] = places[i + 1] + offsets[at + 1];
+    means[n + 2] = places[i + 2] + offsets[at + 2];
+    scales[n] = sizes[i] * exponential(offsets[at + 6]);
+    scales[n + 1] = sizes[i + 1] * exponential(offsets[at + 7]);
+    scales[n + 2] = sizes[i + 2] * exponential(offsets[at + 8]);
+    opacities[to] = Math.min(splats.opacities[from[to]] * exponential(offsets[at + 9]), MAX_OPACITY);
+    colours[n] = shades[i] + offsets[at + 10];
+    colours[n + 1] = shades[i + 1] + offsets[at + 11];
+    colours[n + 2] = shades[i + 2] + offsets[at + 12];
+    for (let k = 0; k < width; k++) harmonics[width * to + k] = splats.harmonics[width * from[to] + k];
+    turn(turns, 4 * from[to], offsets, at + 3, quats, 4 * to);
   }
-  out.opacities[to] = Math.min(splats.opacities[from] * (grows ? Math.exp(offsets[at + 9]) : 1), MAX_OPACITY);
-  for (let n = 0; n < number; n++) out.harmonics[number * to + n] = splats.harmonics[number * from + n];
-  if (turns) turn(splats.quats, 4 * from, offsets, at + 3, out.quats, 4 * to);
-  else for (let a = 0; a < 4; a++) out.quats[4 * to + a] = splats.quats[4 * from + a];
+  return found;
 }
+
+/** Returns e to the power of `value`, which is often 0. */
+const exponential = (value: number): number => (value ? Math.exp(value) : 1);
 
 function turn(quats: Float32Array, q: number, offsets: Float32Array, r: number, out: Float32Array, to: number): void {
   const x = offsets[r] / 4,
