@@ -7,6 +7,7 @@ import pytest
 
 from moving_sequences import moving_frames
 from reference.motion_packets import ReferenceMotion, coefficients
+from reference.neighbours import plain_interpolation, plain_smooth_weights
 from reference.trajectories import offsets_at
 from reference.trajectories import targets_of as plain_targets
 from splatwire.bitstream import Packet, SceneStream
@@ -171,6 +172,25 @@ def test_smoothing_weights_preserve_linear_motion_and_reduce_curvature():
     assert np.allclose((weights * (offsets @ slope)).sum(axis=1), 0, atol=0.05)
     bent = np.einsum("nka,ab,nkb->nk", offsets, bend, offsets)
     assert np.linalg.norm((weights * bent).sum(axis=1)) < 0.2 * np.linalg.norm(bent.mean(axis=1))
+
+
+def test_smoothing_weights_equal_those_of_the_normal_equations():
+    rng = np.random.default_rng(2)
+    offsets = rng.normal(size=(200, 40, 3)) * rng.uniform(0.01, 10, (200, 1, 1)) + rng.normal(size=(200, 1, 3))
+    offsets[100:] -= 40 * rng.normal(size=(100, 1, 3))  # extrapolation, which falls back to inverse distances
+    expected = plain_smooth_weights(offsets)
+    assert np.allclose(smooth_weights(offsets), expected, atol=1e-5)
+    assert 0 < (expected > 0).all(axis=1).sum() < 200  # both kinds
+
+
+@pytest.mark.parametrize("zero", [slice(0), slice(6, 10), slice(10, 13), slice(6, 13)])
+def test_interpolation_equals_weighted_sums(zero):
+    rng = np.random.default_rng(3)
+    places, colours = rng.uniform(size=(400, 3)).astype(np.float32), rng.normal(size=(400, 3)).astype(np.float32)
+    observed, values = np.arange(300), rng.normal(size=(300, NUM_CHANNELS)).astype(np.float32)
+    values[:, zero] = 0
+    neighbors = Neighbors.of(places, colours, observed, observed, np.arange(300, 400), 40, smooth=True)
+    assert np.allclose(neighbors.interpolate(values), plain_interpolation(neighbors, values), atol=1e-5)
 
 
 def test_colour_changes_are_predicted_from_similar_colours():

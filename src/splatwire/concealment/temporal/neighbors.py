@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.concealment.temporal import _neighbor_kernels as kernels
 
 PLACE, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
 OPACITY = 9
@@ -77,7 +77,7 @@ class Neighbors:
             _, found = tree.query(places[lost[some]], k=count, workers=-1)
             index[some] = found.reshape(-1, count)
             offsets = (places[mine][index[some]] - places[lost[some]][:, None]).astype(np.float64)
-            closeness[some] = _closeness((offsets**2).sum(axis=2))[0]
+            closeness[some] = _closeness((offsets**2).sum(axis=2))
             weights[some] = smooth_weights(offsets) if smooth else closeness[some]
             contrasts[some], contrast[some] = _contrasts(
                 colours[mine][index[some]], colours[lost[some]], closeness[some]
@@ -87,24 +87,12 @@ class Neighbors:
     def interpolate(self, values: np.ndarray) -> np.ndarray:
         """Interpolates values of the lost tracks, float32 (n, C), from values of the neighbours, float32 (m, C)."""
         interpolated = np.zeros((len(self.index), NUM_CHANNELS), np.float32)
-        interpolated[:, : COLOUR.start] = self._summed(self.weights, values[:, : COLOUR.start])
-        if (shapes := values[:, SHAPE]).any():
-            low = high = shapes[self.index[:, 0]]
-            for column in self.index[:, 1:].T:
-                value = shapes[column]
-                low, high = np.minimum(low, value), np.maximum(high, value)
-            interpolated[:, SHAPE] = interpolated[:, SHAPE].clip(low, high)  # within the range of the neighbours
-        if (colours := values[:, COLOUR]).any():
-            interpolated[:, COLOUR] = self._summed(self.closeness, colours)
-            share = sum(self._summed(self.contrasts[:, :, a], colours[:, a]) for a in range(3))
-            interpolated[:, COLOUR] += np.clip(share, -1, 1)[:, None] * self.contrast
+        if self.index.size:
+            kernels.interpolate(
+                self.index, self.weights, self.closeness, self.contrasts, self.contrast, np.ascontiguousarray(values),
+                bool(values[:, SHAPE].any()), bool(values[:, COLOUR].any()), np.empty(3, np.float32), interpolated,
+            )  # fmt: skip
         return interpolated
-
-    def _summed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Returns weighted sums (n, ...) of the neighbours' values (m, ...), with weights (n, k)."""
-        rows = np.arange(len(self.index) + 1) * self.index.shape[1]
-        table = csr_array((weights.ravel(), self.index.ravel(), rows), shape=(len(self.index), len(values)))
-        return np.asarray(table @ values)
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -129,11 +117,11 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
     return proximity[:, :, None] * apart / (square + COLOUR_RIDGE)[:, None, None], own - mean
 
 
-def _closeness(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns inverse squared distance weights (Shepard, 1968), (n, k), and mean squared distances, (n, 1)."""
-    scale = square.mean(axis=1, keepdims=True) + 1e-30
-    proximity = 1 / (square / scale + NEAREST)
-    return proximity / proximity.sum(axis=1, keepdims=True), scale
+def _closeness(square: np.ndarray) -> np.ndarray:
+    """Returns inverse squared distance weights (Shepard, 1968), (n, k)."""
+    proximity = 1 / (square / (square.mean(axis=1, keepdims=True) + 1e-30) + NEAREST)
+    weights: np.ndarray = proximity / proximity.sum(axis=1, keepdims=True)
+    return weights
 
 
 def smooth_weights(offsets: np.ndarray) -> np.ndarray:
@@ -149,14 +137,7 @@ def smooth_weights(offsets: np.ndarray) -> np.ndarray:
     Returns:
         Weights, float32 (n, k); the k weights of each query point add up to 1.
     """
-    offsets = offsets.astype(np.float64)
-    proximity, scale = _closeness((offsets**2).sum(axis=2))
-    x, y, z = np.moveaxis(offsets / np.sqrt(scale)[:, :, None], 2, 0)
-    terms = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=2)
-    moments = np.einsum("nk,nka,nkb->nab", proximity, terms, terms) + np.diag(RIDGES)
-    here = np.linalg.solve(moments, np.eye(10)[None, :, :1])[:, :, 0]
-    weights = proximity * np.einsum("nka,na->nk", terms, here)
-    weights /= weights.sum(axis=1, keepdims=True)
-    wild = np.abs(weights).sum(axis=1) > WILD
-    weights[wild] = proximity[wild]
-    return weights.astype(np.float32)
+    found, count = np.empty(offsets.shape[:2], np.float32), offsets.shape[1]
+    room = np.empty(count), np.empty((count, len(RIDGES))), np.empty((len(RIDGES),) * 2), np.empty(len(RIDGES))
+    kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *room, found)
+    return found

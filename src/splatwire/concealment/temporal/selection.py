@@ -6,6 +6,7 @@ If hiding those gave smaller errors, the lost track is hidden.
 """
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -120,13 +121,29 @@ def _errors(
             tracks = arrived.tracks[tested]
             begins, ends = lifetimes(sequence, group, tracks)
             true = splats.means[tracks] + offsets[tested, PLACE], exists[tested]
-            errors[:, -1] += true[1] * field.error(true[0], tested, true, (true[0], np.zeros(len(tested), bool)))
+            at_true = field.around(true[0], tested)
+            hidden = true[0], np.zeros(len(tested), bool)
+            errors[:, -1] += true[1] * field.error(at_true, tested, true, hidden)
             for number, estimate in enumerate(ways):
                 place = splats.means[tracks] + estimate(frame, offsets[rest])[:, PLACE]
                 shown = place, (begins <= frame) & (frame < ends)
-                for points, counts in (true, shown):
-                    errors[:, number] += counts * field.error(points, tested, true, shown)
+                for around, counts in ((at_true, true[1]), (field.around(place, tested), shown[1])):
+                    errors[:, number] += counts * field.error(around, tested, true, shown)
     return found
+
+
+class _Around(NamedTuple):
+    """Colour and opacity at t points.
+
+    Attributes:
+        points: Positions, (t, 3).
+        density: Sum of the Gaussians' opacities, each times its density there, (t).
+        colour: Sum of their colours and of `OPACITY_ERROR`, with the same weights, (t, 4).
+    """
+
+    points: np.ndarray
+    density: np.ndarray
+    colour: np.ndarray
 
 
 class _Field:
@@ -147,17 +164,12 @@ class _Field:
         self._rows = np.flatnonzero(exists)
         self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
 
-    def error(self, points: np.ndarray, tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Compares the pictures with the true and the estimated state of each tested track, at one point per track.
+    def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
+        """Computes colour and opacity that the Gaussians except the tested ones produce.
 
         Args:
             points: Position at which each tested track is compared, (t, 3).
             tested: Tested tracks, as indices into the received tracks, int64 (t).
-            states: True state, estimated state. Each consists of the position of each tested track, (t, 3), and a mask
-                of the tracks that exist, bool (t).
-
-        Returns:
-            Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
         """
         there = np.ones(len(self._square), bool)
         there[tested] = False
@@ -165,7 +177,21 @@ class _Field:
         near = self._rows[near.reshape(len(points), -1)]
         weights = there[near] * self._opacities[near]
         weights *= np.exp(-(distance.reshape(near.shape) ** 2) / (2 * self._square[near]))
-        density, colour = weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near])
+        return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
+
+    def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """Compares the pictures with the true and the estimated state of each tested track, at one point per track.
+
+        Args:
+            around: The points, and what other Gaussians produce there.
+            tested: Tested tracks, as indices into the received tracks, int64 (t).
+            states: True state, estimated state. Each consists of the position of each tested track, (t, 3), and a mask
+                of the tracks that exist, bool (t).
+
+        Returns:
+            Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
+        """
+        points, density, colour = around
         square, opacities, shown = self._square[tested], self._opacities[tested], []
         for place, exists in states:
             own = exists * opacities * np.exp(-((points - place) ** 2).sum(axis=1) / (2 * square))

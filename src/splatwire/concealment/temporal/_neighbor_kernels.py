@@ -1,0 +1,138 @@
+"""Numba kernels for weights and weighted sums of neighbours; `tests/reference/neighbours.py` is the reference."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.ops.compiled import njit
+
+_TERMS = 10
+"""Number of terms of a quadratic function of three coordinates."""
+_FIRST_SHAPE, _FIRST_COLOUR, _CHANNELS = 6, 10, 13
+_SMALLEST = 1e-30
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _solve_first(lower, solution):
+    """Solves a symmetric positive definite system for the first unit vector, by Cholesky decomposition.
+
+    Args:
+        lower: The matrix, float64 (10, 10); the lower triangle is overwritten.
+        solution: Output: float64 (10).
+    """
+    for a in range(_TERMS):
+        for b in range(a + 1):
+            total = lower[a, b]
+            for k in range(b):
+                total -= lower[a, k] * lower[b, k]
+            lower[a, b] = np.sqrt(total) if a == b else total / lower[b, b]
+    for a in range(_TERMS):
+        total = 1.0 if a == 0 else 0.0
+        for k in range(a):
+            total -= lower[a, k] * solution[k]
+        solution[a] = total / lower[a, a]
+    for a in range(_TERMS - 1, -1, -1):
+        total = solution[a]
+        for k in range(a + 1, _TERMS):
+            total -= lower[k, a] * solution[k]
+        solution[a] = total / lower[a, a]
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solution, found):
+    """Computes interpolation weights that evaluate a quadratic least-squares fit at the query point.
+
+    Args:
+        offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).
+        ridges: Ridge regularisation of each term, float64 (10).
+        nearest: Added to squared distances, relative to their mean.
+        wild: Maximum sum of absolute weights; above it the inverse-distance weights are used.
+        proximity: Room for inverse-distance weights, float64 (k).
+        terms: Room for the terms of each neighbour, float64 (k, 10).
+        lower: Room for the moments, float64 (10, 10).
+        solution: Room for the solution, float64 (10).
+        found: Output: the weights, float32 (n, k).
+    """
+    count = offsets.shape[1]
+    for n in range(len(offsets)):
+        mean, total = 0.0, 0.0
+        for m in range(count):
+            x, y, z = offsets[n, m, 0], offsets[n, m, 1], offsets[n, m, 2]
+            proximity[m] = x * x + y * y + z * z
+            mean += proximity[m]
+        mean = mean / count + _SMALLEST
+        unit = 1.0 / np.sqrt(mean)
+        for m in range(count):
+            proximity[m] = 1.0 / (proximity[m] / mean + nearest)
+            total += proximity[m]
+        lower[:] = 0.0
+        for m in range(count):
+            proximity[m] /= total
+            x, y, z = offsets[n, m, 0] * unit, offsets[n, m, 1] * unit, offsets[n, m, 2] * unit
+            row = terms[m]
+            row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, x, y, z, x * x, y * y
+            row[6], row[7], row[8], row[9] = z * z, x * y, x * z, y * z
+            for a in range(_TERMS):
+                part = proximity[m] * row[a]
+                for b in range(a + 1):
+                    lower[a, b] += part * row[b]
+        for a in range(_TERMS):
+            lower[a, a] += ridges[a]
+        _solve_first(lower, solution)
+        total, size = 0.0, 0.0
+        for m in range(count):
+            weight = 0.0
+            for a in range(_TERMS):
+                weight += terms[m, a] * solution[a]
+            terms[m, 0] = proximity[m] * weight
+            total += terms[m, 0]
+        for m in range(count):
+            terms[m, 0] /= total
+            size += abs(terms[m, 0])
+        for m in range(count):
+            found[n, m] = proximity[m] if size > wild else terms[m, 0]
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, shares, found):
+    """Interpolates values of n tracks from values of their k neighbours.
+
+    Args:
+        index: Neighbours of each track, as rows of `values`, int32 (n, k).
+        weights: See `Neighbors`, float32 (n, k).
+        closeness: See `Neighbors`, float32 (n, k).
+        contrasts: See `Neighbors`, float32 (n, k, 3).
+        contrast: See `Neighbors`, float32 (n, 3).
+        values: float32 (m, 13).
+        has_shapes: True if a scale or opacity is not 0.
+        has_colours: True if a colour is not 0.
+        shares: Room for the slope of each colour channel, float32 (3).
+        found: Output: float32 (n, 13), initially 0.
+    """
+    last = _CHANNELS if has_colours else _FIRST_COLOUR if has_shapes else _FIRST_SHAPE
+    for n in range(len(index)):
+        own = found[n]
+        for m in range(index.shape[1]):
+            row, weight = values[index[n, m]], weights[n, m]
+            for c in range(min(last, _FIRST_COLOUR)):
+                own[c] += weight * row[c]
+            for c in range(_FIRST_COLOUR, last):
+                own[c] += closeness[n, m] * row[c]
+        if has_shapes:
+            for c in range(_FIRST_SHAPE, _FIRST_COLOUR):
+                low = high = values[index[n, 0], c]
+                for m in range(1, index.shape[1]):
+                    value = values[index[n, m], c]
+                    low, high = min(low, value), max(high, value)
+                own[c] = min(max(own[c], low), high)
+        if has_colours:
+            shares[:] = 0.0
+            for m in range(index.shape[1]):
+                for a in range(3):
+                    shares[a] += contrasts[n, m, a] * values[index[n, m], _FIRST_COLOUR + a]
+            share = min(max(shares[0] + shares[1] + shares[2], np.float32(-1.0)), np.float32(1.0))
+            for a in range(3):
+                own[_FIRST_COLOUR + a] += share * contrast[n, a]
