@@ -4,9 +4,9 @@
 
 Each file is encoded with `splatwire encode`. Every run is a process of its own, and the kinds of runs alternate.
 Figures are medians, in microseconds a Gaussian. `node` includes the start of node and the check of the digest;
-`node_plain` does without WebAssembly. `python` is one thread, after kernels are loaded; `spz` and `sog` are the
-readers of `splatwire.io.formats` for the same scene in these formats. With `--old`, the same runs of another
-checkout of the project, which needs `web/node_modules`, alternate with these.
+`node_call` is the same without the start, and `node_plain` does without WebAssembly. `python` is one thread, after
+kernels are loaded; `spz` and `sog` are the readers of `splatwire.io.formats` for the same scene in these formats. With
+`--old`, the same runs of another checkout of the project, which needs `web/node_modules`, alternate with these.
 """
 
 import argparse
@@ -25,9 +25,10 @@ HERE = Path(__file__).parents[1]
 NODE = """
 import { readFileSync } from "node:fs";
 const { decode } = await import(process.argv[2]);
-const { gaussians, verified } = await decode(new Uint8Array(readFileSync(process.argv[3])));
+const file = new Uint8Array(readFileSync(process.argv[3])), begin = process.argv[4] && process.cpuUsage();
+const { gaussians, verified } = await decode(file);
 if (!verified) throw new Error("the digest differs");
-const { user, system } = process.cpuUsage();
+const { user, system } = process.cpuUsage(begin);
 console.log((user + system) / gaussians.count);
 """
 PYTHON = """
@@ -82,6 +83,7 @@ def measure(path: Path, checkouts: dict[str, Path], runs: int, folder: Path) -> 
     for name, checkout in checkouts.items():
         module = bundled(checkout, Path(tempfile.mkdtemp(dir=folder)))
         commands[f"{name}node"] = ["node", script, module, files["swz"]], checkout
+        commands[f"{name}node_call"] = ["node", script, module, files["swz"], "call"], checkout
         if not name:
             commands["node_plain"] = ["node", "--no-expose-wasm", script, module, files["swz"]], checkout
         commands[f"{name}python"] = [sys.executable, "-c", PYTHON, files["swz"]], checkout
