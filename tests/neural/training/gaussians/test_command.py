@@ -41,6 +41,7 @@ def test_file_and_stream_hold_the_same_gaussians(
     assert json.loads(capsys.readouterr().out)["stream_bytes"] == swz.stat().st_size
     scene, decoded = open_scene(ply), open_scene(swz)
     assert isinstance(scene, SplatScene)
+    assert isinstance(decoded, SplatScene)
     assert scene.num_gaussians == result["num_gaussians"]
     again = decode_stream(encode_scene(scene)).scene
     for name, value in vars(decoded.splats).items():
