@@ -190,8 +190,7 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
 def _output(table, row, num_hidden, hidden):
     """Evaluates the output layers of covariance and colour for one Gaussian.
 
-    The first half of the SIMD lanes is for the shape, the second half for the colour. Four independent sums hide the
-    latency of additions.
+    The first half of the SIMD lanes is for the shape, the second half for the colour.
 
     Args:
         table: Biases and weights of both layers for all offsets.

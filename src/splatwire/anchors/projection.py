@@ -109,7 +109,7 @@ def project(
 def _radii(covs2d: Float[np.ndarray, "N 3"], near: Bool[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
     """Returns radii of three standard deviations along the longest axis in whole pixels; 0 for too near Gaussians.
 
-    The value 0.1 is the lower limit of 3DGS for the radicand of the eigenvalue formula.
+    As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
     """
     xx, xy, yy = covs2d.T
     middle = (xx + yy) / 2

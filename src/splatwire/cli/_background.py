@@ -8,7 +8,9 @@ from typing import Any
 
 
 def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
-    """Runs a function in a daemon thread: unlike the threads of an executor it does not delay the end of the process.
+    """Runs a function in a daemon thread, which does not delay the end of the process.
+
+    The threads of an executor would delay it.
 
     Args:
         work: Function without arguments.
@@ -38,7 +40,7 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
 
 
 async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits until a task is finished; after a stop request, for a limited time only.
+    """Waits for a task to finish; once `stop` is set, at most `grace_s` longer.
 
     Args:
         work: The task.

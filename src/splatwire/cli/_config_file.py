@@ -57,8 +57,8 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
 def without_flags(options: Any) -> Any:
     """Returns a copy of options in which all flags (boolean options) are off.
 
-    The parser of the command line derives the name of a flag from its default: `--NAME` if it is off, `--no-NAME` if it
-    is on. The values of a configuration file are such defaults, so its flags are removed here before parsing.
+    The values of a configuration file are the defaults when the command line is parsed. A flag with the default True
+    would be named `--no-NAME` by the parser, instead of `--NAME`. Flags are therefore removed before parsing, and
     `with_flags` adds them again.
 
     Args:
@@ -81,7 +81,7 @@ def with_flags(options: Any, configured: Any) -> Any:
         configured: Options as set by the configuration file, of which only flags are read.
 
     Returns:
-        The options, in which a flag is on if it is on in one of the two.
+        The options, in which a flag is on if it is on in `options` or in `configured`.
     """
     on = {field.name: True for field in dataclasses.fields(options) if getattr(configured, field.name) is True}
     nested = {

@@ -33,7 +33,9 @@ def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
 
 
 def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
-    """Parses tierN=REPAIR options in any order: share of parity per importance tier, 0 for tiers that are not named.
+    """Parses options such as `tier0=0.5`, in any order: share of repair symbols for each importance tier.
+
+    Tiers that are not named get 0.
 
     Raises:
         InvalidValueError: If the text has another form, or a tier is named twice.

@@ -257,7 +257,10 @@ def _convert_inputs(command: Convert, form: str) -> None:
 
 
 def _output_name(source: str, form: str) -> str:
-    """Returns the name of an output: that of its input with the suffix of the output format, or none for frames."""
+    """Returns the name of an output in a folder: that of its input, with the suffix of the output format.
+
+    Outputs that are folders, such as frames, have no suffix.
+    """
     path = Path(source).resolve()
     of_sequences = (suffix for known in SEQUENCE_FORMATS for suffix in known.suffixes)
     suffixes = sorted(

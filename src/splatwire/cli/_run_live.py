@@ -119,7 +119,10 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits until the encoder has ended or `STOP_S` has passed, and returns False; returns True once it compiles."""
+    """Returns True if the encoder compiles a kernel before it ends, because it cannot be interrupted then.
+
+    Waits for the end of the encoder for at most about `STOP_S`; returns False if it ends or the time is over.
+    """
     end = time.monotonic() + STOP_S - COMPILING_S
     while not encoding.done():
         if is_compiling():

@@ -161,7 +161,7 @@ def _transfer(
 
 
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
-    """Writes a finished period of an endless live clip to a numbered file.
+    """Writes a finished period of an endless live clip to a file whose name has the number of the period.
 
     The last period is written to the regular output.
     """

@@ -27,7 +27,8 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
     """Returns the scenes that can be updated, by name.
 
     Args:
-        streams: Stream of the file, and the same scene in packets that fit datagrams, by name.
+        streams: Two streams of each scene, by name of the scene: as in its file, and with packets that fit into
+            datagrams.
 
     Raises:
         InvalidValueError: If no scene can be updated.
@@ -46,10 +47,10 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 
 
 class UpdateFolder:
-    """Served scenes, which change when updates of them appear in a folder. Not for use by several threads at once.
+    """Served scenes that change when update files appear in a folder.
 
-    An update is applied when the scene is in the state that the update changes. Until then it waits, so that the names
-    of the files do not matter.
+    An update applies to one version of a scene. Its file waits until the scene has reached this version, so the order
+    of the files does not matter. An object of this class must not be used by several threads at once.
 
     Args:
         folder: Folder with the updates: `.swz` files, each written by `encode --update`. It may be missing at first.
@@ -57,7 +58,8 @@ class UpdateFolder:
         prepare: Prepares a stream for sending.
 
     Attributes:
-        updates: Prepared updates by the name under which receivers request them; None for the next one.
+        updates: Prepared updates by the name under which receivers request them. The value is None for the next update,
+            which does not exist yet.
     """
 
     def __init__(

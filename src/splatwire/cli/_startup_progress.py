@@ -26,7 +26,7 @@ class StartupProgress(logging.Handler):
         print(f"splatwire {verb}: loading", file=sys.stderr, flush=True)
 
     def start(self) -> None:
-        """Starts the timer after which the loading message is printed, if standard error is a terminal."""
+        """If standard error is a terminal, starts the timer after which a message about loading is printed."""
         if sys.stderr.isatty():
             self._loading.start()
 

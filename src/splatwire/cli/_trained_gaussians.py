@@ -103,7 +103,7 @@ def run_gaussians(command: Train, device: str, place: str) -> None:
 
 
 def _initial_training(command: Train, place: str) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:
-    """Prepares a new training: returns the initial state, the configuration, and the training and test datasets."""
+    """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None."""
     config = _config(command)
     start = None if command.init is None else open_scene(command.init)
     train, test = training_data(command, config.test_views, config.background)

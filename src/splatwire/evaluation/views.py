@@ -100,7 +100,9 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def held_out_cameras(scene: Scene) -> Cameras:
-    """Places test cameras around a scene, near and far, that differ from the cameras with which encoders measure.
+    """Places test cameras around a scene, near and far.
+
+    Encoders measure with other cameras, so that pictures from the test cameras show quality that was not optimised for.
 
     Args:
         scene: The scene.

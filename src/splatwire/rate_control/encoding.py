@@ -77,8 +77,8 @@ class EncodedScene:
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
         held_out: Pictures of the source, without Gaussians that draw nothing, for measuring the PSNR. Their views were
-            not used to rank Gaussians, to choose their precision classes, or to fine-tune them. For a target PSNR, they
-            corrected the number of Gaussians and the level. With the effort `best`, they decided between the streams
+            not used to rank Gaussians, to choose their precision classes, or to fine-tune them. They were used in two
+            cases: to correct the search for a target PSNR, and, with the effort `best`, to choose between the streams
             with and without fine-tuning.
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
@@ -165,13 +165,14 @@ def _prune_and_tune(
 ) -> "_Plan":
     """Prunes and fine-tunes a scene, with different shares of Gaussians, until its stream reaches a target.
 
-    Fine-tuned Gaussians are adapted to their quantisation steps. Coarser steps take fewer bytes, but finer steps do not
-    improve them. With the steps of the fine-tuning, the stream should therefore have the size or PSNR of the target, or
-    a little more.
+    Fine-tuning adapts Gaussians to certain quantisation steps. Coarser steps can still be used afterwards to save
+    bytes, but finer steps bring no gain. The share is therefore chosen so that the stream with these steps has the size
+    or PSNR of the target, or a little more.
 
     Args:
         plan: The scene before pruning.
-        start: The pruned scene that the first fine-tuning begins with. All use its quality setting.
+        start: A pruned stream. The first fine-tuning keeps the same share of Gaussians; every fine-tuning uses its
+            quality setting.
         target: Size, PSNR or quality setting. With a quality setting, the scene is fine-tuned once.
         encode: Function that encodes a scene.
         pictures: Pictures of the complete scene.
@@ -202,12 +203,10 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates how much the PSNR in the held-out views rises when that in the search views rises by one decibel.
-
-    The estimate is limited to 0.5 to 2.
+    """Estimates by how many decibels the PSNR in the held-out views rises per decibel in the search views, 0.5 to 2.
 
     Args:
-        pairs: PSNR in the views of the search and in the held-out views of each stream found, decibels.
+        pairs: PSNR in the search views and in the held-out views of each stream found so far, decibels.
     """
     if len(pairs) < 2:
         return 1.0
@@ -265,14 +264,14 @@ class _Plan:
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
     def pruned(self, share: float, tuned: Sequence["_Plan"]) -> SplatScene:
-        """Removes Gaussians before fine-tuning.
+        """Removes Gaussians before fine-tuning; starts from the result of an earlier fine-tuning if possible.
 
-        If a larger share was fine-tuned before, its least important Gaussians are removed. Their effect is measured
-        again, because fine-tuning has changed it.
+        If more Gaussians than needed were fine-tuned before, their effect is measured again, because fine-tuning has
+        changed it, and the least important ones are removed. Otherwise, Gaussians of `source` are removed.
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
-            tuned: Plans of fine-tuned Gaussians.
+            tuned: Plans of the Gaussians of earlier fine-tunings.
         """
         assert self.curve is not None
         kept = self.curve.kept(share)
@@ -349,8 +348,8 @@ class _Trials:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
-        tuned_level: Level for which the Gaussians were fine-tuned: the first and finest of the search, because finer
-            levels do not improve them. None without fine-tuning.
+        tuned_level: Level for which the Gaussians were fine-tuned; None without fine-tuning. The search starts at this
+            level and tries no finer ones, because these do not improve fine-tuned Gaussians.
     """
 
     def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:
@@ -403,8 +402,8 @@ class _Trials:
     def of_psnr(self, psnr: float) -> EncodedScene:
         """Searches for a quantisation level; returns the stream with a PSNR in the held-out views closest to `psnr`.
 
-        The search compares pictures in a separate set of views (`ViewSets.search`). The held-out views only correct the
-        PSNR that the search aims at.
+        The search measures the PSNR in other views (`ViewSets.search`). If the PSNR in the held-out views of its result
+        differs from `psnr`, the search is repeated with a corrected target.
 
         Raises:
             InvalidValueError: If all views of the search equal those of the source at every level.
@@ -439,8 +438,8 @@ class _Trials:
     ) -> bool:
         """Searches for a quantisation level at which the measured value of the stream is permitted.
 
-        The value may jump over the permitted values from one level to the next. The finer of these two levels is then
-        used with fewer Gaussians: the search continues over the share of kept Gaussians.
+        The value can jump over the permitted values between two neighbouring levels. The search then uses the finer of
+        these levels, and reduces the share of Gaussians that are kept.
 
         Args:
             measure: Function that returns the value of an encoded scene, such as its PSNR.
@@ -449,7 +448,7 @@ class _Trials:
             slope: Expected increase of the value per level.
 
         Returns:
-            True if shares were searched.
+            True if the share of Gaussians was searched, too.
         """
         first = len(self._found)
         found = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)

@@ -23,8 +23,8 @@ def search_share(tune: Callable[[float], float], aim: Interval, start: float, sl
         slope: Expected increase of the value per unit of the logarithm of the share, above 0.
 
     Returns:
-        Index of the best call of `tune`: of the calls that reach the smallest permitted value, that with the smallest
-        share. If none does, that with the largest value.
+        Index of the best call of `tune`, counted from 0. Of the calls with at least the smallest permitted value, it is
+        the one with the smallest share. If there are none, it is the call with the largest value.
     """
     logs, values, at = [], [], math.log(start)
     while True:

@@ -110,8 +110,7 @@ def prefetch_splat(splats, ids, k):
 def splat_numbers(splats, g, left, top):
     """Returns the values of a projected Gaussian that blending needs, with its centre relative to the tile's corner.
 
-    Values are read directly, without an array view of the row: its reference counting would take a seventh of the
-    drawing time.
+    Single values are read, because an array view of the row would be slower (reference counting).
     """
     at = np.int64(g) * SPLAT
     x, y = pick(splats, at) - np.float32(left), pick(splats, at + 1) - np.float32(top)

@@ -54,10 +54,11 @@ def _clamped(value, focal, center, size, margin):
 @njit(borrows=True, error_model="numpy", fastmath={"nsz", "arcp", "contract"})
 @no_type_check
 def _project_chunk(work, pose, intrinsics, width, height, constants):
-    """Projects `CHUNK` Gaussians to the image, without branches, so that the compiler can vectorise the loop.
+    """Projects `CHUNK` Gaussians to the image, in a loop without branches, which the compiler vectorises.
 
-    Parameters are read from the buffer `work` and results are written to it, `CHUNK` numbers for each quantity. Inputs
-    begin at 0 (centres), `QUAT`, `SCALE` and `LEVEL`; results at `OUT`, `BOX` (tiles) and `DRAWN`.
+    The buffer `work` has `CHUNK` numbers for each quantity. It contains the inputs: centres from index 0, then
+    quaternions, scales and opacities from `QUAT`, `SCALE` and `LEVEL`. Results are written to it: projected Gaussians
+    from `OUT`, tile ranges from `BOX`, and flags for drawn Gaussians from `DRAWN`.
     """
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants
@@ -100,8 +101,8 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
 def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
     """Projects Gaussians to the image, and finds the tiles that each of them overlaps.
 
-    The range of tiles covers the square of three standard deviations, as in 3DGS, without tiles that the ellipse of
-    alpha >= 1/255 cannot reach (which changes no pixel).
+    The range of tiles covers the square of three standard deviations, as in 3DGS. Tiles outside the ellipse of alpha >=
+    1/255 are left out, because the Gaussian is not drawn there.
 
     Args:
         means: Centres, world coordinates.

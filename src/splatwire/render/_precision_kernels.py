@@ -1,4 +1,7 @@
-"""Compiled sums, over pictures, of the squared gradients with respect to each attribute of each Gaussian."""
+"""Compiled kernel that measures how strongly pictures depend on each attribute of each Gaussian.
+
+The measure is a sum of squared gradients over pictures.
+"""
 
 from typing import no_type_check
 

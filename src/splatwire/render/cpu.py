@@ -109,8 +109,8 @@ class Picture:
         arrays: Means, quats, scales, opacities, colors.
         cameras: The cameras.
         view: Index of the camera.
-        kept: True if gradients may be requested after drawing. Gradients depend on the division into bands by rounding
-            errors, so the division is then the same for any number of threads.
+        kept: True if gradients may be requested after drawing. The number of bands is then the same for any number of
+            threads, because gradients of different divisions differ by rounding errors.
     """
 
     def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:

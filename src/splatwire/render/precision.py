@@ -186,8 +186,9 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
     """Computes the precision class of each Gaussian from measured sensitivities.
 
-    The sensitivity to an attribute depends on area, shape and opacity of the Gaussian. This known dependency is
-    subtracted. The rest, in octaves, is averaged over the attributes and rounded to an integer.
+    The sensitivity to an attribute also depends on area, shape and opacity of the Gaussian, in a known way. The
+    logarithm of this part is subtracted from that of the sensitivity. The remainder, in powers of 2, is averaged over
+    the attributes and rounded to an integer.
 
     Args:
         splats: The Gaussians.

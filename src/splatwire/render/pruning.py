@@ -1,11 +1,10 @@
 """Pruning: removal of the elements with the least effect on images.
 
 The effect of removing a Gaussian follows from the gradient of the image with respect to its opacity, because an image
-is an affine function of the opacity of each single Gaussian.
-
-The squared gradients of all pixels are summed without computing the gradient of each pixel. The pixels are multiplied
-by random signs (-1 or 1) and added up; one back-propagation gives the gradient of this number with respect to all
-parameters. The mean of its square over many random signs is the sum of the squared gradients of all pixels.
+is an affine function of the opacity of each single Gaussian. Its measure is the sum of the squared gradients of all
+pixels, which is estimated without one back-propagation per pixel: the pixels are multiplied by random signs (-1 or 1)
+and added up, and one back-propagation gives the gradient of this number. Its square is the wanted sum on average over
+the random signs.
 """
 
 import math

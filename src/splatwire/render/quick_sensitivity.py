@@ -1,12 +1,12 @@
 """Estimates the effect of changes of anchors on the pictures four times as fast as `render_sensitivity`.
 
-The effect of removing a Gaussian is measured without the networks. The first half of the views measures it to select
-the most important anchors. For these anchors, the second half also measures the effect of changing features, scalings
-and offsets, by back-propagation through the networks.
+The first half of the views only measures the effect of removing Gaussians, which does not need the networks, and
+selects the most important anchors. The second half also measures the effect of changing the features, scalings and
+offsets of these anchors, by back-propagation through the networks.
 
-A few views measure the sum of these effects over all selected anchors well, but not the effect of a single anchor. An
-anchor with a small measured effect by chance would get too coarse a copy in the side information. The sum is therefore
-divided among the anchors in proportion to the effect of removing them (`_distribute`).
+So few views give a precise sum of these effects over all selected anchors, but imprecise values of single anchors. An
+anchor with too small a value would get too coarse a copy in the side information. The sum is therefore divided among
+the anchors in proportion to the effect of removing them (`_distribute`).
 """
 
 from collections.abc import Callable, Iterator
@@ -94,9 +94,9 @@ class _NetworkErrors:
         metric: Matrix M for features and logarithms of scalings: `d . M d` is the error if the values of one anchor
             change by the vector d, summed over the anchors.
         offset: Error if a coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
-        offset_share: Sum over Gaussians of the squared error of removal, times `_relative_size` of the anchor. `offset`
-            is divided among the Gaussians in proportion to these products.
-        removal: Sum over Gaussians of the squared error of removal.
+        offset_share: Sum of the weights by which `_distribute` divides `offset` among the Gaussians. The weight of a
+            Gaussian is the squared error of removing it, times `_relative_size` of its anchor.
+        removal: Sum over all Gaussians of the squared error of removing one.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -120,8 +120,9 @@ def _back_propagate(
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view; gradients with respect to these of the sum of all pixels with random signs.
-        each: Effect of removing each Gaussian of the selected anchors on the same sum (`GatheredGradients.presence`).
+        drawn: Gaussians of the view; and the gradients, with respect to these, of the sum of all pixels with random
+            signs.
+        each: Change of that sum if a Gaussian of a selected anchor is removed (`GatheredGradients.presence`).
     """
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
     own = a.select(rows)
@@ -141,10 +142,10 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns the squared ratio of the unit of an anchor's offsets to the size of its Gaussians.
+    """Returns how far a Gaussian moves if its offset changes by 1: squared, in units of the Gaussian's size.
 
-    If an offset changes by 1, the Gaussian moves by the root of this ratio, in units of its own size. Sizes are means
-    along the three axes, without the factor that the networks predict.
+    There is one value for each anchor. Distance and size are means along the three axes, and the size is without the
+    factor that the networks predict.
     """
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2

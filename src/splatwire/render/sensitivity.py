@@ -1,11 +1,10 @@
 """Estimates how much the rendered pictures change if an anchor is removed or its attributes change.
 
 The effect of removing a Gaussian follows from the gradient of the picture with respect to its opacity, because a
-picture is an affine function of the opacity of each single Gaussian.
-
-The squared gradients of all pixels are summed without computing the gradient of each pixel. The pixels are multiplied
-by random signs (-1 or 1) and added up; one back-propagation gives the gradient of this number with respect to all
-parameters. The mean of its square over many random signs is the sum of the squared gradients of all pixels.
+picture is an affine function of the opacity of each single Gaussian. Its measure is the sum of the squared gradients of
+all pixels, which is estimated without one back-propagation per pixel: the pixels are multiplied by random signs (-1 or
+1) and added up, and one back-propagation gives the gradient of this number. Its square is the wanted sum on average
+over the random signs.
 """
 
 from collections.abc import Callable, Iterator

@@ -60,11 +60,11 @@ def visible_areas(
     find: FindGradients,
     progress: Callable[[float], None] | None = None,
 ) -> VisibleAreas:
-    """Measures the visible area of each Gaussian in each view: the weight of the view in a fit of the Gaussian.
+    """Measures the area, in square pixels, of each Gaussian that no nearer Gaussian hides, in each view.
 
-    The visible area is the area in square pixels that nearer Gaussians do not occlude. It does not depend on the
-    opacity of the Gaussian: it is the sum of its blending weights over the image, divided by the opacity minus 1/255,
-    the minimum alpha that renderers draw.
+    The areas are the weights of the views when a Gaussian is fitted to them. An area is the sum of the Gaussian's
+    blending weights over the image, divided by its opacity minus 1/255 (the minimum alpha that renderers draw), so that
+    it does not depend on the opacity.
 
     Args:
         scene: The scene.

@@ -202,7 +202,7 @@ def _with_metrics(
 
 @dataclass(frozen=True, eq=False)
 class _Extent:
-    """Position and size of a scene, with which files of different scenes are detected.
+    """Position and size of a scene, by which `check` notices files that do not contain the same scene.
 
     Attributes:
         path: File of the scene.
@@ -258,9 +258,9 @@ class _Extent:
 
 @dataclass(frozen=True, eq=False)
 class _TimedScene:
-    """A scene that was read from a file, with size and reading time of the file.
+    """A scene read from a file, and a score with the size of the file and its reading time.
 
-    Both are in `score`, whose image quality is not measured yet.
+    The image quality in `score` is not measured yet.
     """
 
     scene: Scene

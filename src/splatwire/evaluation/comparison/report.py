@@ -49,7 +49,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
 
 
 def comparison_headings(comparison: Comparison) -> tuple[str, ...]:
-    """Returns the column headings of the table of compared files; there is one for LPIPS only if it was computed."""
+    """Returns the headings of the table of compared files; the column LPIPS exists only if LPIPS was computed."""
     lpips = ("LPIPS",) if comparison.lpips else ()
     return ("file", "Gaussians", "bytes", "of first", "PSNR dB", "SSIM", *lpips, "decode s")
 
@@ -96,9 +96,7 @@ def write_comparison_report(comparison: Comparison, folder: Path) -> Path:
 
 
 def _view(scores: Sequence[FileScore], number: int, names: Sequence[str]) -> dict[str, Any]:
-    """Returns the pictures of all compared files from one view.
-
-    The report shows them side by side.
+    """Returns the pictures of all compared files from one view, which the report shows side by side.
 
     Args:
         scores: Scores of the files, with pictures.

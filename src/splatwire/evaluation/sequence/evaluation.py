@@ -46,10 +46,10 @@ class SequenceScore:
     Attributes:
         row: The configuration.
         psnr: PSNR of each frame against the render of the original, decibels, mean over views, float64 (F).
-        change: Mean squared difference between the frame-to-frame change of the image and that of the reference image
-            (a measure of flicker), mean over views, float64 (F - 1).
-        later: First frame of the second group of pictures (GOP), or 0 if the sequence has only one. The first GOP is
-            reported separately, because no earlier state exists for concealment.
+        change: Flicker between two frames: mean squared difference of two image changes, that of the received sequence
+            and that of the reference from one frame to the next. Mean over views, float64 (F - 1).
+        later: Index of the first frame of the second group of pictures (GOP), from which means are computed; 0 if the
+            sequence has only one. The first GOP is excluded, because no earlier state exists for concealment.
         num_lost: Number of packets that were lost or late.
     """
 
@@ -183,7 +183,7 @@ class _ReceivedSequence:
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:
-    """Determines which keyframe Gaussians have been received when a group of pictures is displayed.
+    """Determines which keyframe Gaussians have been received when each group of pictures is displayed.
 
     Args:
         stream: The complete stream.

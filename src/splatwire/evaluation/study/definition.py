@@ -287,15 +287,17 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Describes a packetization by a preset and its differences from it, as words for the name of a stream.
+    """Returns words that describe a packetization: the name of a preset, and the parameters that differ from it.
+
+    They become the name of a stream.
 
     Args:
-        preset: Packetization of a preset.
-        other: The packetization of the stream.
+        preset: The packetization of the preset.
+        other: The packetization to describe.
         name: Name of the preset.
 
     Returns:
-        The name of the preset, and each parameter that differs from the preset.
+        The name of the preset, then the value of each different parameter, as `NAME=VALUE` unless it is a text.
     """
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]

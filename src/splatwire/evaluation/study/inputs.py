@@ -248,9 +248,9 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
-    """Assigns a camera to each frame of a sequence, because an evaluation compares one image per frame.
+    """Writes a cameras file with one camera for each frame of a sequence, and returns the definition with this file.
 
-    The cameras are stored in a cameras file.
+    An evaluation of a sequence compares one image per frame.
 
     Args:
         source: The sequence.
@@ -337,10 +337,10 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Repacks a stream for a method (table row): divides its elements into packets in another way.
+    """Divides the elements of a stream into packets in another way, as a method (table row) requires.
 
-    The new stream contains only those sections of side information that the method needs. Quantised values and networks
-    are not changed, so that the streams of all methods differ only in packets and sections.
+    Quantised values and networks are not changed, and only those sections of side information are kept that the method
+    needs. The streams of all methods then differ only in packets and sections.
 
     Args:
         whole: The complete stream.

@@ -31,7 +31,7 @@ class Equivalence:
 def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> Equivalence:
     """Measures which share of a stream's packets is lost under a loss model of datagrams.
 
-    Simulates one transmission for each seed. A packet is lost if any of its datagrams is lost.
+    One transmission is simulated for each seed. A packet is lost if any of its datagrams is lost.
 
     Args:
         stream: The complete stream.

@@ -30,7 +30,7 @@ RENDERS = "renders of the complete scene"
 
 @dataclass(frozen=True)
 class References:
-    """Description of a scene's reference images, with which a worker process loads the images.
+    """Description of a scene's reference images, from which a worker process can load them.
 
     Attributes:
         entry: Definition of the scene with its photos or cameras.

@@ -220,12 +220,13 @@ def _shown(look: ReportImages, cell: Cell) -> Unit:
 
 
 def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
-    """Sorts tasks so that tasks with the same stream and loss mask are adjacent, which saves decoding it again.
+    """Sorts tasks so that tasks with the same stream and loss mask follow each other.
+
+    A received stream is then decoded once for all of them.
 
     Args:
         cells: Tasks to sort.
-        first: Tasks that determine the order of these groups: first the group with stream and loss mask of `first[0]`,
-            then that of `first[1]`, and so on; all other groups follow.
+        first: Tasks whose streams and loss masks come first, in the order of these tasks.
     """
     place: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):
@@ -234,7 +235,7 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
 
 def lpips_digest() -> str:
-    """Returns a hash of the LPIPS weights that environment variables name (`find_lpips_files`); empty without these."""
+    """Returns a hash of the LPIPS weight files that environment variables name; empty if they name none."""
     files = find_lpips_files()
     if files is None:
         return ""

@@ -43,9 +43,8 @@ class SceneSizes:
         scene: Name of the scene.
         num_anchors: Number of anchors, equal for all encodings.
         columns: Bytes of each category, for the official files (if present) and for every packetization.
-        attribute_files: Bytes of the attributes in each encoding, counted as in the publication. Packets of this
-            package count completely, with headers and masks. Of the official files, only the files with features,
-            scalings or offsets count.
+        attribute_files: Bytes of features, scalings and offsets in each encoding, counted as in the publication: whole
+            packets of this package, with headers and masks, and the official files with these attributes.
     """
 
     scene: str
@@ -124,7 +123,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
 
 
 def our_parts(stream: PreparedStream) -> dict[str, int]:
-    """Returns the bytes of a stream in the same categories as those of official HAC++ files, such as networks."""
+    """Returns the bytes of a stream of this package, in the categories of official HAC++ files (such as networks)."""
     parts = dict.fromkeys(_ORDER, 0)
     for name, size in stream.parts.items():
         parts[_OURS.get(name, _REST)] += size

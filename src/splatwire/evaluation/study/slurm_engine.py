@@ -89,7 +89,7 @@ def _submitit() -> Any:
 
 
 def _report_finished(store: Store, left: dict[str, Unit], listener: Listener) -> None:
-    """Reports newly finished tasks to the listener and removes them from the remaining tasks.
+    """Calls the listener for each task whose results have appeared in the store, and removes it from `left`.
 
     Args:
         store: Store in which finished results appear.

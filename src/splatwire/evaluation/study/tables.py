@@ -99,7 +99,7 @@ def _result_table(title: str, shown: Sequence[Summary], published: Sequence[Publ
 
 
 def measured(summaries: Sequence[Summary]) -> list[str]:
-    """Returns the names of all metrics of the summaries, built-in metrics first."""
+    """Returns the names of all metrics that the summaries contain, built-in metrics first."""
     found = dict.fromkeys(metric for s in summaries for metric in s.figures)
     return [*(m for m in DEFAULT_METRICS if m in found), *(m for m in found if m not in DEFAULT_METRICS)]
 

@@ -85,7 +85,7 @@ def use_one_thread() -> None:
 
 @dataclass(frozen=True, eq=False)
 class ReceivedInput:
-    """Scene as received under the loss mask of a task, before concealment, with statistics of the transmission.
+    """Scene as received under the loss mask of a task, with statistics of the transmission; not concealed yet.
 
     Attributes:
         scene: The decoded scene with losses marked, or a complete scene that was not sent; None for pictures.

@@ -1,8 +1,8 @@
-"""Simulated transmission of a scene's tiles over a link of constant rate, controlled by the receiver's viewpoint.
+"""Simulated transmission of a scene in tiles over a link of constant rate, controlled by the receiver's viewpoint.
 
-The receiver reports its viewpoint and received packets ten times per second. The sender transmits the packets of the
-tiles that the viewpoint requires (`cut_of`), most useful first, and retransmits lost packets. When it selects tiles, it
-assumes that packets in flight will arrive. Time is simulated.
+The receiver reports its viewpoint and the received packets ten times per second. The sender selects the tiles that the
+viewpoint requires (`cut_of`), and assumes that packets in flight will arrive. It transmits the packets of these tiles,
+most useful first, and retransmits lost packets. Time is simulated.
 """
 
 from collections.abc import Callable, Sequence

@@ -97,9 +97,10 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time after which all images look nearly like those of the completely received scene, seconds.
+    """Returns the time from which on all images look nearly like those of the complete scene, seconds.
 
-    From then on, the PSNR is at most `SETTLED_DB` lower. Returns None if this is not even true of the last image.
+    From that time on, the PSNR of every image is at most `SETTLED_DB` lower than that of the completely received scene.
+    Returns None if this is not even true of the last image.
     """
     found = None
     for moment in reversed(moments):
@@ -117,8 +118,8 @@ class StreamedWalkthrough:
         scene: The decoded scene with all levels.
         tiles: The tiles of the scene.
         packet_of: Index of each Gaussian's packet, int64 (N).
-        replaced_tile: Index of the finer tile whose area each Gaussian covers until that tile is received, int64 (N);
-            -1 for Gaussians of the finest level.
+        replaced_tile: Index of the finer tile that each Gaussian stands for until that tile is received, int64 (N); -1
+            for Gaussians of the finest level.
         delivery: Arrival times of the packets.
         head_bytes: Bytes of the manifest and the side information.
     """
@@ -180,7 +181,9 @@ class StreamedWalkthrough:
 
 
 def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
-    """Finds the tile of the next finer level that covers each Gaussian; once received, it is drawn instead.
+    """Finds, for each Gaussian, the tile of the next finer level at its place.
+
+    A receiver draws the Gaussian until it has received that tile.
 
     Args:
         tiles: All tiles.

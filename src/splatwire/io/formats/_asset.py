@@ -29,7 +29,7 @@ def asset_of(metadata: SceneMetadata) -> dict[str, Any]:
 def metadata_of_asset(asset: object) -> SceneMetadata:
     """Parses the metadata of a glTF or SOG `asset` object.
 
-    `copyright` is the license if `extras` has neither author nor license.
+    If `extras` has neither author nor license, `copyright` is read as the license.
     """
     if not isinstance(asset, dict):
         return NO_METADATA

@@ -31,7 +31,9 @@ def harmonic_signs(flips: tuple[float, float, float], degree: int) -> np.ndarray
 
 
 def flip_axes(splats: Splats, flips: tuple[float, float, float]) -> Splats:
-    """Mirrors Gaussians along two of the three world axes, which is half a turn; twice restores the input.
+    """Mirrors Gaussians along two of the three world axes, which is half a turn about the third axis.
+
+    A second call restores the input.
 
     Args:
         splats: The Gaussians.

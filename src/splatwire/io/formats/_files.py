@@ -25,10 +25,10 @@ def mapped_file(path: Path) -> memoryview:
 
 
 def is_in_folder_of(path: Path, other: Path) -> bool:
-    """Returns True if a file is in the folder of a scene, or below it; links of both are followed.
+    """Returns True if a file is in the folder of a scene, or below it, after symbolic links are resolved.
 
-    The files of a scene may all be links into one other folder, as in the cache of the Hugging Face Hub, whose links
-    lead to a folder `blobs`. If the scene is a link, files next to its target are therefore accepted, too.
+    If the scene itself is a link, files next to its target are accepted, too. The cache of the Hugging Face Hub needs
+    this: the files of a scene are links to a folder `blobs`.
 
     Args:
         path: The scene, a file.

@@ -299,18 +299,19 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
 
 
 def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
-    """Finds a few extreme scales or colours whose clipping makes the rounding errors of all others invisible.
+    """Finds a few extreme scales or colours (outliers) without which the rounding of all others would be invisible.
 
-    An extreme value (outlier) enlarges the range of its chunk, and so the quantisation steps of all values in it. The
-    smallest sufficient share of `SHARES` is marked as outliers; the first share if none suffices.
+    An outlier enlarges the range of its chunk, and so the quantisation steps of all values in the chunk. The smallest
+    sufficient share of `SHARES` is marked as outliers; the first share if none suffices.
 
     Args:
         values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).
         top: Largest quantised value; the step is the range of a chunk divided by it.
 
     Returns:
-        The values with their outliers marked. The values with the outliers clipped to the range of all others. The
-        largest quantisation steps in the affected chunks if outliers are kept, clipped or removed; 0 without outliers.
+        The values with their outliers marked. The values with the outliers clipped to the range of all others. Three
+        quantisation steps, the largest in the affected chunks: with the outliers, with clipped outliers, and without
+        the outliers; 0 if there are no outliers.
     """
     found = []
     for share in SHARES:

@@ -46,14 +46,17 @@ class FileContent(CheckedFields):
         )
 
     def with_chosen_origin(self: Content) -> Content:
-        """Returns the content relative to an origin near the Gaussians if they are far from 0 (`choose_origin`)."""
+        """Returns the content relative to an origin near the Gaussians, if these are far from 0.
+
+        `choose_origin` decides whether an origin is needed, and chooses it.
+        """
         if self.origin != NO_ORIGIN:
             return self
         return self.relative_to(choose_origin(self.splats.means, wide=False))
 
 
 def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> None:
-    """Logs a warning if the positions in a file were rounded visibly when they were written as float32.
+    """Logs a warning if the float32 positions in a file are so coarse that the rounding is visible.
 
     Args:
         path: The file.

@@ -1,7 +1,8 @@
 """`.4dgs` files: Gaussians, each with the time interval in which it exists; read and written by the package fourdgs.
 
-Such a file has no frames. A sequence is written with one record for each run of frames in which a Gaussian keeps its
-values, without motion and fading. To read frames, the Gaussians are evaluated at the middle of each frame.
+Such a file has no frames. To write a sequence, each Gaussian becomes one record for every run of frames in which its
+values are constant; motion and fading of the format are not used. To read frames, the Gaussians are evaluated at the
+middle of each frame.
 """
 
 import logging

@@ -321,7 +321,7 @@ class _Sog:
         return self._numbers(section, "codebook", CODES, _MAX_CODE).astype(np.float32)
 
     def _pixels(self, section: str, file: int = 0) -> np.ndarray:
-        """Returns the pixel of each Gaussian, RGBA, in the image number `file` of a section, uint8 (N, 4)."""
+        """Returns the pixel of each Gaussian in image number `file` of a section, RGBA, uint8 (N, 4)."""
         return self._picture(section, file, pixels=self._count)[: self._count]
 
     def _warn_if_lossy(self, name: str, data: memoryview) -> None:
@@ -387,8 +387,8 @@ def _reason(error: Exception) -> str:
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum size, in pixels, of an image in which `pixels` pixels are used.
+    """Returns the largest accepted size, in pixels, of an image that has values in `pixels` of its pixels.
 
-    Larger images are rejected. Some excess is accepted, because writers pad images in different ways.
+    Some excess is accepted, because writers pad images in different ways.
     """
     return 2 * pixels + _SPARE_PIXELS

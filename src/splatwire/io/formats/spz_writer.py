@@ -164,8 +164,8 @@ def _write_plain(
 def _fraction_bits(farthest: float) -> int:
     """Returns the number of fraction bits of fixed-point positions, given the largest absolute coordinate.
 
-    It is 12, as in files of all other writers, less if positions would not fit 24 bits, and more for scenes smaller
-    than one unit, whose Gaussians would share few steps.
+    It is 12, as in files of all other writers. Large scenes get fewer bits, so that positions fit 24 bits. Scenes
+    smaller than one unit get more, because their Gaussians would otherwise share few steps.
     """
     bits = _FRACTION_BITS
     while bits < _MAX_FRACTION_BITS and 0 < farthest * 2**bits < _FEWEST_STEPS:

@@ -124,7 +124,10 @@ def _file_of(chunk: Path) -> Path:
 
 
 def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
-    """Returns for each chunk the index of the first name of the same file, which may have several names or links."""
+    """Returns, for each chunk, the index of the first chunk in the list that is the same file.
+
+    A file may be listed under several names or links. A missing file is only equal to itself.
+    """
     first: dict[tuple[int, int], int] = {}
     found = []
     for number, (chunk, exists) in enumerate(zip(chunks, here, strict=True)):

@@ -345,7 +345,10 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def _unknown_attributes(prim: Usd.Prim) -> list[str]:
-    """Returns the names of attributes with values that are not read, and of hints at another projection."""
+    """Returns the names of attributes that have values and are not read.
+
+    The attribute of the projection is among them only if its value is not that of the perspective projection.
+    """
     names = [one.GetName() for one in prim.GetAuthoredAttributes() if one.HasAuthoredValue()]
     known = {*_ARRAYS, *(f"{name}h" for name in _ARRAYS), _DEGREE, *_HARMLESS}
     unknown = [name for name in names if name not in known and not name.startswith(_HARMLESS_SPACES)]
@@ -359,7 +362,10 @@ def _is_visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
 
 def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
-    """Returns the times at which the visibility of a prim or of one above it may change, and the earliest time."""
+    """Returns the times at which a prim may become visible or invisible, the earliest possible time first.
+
+    These are the time samples of the visibility of the prim and of all prims above it.
+    """
     above = (UsdGeom.Imageable(one) for one in (prim, *_ancestors(prim)))
     times = {time for one in above if one for time in one.GetVisibilityAttr().GetTimeSamples()}
     return [Usd.TimeCode.EarliestTime(), *map(Usd.TimeCode, sorted(times))]

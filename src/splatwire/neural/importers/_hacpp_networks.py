@@ -130,7 +130,10 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network with `num_prior` inputs that returns the constants `values` for every input."""
+    """Builds a network that returns `values` for every input; the network has `num_prior` inputs.
+
+    HAC++'s small variant has trained constants in place of the network of the first feature group.
+    """
     bias = values.detach().float().flatten()
     nothing = Linear(torch.zeros(1, num_prior), torch.zeros(1))
     return Mlp(nothing, Linear(torch.zeros(len(bias), 1), bias), _LEAKY_SLOPE)

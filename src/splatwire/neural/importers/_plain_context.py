@@ -1,4 +1,4 @@
-"""Constant context model, for scenes trained without a context model: equal distributions for every anchor."""
+"""Constant context model, for scenes trained without one: it predicts the same distributions for every anchor."""
 
 import torch
 from torch import Tensor

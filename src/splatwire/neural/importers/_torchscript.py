@@ -171,7 +171,9 @@ class _Tensors:
         self._storages: dict[str, np.ndarray] = {}
 
     def storage(self, reference: tuple[Any, ...]) -> np.ndarray:
-        """Returns the numbers of a storage, the flat array that tensors of an archive are views of, as float32.
+        """Returns the values of a storage as float32.
+
+        A storage is a flat array in the archive; the tensors of the archive are views of storages.
 
         Raises:
             ValueError: If the storage is not float32, has another size than stated, or has non-finite numbers.

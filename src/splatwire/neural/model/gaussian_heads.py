@@ -29,7 +29,7 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
 
 
 def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Generates the Gaussians of `generate_gaussians`, with the indices of the anchor and offset of each."""
+    """Like `generate_gaussians`; also returns the anchor and the offset that generated each Gaussian."""
     scene = to_tensors(scene)
     visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
     size_gain: Any = None
@@ -77,7 +77,7 @@ def spawn_gaussians(
         mask_weight: Factor per offset on opacity and scale (in training, the straight-through mask); None for 1.
 
     Returns:
-        The Gaussians whose mask is True and whose opacity, before `mask_weight`, is positive.
+        The Gaussians of existing offsets (`anchors.mask`) for which the opacity network returns a positive value.
     """
     index = visible.nonzero()[:, 0]
     num_offsets = anchors.mask.shape[1]

@@ -61,10 +61,10 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Returns one number per axis and neighbouring grid point, from which the index of a point's table row is computed.
+    """Returns the terms from which the indices of table rows are computed: one per axis and neighbouring grid point.
 
-    If the level has a row for every grid point, the index is the sum of the numbers of all axes. Otherwise it is a
-    hash, their XOR modulo the number of rows.
+    The index of a grid point's row is the sum of its terms over all axes if the level has a row for every grid point.
+    Otherwise it is a hash: the XOR of its terms, modulo the number of rows.
 
     Args:
         at: Coordinates of the two neighbouring grid points per axis.

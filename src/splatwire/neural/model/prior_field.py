@@ -49,9 +49,10 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 
 
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
-    """Returns a typical standard deviation of each channel of an attribute, including the noise of rounding.
+    """Returns a typical standard deviation of each channel of an attribute after rounding.
 
-    The variance of the rounding noise, `step**2 / 12`, is added to the squared median of the predictions.
+    It is computed from the median of the predicted standard deviations. The variance of the rounding error, `step**2 /
+    12`, is added to the squared median.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.

@@ -91,7 +91,7 @@ def project_tensors(
 def _radii(covs2d: Float[Tensor, "N 3"], near: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
     """Returns three standard deviations along the longest axis, rounded up to pixels, as in 3DGS.
 
-    The value 0.1 is the lower limit of 3DGS for the radicand of the eigenvalue formula.
+    As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
     """
     xx, xy, yy = covs2d.unbind(dim=1)
     middle = (xx + yy) / 2

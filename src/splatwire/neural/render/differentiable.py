@@ -43,7 +43,7 @@ def render_differentiable(
 
 
 def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
-    """Renders a view for training; `watched` as in the protocol `splatwire.render.base.TrainingRenderer`."""
+    """Renders one view for training; with `watched`, gradients with respect to the 2D centres are returned, too."""
     probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
     return Drawing(render_differentiable(gaussians, cameras, background=background, probe=probe)[0], probe)
 

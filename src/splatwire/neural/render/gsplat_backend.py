@@ -44,7 +44,7 @@ class GsplatRenderer:
         return self._rasterize(moved, cameras, background)[0].to(home)
 
     def draw(self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
-        """Renders a view for training; `watched` as in the protocol `splatwire.render.base.TrainingRenderer`."""
+        """Renders one view for training; with `watched`, gradients with respect to the 2D centres are returned, too."""
         images, centers = self._rasterize(gaussians, cameras, background)
         if watched:
             centers.retain_grad()
@@ -83,7 +83,10 @@ class GsplatRenderer:
 def _nothing(
     gaussians: Gaussians, cameras: Cameras, background: Float[Tensor, "3"]
 ) -> tuple[Float[Tensor, "C H W 3"], Float[Tensor, "C 0 2"]]:
-    """Returns pictures without Gaussians: the background as part of the autograd graph, and no projected centres."""
+    """Returns the result for a scene without Gaussians: pictures of the background, and an empty tensor of 2D centres.
+
+    The pictures are part of the autograd graph, so that training can call `backward`.
+    """
     centers = gaussians.means.new_zeros(cameras.num_views, 0, 2, requires_grad=True)
     zero = torch.stack([value.sum() for value in (centers, *vars(gaussians).values())]).sum()
     shape = (cameras.num_views, cameras.height, cameras.width, 3)

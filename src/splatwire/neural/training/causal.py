@@ -144,9 +144,9 @@ def noisy_numbers(
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 4"], Float[Tensor, "M O"]]:
     """Returns features, logarithms of scale and sizes, and offsets of anchors, with noise in place of rounding.
 
-    The noise is uniform and as wide as the quantisation steps. Before noise is added to them, offsets are rescaled so
-    that their product with the noisy scale is unchanged. An encoder rescales them in the same way to the rounded scale,
-    so rounding the scale moves no Gaussian.
+    The noise is uniform and as wide as the quantisation steps. A Gaussian's position is its offset times the anchor's
+    scale. Noise on the scale would move all Gaussians of the anchor, so the offsets are first multiplied by the ratio
+    of the scales without and with noise. An encoder does the same with the rounded scale.
 
     Args:
         state: State of the training.

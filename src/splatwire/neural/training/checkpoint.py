@@ -110,9 +110,9 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
 
 
 def _steering_values(steering: Steering) -> list[float | None]:
-    """Converts the state of the controller of the stream size to numbers for a checkpoint.
+    """Returns the state of the stream size control as numbers by name, for a checkpoint.
 
-    A `Steering.ratio` of None is omitted.
+    The field `ratio` is left out if it is None.
     """
     values = [steering.log_rate, steering.miss]
     return values if steering.ratio is None else [*values, steering.ratio]

@@ -117,9 +117,11 @@ class GrowthRules:
         gradient_threshold: Threshold on the mean length of the gradient of a Gaussian's 2D centre, in coordinates
             relative to half of the image size. An anchor is added near a Gaussian above the threshold. This value is
             for the coarsest grid (see `levels`); the threshold doubles from each grid to the next finer one.
-        seen_share: Minimum share of iterations in which an anchor must be visible to be considered, out of the
-            iterations since the last change of the set of anchors. Half of this share suffices for an offset.
-        min_opacity: Minimum mean sum of the opacities of an anchor's Gaussians; anchors below it are removed.
+        seen_share: Share of the iterations between two changes of the set of anchors. An anchor is only removed if it
+            was visible in a larger share. Anchors are only added near offsets that were drawn in more than half of this
+            share.
+        min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, on average
+            over the views that saw it.
         levels: Number of grids (levels), from coarse to fine. At each change, a grid cell without an anchor gets at
             most one.
         coarsest_cell: Cell size of the coarsest grid, in voxels.

@@ -284,7 +284,9 @@ def _channel_likelihood(
     outputs: PriorOutputs,
     step: Float[Tensor, "M 1"],
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
-    """Returns how probable the channel-context networks consider each feature, given the feature channels before it.
+    """Returns the probability of each feature according to the channel-context networks.
+
+    The networks predict a group of feature channels from the groups before it and from the prior.
 
     Args:
         channels: Channel networks, one per group.
@@ -310,7 +312,8 @@ def _channel_likelihood(
 def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
     """Initialises the context networks' outputs with the current mean and standard deviation of the attributes.
 
-    A random network predicts negative standard deviations for half of the channels, which are trained only slowly.
+    With random outputs, the standard deviations of half of the channels would be negative, and would improve only
+    slowly.
     """
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:

@@ -13,7 +13,7 @@ from splatwire.types.importance import Importance
 
 @torch.no_grad()
 def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> Importance:
-    """Returns the importance of each anchor for the training views: its share of the opacity that all views show.
+    """Returns the importance of each anchor: its share of the total opacity in the pictures of all training views.
 
     An anchor's contribution is the sum of opacity times projected area over its Gaussians and all views. Every anchor
     must have an offset, because exporting the scene removes anchors without offsets.

@@ -117,9 +117,10 @@ def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Fl
 
 
 def position_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
-    """Returns the range of anchor positions, in voxels, by which inputs of the causal model are normalised.
+    """Returns the range of positions, in voxels, that the causal model uses to normalise its inputs.
 
     The range is the median position minus and plus twice the median absolute deviation, rounded up to whole voxels.
+    Most anchors are inside it.
     """
     middle = voxels.median(dim=0).values.float()
     spread = (voxels - middle).abs().median(dim=0).values.clamp(min=1).ceil() * 2

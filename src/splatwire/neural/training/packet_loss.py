@@ -202,10 +202,11 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the anchor sizes that a receiver with only the first importance tier knows, for concealment.
+        """Returns the anchor sizes from which a receiver with only the first importance tier conceals the other tiers.
 
-        Such a receiver knows one typical size per tier. Here, the received anchors are one tier, and the lost anchors
-        are another. Sizes are relative to the tier with the larger anchors.
+        Such a receiver does not know the size of each lost anchor, but one typical size per tier. In this simulation,
+        the received anchors are the first tier and the lost anchors the second. Sizes are relative to the larger of the
+        two.
 
         Args:
             state: State of the training.

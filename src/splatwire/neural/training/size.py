@@ -93,16 +93,16 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns by how much the stream may be larger than the target size after `iteration`, as a share of the target.
+    """Returns how far the stream may exceed the target size after `iteration`, as a share of the target size.
 
-    The allowance falls linearly during training, from `HEADROOM` to `LAST`.
+    It falls linearly during the training, from `HEADROOM` to `LAST`.
     """
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
 
 
 def steered(before: Steering, miss: float) -> Steering:
-    """Computes the next state of the controller of lambda, the weight of the rate, from a measurement of the size.
+    """Returns the next state of the size control, which adjusts lambda, after a measurement of the stream's size.
 
     Args:
         before: The state before the measurement.

@@ -24,8 +24,8 @@ MOST_FASTER = 5.0
 class GaussianRates:
     """Learning rates by parameter; that of the centres is multiplied by the extent of the cameras.
 
-    The initial rates are those of 3DGS for 30,000 iterations. The final ones are lower, except those of the harmonics
-    above degree 0.
+    The initial rates are those of 3DGS for 30,000 iterations. The final rates are lower than the initial ones, except
+    those of the harmonics above degree 0.
 
     Attributes:
         means: Centres.
@@ -60,16 +60,19 @@ class RelocationRules:
     """Rules for moving, adding and disturbing Gaussians (3DGS-MCMC).
 
     Attributes:
-        start: Share of the iterations after which Gaussians are moved and added.
-        growth_end: Share of the iterations until which the number of Gaussians reaches the budget.
-        end: Share of the iterations after which no Gaussians are moved.
-        interval: Maximum number of iterations between two changes.
-        changes: Minimum number of intervals of a training; short trainings have shorter intervals.
+        start: Gaussians are moved and added after this share of the iterations.
+        growth_end: The number of Gaussians reaches the budget at this share of the iterations or before.
+        end: After this share of the iterations, no Gaussians are moved or added.
+        interval: Number of iterations between two changes of the set of Gaussians; fewer in short trainings (see
+            `changes`).
+        changes: Minimum number of changes that a training has time for: the interval is at most the number of
+            iterations divided by this number.
         growth: Relative increase of the number of Gaussians per change. It is larger if the budget would otherwise not
             be reached.
-        dead_opacity: Opacity up to which a Gaussian is moved to another one.
-        noise: Standard deviation of the position noise in the first iteration, in variances of the Gaussian divided by
-            the extent of the cameras. It decreases with the learning rate of the centres.
+        dead_opacity: Gaussians with at most this opacity are moved to the place of a visible Gaussian.
+        noise: Strength of the random displacements of the centres in the first iteration: their standard deviation
+            along an axis is this factor times the variance of the Gaussian, divided by the extent of the cameras. It
+            decreases with the learning rate of the centres.
     """
 
     start: float = 0.02
@@ -98,7 +101,7 @@ class GaussianConfig:
         dssim: Weight of 1 - SSIM in the loss; the weight of the mean absolute error is 1 - `dssim`.
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
-        degree_steps: Shares of the iterations after which the degree of the harmonics rises to 1, 2 and 3.
+        degree_steps: Shares of the iterations after which harmonics of degree 1, 2 and 3 are trained, too.
         rates: Learning rates.
         relocation: Rules for moving and adding Gaussians.
         background: RGB of the background.
@@ -158,9 +161,9 @@ class GaussianConfig:
         return rules.start <= share <= rules.end and iteration % self.change_interval == 0
 
     def wanted(self, iteration: int, count: int) -> int:
-        """Returns the number of Gaussians after the change that follows an iteration.
+        """Returns the number of Gaussians that the training should have after the change at an iteration.
 
-        The budget is reached at the end of the growth phase or before.
+        The number grows from change to change, so that it reaches the budget at the end of the growth phase or before.
 
         Args:
             iteration: The iteration, counted from 1.

@@ -24,17 +24,18 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Computes opacity and size of equal Gaussians at one place that together look like one Gaussian.
+    """Computes opacity and size of several equal Gaussians at one place that together look like a given Gaussian.
 
-    The opacity at the centre stays the same. The size is chosen so that the integral of the opacity along a line
-    through the centre stays the same, too (paper, section on relocation).
+    Both have the same opacity at the centre, and the same integral of the opacity along a line through the centre
+    (paper, section on relocation).
 
     Args:
-        opacities: Opacity of the single Gaussian, in (0, 1).
-        copies: Number of Gaussians that replace it, 1 to `MAX_COPIES`.
+        opacities: Opacity of each given Gaussian, in (0, 1).
+        copies: Number of equal Gaussians that replace each given one, 1 to `MAX_COPIES`.
 
     Returns:
-        Opacity of each Gaussian, and the factor on its standard deviations.
+        Opacity of the equal Gaussians; and the factor by which their standard deviations differ from those of the given
+        one.
     """
     exact = opacities.double()
     shared = 1 - (1 - exact) ** (1 / copies)
@@ -98,11 +99,12 @@ def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
 def add_noise(state: GaussianState, size: float, uniform: Uniform) -> None:
     """Adds random displacements to the centres of nearly transparent Gaussians, so that they find useful places.
 
-    A displacement is a normal random vector times the covariance of the Gaussian, as in the paper.
+    A displacement is the covariance of the Gaussian times a random vector of the standard normal distribution, times
+    `size` (as in the paper). Its weight falls to 0 for Gaussians of higher opacity.
 
     Args:
         state: State of the training; changed in place.
-        size: Factor on the displacements, per world unit.
+        size: Factor on all displacements, 1 / world unit.
         uniform: Function that draws uniform random numbers in [0, 1).
     """
     parameters = state.parameters

@@ -94,9 +94,9 @@ class GaussianStep:
 
 
 def seen_gaussians(parameters: dict[str, Tensor], degree: int, center: Float[Tensor, "3"]) -> Gaussians:
-    """Returns the Gaussians with the colours seen by a camera; differentiable.
+    """Returns the Gaussians with the colours that a camera sees; differentiable.
 
-    The viewing directions count as constants.
+    No gradient reaches the centres through the viewing directions.
 
     Args:
         parameters: Trained tensors (`GaussianState.parameters`).

@@ -32,8 +32,8 @@ class GaussianResult:
     """Result of a training.
 
     Attributes:
-        scene: The trained Gaussians, on the CPU. After the fine-tuning, they are rounded and have their quantisation
-            steps: encoding them without a quality is lossless.
+        scene: The trained Gaussians, on the CPU. After the fine-tuning, their values are rounded to quantisation steps,
+            which the scene contains. Encoding it without a quality keeps these steps and is lossless.
         state: State before the fine-tuning, on the training device.
         test: Quality in the last test, of `scene`; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
