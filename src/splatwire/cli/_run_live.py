@@ -119,9 +119,9 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Returns True if the encoder compiles a kernel before it ends, because it cannot be interrupted then.
+    """Waits for the encoder to end; returns True at once if it compiles a kernel instead, which may take too long.
 
-    Waits for the end of the encoder for at most about `STOP_S`; returns False if it ends or the time is over.
+    Returns False if the encoder has ended, or when `STOP_S` has passed since the request to stop.
     """
     end = time.monotonic() + STOP_S - COMPILING_S
     while not encoding.done():

@@ -46,7 +46,7 @@ class PrintableStream:
         target: Stream that receives the escaped text.
 
     Attributes:
-        target: See there.
+        target: The stream that receives the escaped text.
     """
 
     def __init__(self, target: Any) -> None:

@@ -43,12 +43,10 @@ def fit_splats(
     """Fits explicit Gaussians to a scene, a few thousand at a time.
 
     The networks of the scene predict colour, opacity and shape of a Gaussian for each view; its centre is the same in
-    all views. The fit averages the predictions. A view counts in proportion to the Gaussian's visible area
-    (`visible_areas`):
-
-    Opacity is the mean over the views, with 0 for views in which the Gaussian is not drawn. Shape is the mean of the
-    logarithms of the covariances. Colour is the least-squares fit of spherical harmonics. Shape and colour are weighted
-    with opacity times area.
+    all views. The fit averages these predictions, weighted by the Gaussian's visible area in each view
+    (`visible_areas`). Opacity is the mean, with 0 for views in which the Gaussian is not drawn. Shape is the mean of
+    the logarithms of the covariances, and colour the least-squares fit of spherical harmonics; these weights are also
+    multiplied by the opacity.
 
     Args:
         scene: The scene.
