@@ -2,6 +2,7 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, DatasetError, DivergedError, InvalidValueError
 from splatwire.io import open_scene, save_scene
 from splatwire.neural.model.tensors import to_tensors
+from splatwire.neural.render.differentiable import draw_cpu
 from splatwire.neural.render.gsplat_backend import GsplatRenderer
 from splatwire.neural.training import Listener, RunOptions
 from splatwire.neural.training.gaussians import (
@@ -26,10 +28,11 @@ from splatwire.neural.training.gaussians import (
 from splatwire.neural.training.gaussians.config import GaussianRates
 from splatwire.neural.training.gaussians.initial import initial_gaussians
 from splatwire.neural.training.gaussians.step import GaussianStep, seen_gaussians
-from splatwire.neural.training.kernels import HOST_RANDOMNESS, plain_kernels
+from splatwire.neural.training.kernels import COMPILED, HOST_RANDOMNESS, plain_kernels
 from splatwire.neural.training.photos import PhotoStore
 from splatwire.neural.training.quality import assess_scene
-from splatwire.types import SplatScene
+from splatwire.render.base import Drawing
+from splatwire.types import Gaussians, SplatScene
 from splatwire.types.background import BLACK
 
 CONFIG = GaussianConfig(gaussians=150, iterations=60, tuning=20)
@@ -117,6 +120,28 @@ def test_losses_change_the_fine_tuning_only(dataset: Dataset, uninterrupted: Gau
         assert torch.equal(value, lossy.state.parameters[name])
 
 
+def test_dropout_leaves_out_its_share_and_keeps_the_mean_opacity(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[torch.Tensor] = []
+
+    def draw(gaussians: Gaussians, *words: Any, **named: Any) -> Drawing:
+        drawn.append(gaussians.opacities.detach())
+        return draw_cpu(gaussians, *words, **named)
+
+    config = dataclasses.replace(CONFIG, gaussians=200, dropout=0.3)
+    state, photos = initial_gaussians(dataset, config), PhotoStore(dataset, torch.device("cpu"))
+    step = GaussianStep(config, dataset.cameras, dataclasses.replace(COMPILED, draw=draw))
+    for view in range(8):
+        state.iteration = 0  # before Gaussians are moved
+        state.parameters["logits"] = torch.full_like(state.parameters["logits"], 0.0).requires_grad_()
+        step(state, view, photos.photo(view))
+    found = torch.stack(drawn)
+    assert float((found == 0).float().mean()) == pytest.approx(0.3, abs=0.05)
+    assert float(found.mean()) == pytest.approx(0.5, rel=0.05)
+    assert len({tuple(row.tolist()) for row in found}) == 8
+
+
 def test_degree_limits_the_harmonics(dataset: Dataset) -> None:
     result = train_gaussians(dataset, None, dataclasses.replace(CONFIG, degree=1))
     assert result.scene.splats.degree == 1
@@ -129,7 +154,7 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
     """The operations of a GPU, on a simulated device that refuses tensors of the CPU."""
     monkeypatch.setitem(__import__("sys").modules, "gsplat", fake_gsplat.module())
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    config = dataclasses.replace(CONFIG, iterations=20, degree=2)
+    config = dataclasses.replace(CONFIG, iterations=20, degree=2, gaussians=260)
     compiled = initial_gaussians(dataset, config)
     photos, step = PhotoStore(dataset, torch.device("cpu")), GaussianStep(config, dataset.cameras)
     for view in range(6):
@@ -144,7 +169,7 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
         assert state.device == DEVICE
         found = state.scene(2, BLACK).splats
     wanted = compiled.scene(2, BLACK).splats
-    assert found.num_gaussians == wanted.num_gaussians
+    assert found.num_gaussians == wanted.num_gaussians > 200
     assert float(np.median(np.abs(found.means - wanted.means))) < 1e-3
     assert float(np.median(np.abs(found.sh - wanted.sh))) < 1e-3
 
@@ -156,6 +181,7 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
         ({"degree": 4}, "degree 0 to 3, not 4"),
         ({"iterations": 19}, "20 iterations or more, not 19"),
         ({"seed": -1}, "0 or more, not -1"),
+        ({"dropout": 1.0}, "below 1, not 1"),
         ({"loss": "bernoulli:2"}, "share from 0 to 1, not 2"),
         ({"loss": "bernoulli:0.2", "tuning": 0}, "fine-tuning"),
     ],

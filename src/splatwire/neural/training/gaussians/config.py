@@ -101,6 +101,9 @@ class GaussianConfig:
         dssim: Weight of 1 - SSIM in the loss; the weight of the mean absolute error is 1 - `dssim`.
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
+        dropout: Share of the Gaussians that a random choice leaves out in each iteration, at least 0 and below 1. The
+            opacities of the others are divided by 1 - `dropout`. Gaussians then fit single photos less closely, and
+            views between the photos better.
         degree_steps: Shares of the iterations after which harmonics of degree 1, 2 and 3 are trained, too.
         rates: Learning rates.
         relocation: Rules for moving and adding Gaussians.
@@ -122,6 +125,7 @@ class GaussianConfig:
     dssim: float = 0.2
     opacity_weight: float = 0.01
     scale_weight: float = 0.05
+    dropout: float = 0.15
     degree_steps: tuple[float, float, float] = (0.1, 0.2, 0.3)
     rates: GaussianRates = field(default_factory=GaussianRates)
     relocation: RelocationRules = RelocationRules()
@@ -139,6 +143,8 @@ class GaussianConfig:
             raise InvalidValueError(f"a training takes {MIN_ITERATIONS} iterations or more, not {self.iterations}")
         if self.seed < 0:
             raise InvalidValueError(f"a seed is 0 or more, not {self.seed}")
+        if not 0 <= self.dropout < 1:
+            raise InvalidValueError(f"a share of Gaussians to leave out is 0 or more and below 1, not {self.dropout:g}")
         if self.loss is not None:
             parse_loss(self.loss)
             if not self.tuning:

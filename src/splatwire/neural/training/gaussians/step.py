@@ -20,6 +20,8 @@ from splatwire.neural.training.step import StepReport
 from splatwire.ops.spherical_harmonics import DC, num_functions, sh_functions
 from splatwire.types import Cameras, Gaussians
 
+_MOST_OPAQUE = 0.999
+
 
 class GaussianStep:
     """Performs training iterations on a state, which is changed in place.
@@ -53,7 +55,8 @@ class GaussianStep:
         cameras, one = self._cameras, slice(view, view + 1)
         camera = replace(cameras, viewmats=cameras.viewmats[one], Ks=cameras.Ks[one], names=cameras.names[one])
         background = self._background.to(gaussians.means)
-        image = self._kernels.draw(gaussians, camera, background=background, watched=False).image
+        shown = self._with_dropout(state, gaussians)
+        image = self._kernels.draw(shown, camera, background=background, watched=False).image
         loss, l1 = self._kernels.photometric_loss(image, photo, config.dssim)
         loss = loss + config.opacity_weight * gaussians.opacities.mean()
         loss = loss + config.scale_weight / state.camera_extent * gaussians.scales.mean()
@@ -66,6 +69,14 @@ class GaussianStep:
         noise = config.relocation.noise * rate / config.rates.means.initial / state.camera_extent
         add_noise(state, noise, self._kernels.random.uniform)
         return StepReport(loss.detach(), l1, None, 0, torch.tensor(state.num_gaussians))
+
+    def _with_dropout(self, state: GaussianState, gaussians: Gaussians) -> Gaussians:
+        """Leaves out random Gaussians, by opacity 0, and increases the opacities of the others."""
+        if not (share := self._config.dropout):
+            return gaussians
+        numbers = self._kernels.random.uniform(gaussians.opacities.shape, state.generator, state.device)
+        factors = (numbers >= share).to(gaussians.opacities) / (1 - share)
+        return replace(gaussians, opacities=(gaussians.opacities * factors).clamp(max=_MOST_OPAQUE))
 
     def _check(self, state: GaussianState, loss: Float[Tensor, ""]) -> None:
         last = state.iteration == self._config.iterations
