@@ -149,6 +149,17 @@ def test_a_receiver_that_missed_an_update_gets_the_whole_scene(monkeypatch: pyte
     assert names[2] == names[3] == "room"
 
 
+def test_a_scene_without_updates_is_an_error_and_not_received_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A server without `--updates` would otherwise send the same scene again and again."""
+    missing = "no such stream", None
+    with pytest.raises(ValueError, match="offers no updates"):
+        followed(monkeypatch, *[("complete", BASE), missing] * 3)
+    found, warnings, _ = followed(
+        monkeypatch, ("complete", BASE), ("complete", UPDATES[0]), missing, ("complete", BASE), missing
+    )
+    assert (found, len(warnings)) == ([BASE, apply_update(BASE, UPDATES[0]), BASE], 2)
+
+
 @pytest.mark.parametrize("wrong", [BASE, UPDATES[1]])
 def test_streams_that_do_not_follow_are_not_applied(monkeypatch: pytest.MonkeyPatch, wrong: SceneStream) -> None:
     found, warnings, _ = followed(monkeypatch, ("complete", BASE), ("complete", wrong))

@@ -18,7 +18,7 @@ Fetch = Callable[[str], Awaitable[Receiver]]
 Warn = Callable[[str], None]
 
 RETRY_S = 1.0
-"""Time after which a failed transfer is started again, seconds."""
+"""Time after which a failed transfer is started again, or a scene is requested again, seconds."""
 
 
 class FollowingStoppedError(Exception):
@@ -37,9 +37,10 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
         warn: Called with the text of each warning.
 
     Raises:
-        InvalidValueError: If the scene does not arrive as a whole at first.
+        InvalidValueError: If the scene does not arrive as a whole at first, or the server offers no updates of it.
     """
     scene: SceneStream | None = None
+    without_updates = ""
     while True:
         receiver = await fetch(name)
         stream, reason = receiver.stream(), _reason(receiver)
@@ -51,17 +52,23 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
             warn(f"the scene did not arrive as a whole ({reason}); the last one remains")
             await asyncio.sleep(RETRY_S)
             continue
+        digest = manifest_digest(stream.manifest)
+        if digest == without_updates:
+            raise InvalidValueError("the server offers no updates of the scene: `serve --updates` does")
         scene = stream
         yield scene
         try:
-            async with aclosing(updates_after(fetch, manifest_digest(scene.manifest), warn)) as updates:
+            without_updates = digest
+            async with aclosing(updates_after(fetch, digest, warn)) as updates:
                 async for update in updates:
-                    scene = await asyncio.to_thread(apply_update, scene, update)
+                    scene, without_updates = await asyncio.to_thread(apply_update, scene, update), ""
                     yield scene
+            await asyncio.sleep(RETRY_S)  # a server that has started again may not offer updates yet
             warn("an update was missed, and the server no longer has it; the whole scene is requested")
         except FollowingStoppedError:
             return
         except SplatwireError as error:
+            without_updates = ""
             warn(f"an update cannot be applied: {error}; the whole scene is requested")
             await asyncio.sleep(RETRY_S)
 

@@ -33,7 +33,8 @@ class Receive:
     the transfer."""
     follow: bool = False
     """Keep receiving updates of the scene (`serve --updates`) until Ctrl-C. The output is written again after each
-    update. If an update does not arrive, the last scene remains, and a warning says so."""
+    update. If an update does not arrive, the last scene remains, and a warning says so. A server without updates of the
+    scene is an error."""
     no_nack: bool = False
     """Do not request retransmission of lost packets."""
     camera: Path | None = None
