@@ -1,8 +1,7 @@
 """Numba kernels that generate the Gaussians of anchors with the networks of a scene (see `head_gradients` for numpy).
 
-A layer processes sixteen anchors at a time, one per SIMD lane, and six outputs together so that sums stay in registers.
-The output layers of covariance and colour process one Gaussian at a time, with one output per lane, because most
-offsets of an anchor have no Gaussian.
+Sixteen anchors are processed at a time, one per SIMD lane. The output layers of covariance and colour are an exception:
+most offsets of an anchor have no Gaussian, so one Gaussian is processed at a time, with one output per lane.
 
 Common arguments: `anchors` (positions, features, scalings, offsets, mask); `hints` (result of loss concealment: hidden
 anchors, factors on size, factors on opacity; empty arrays if there is none); `camera` (pose, focal lengths and

@@ -65,7 +65,7 @@ def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
     """Returns the Gaussians that camera `view` draws; not differentiable.
 
     If losses were concealed, the concealer's factors on size and opacity (`scene.hints`) are applied. Positions are
-    relative to the scene's origin. `cameras.relative_to(origin_of(scene))` has the same coordinates.
+    relative to the scene's origin. The call `cameras.relative_to(origin_of(scene))` gives cameras in these coordinates.
 
     Raises:
         InvalidValueError: If `scene` is not a scene.

@@ -69,9 +69,9 @@ def predict_causal(
         feature: Features in units of their quantisation steps.
         form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
             steps.
-        quantised: Function that converts attributes to the values that a decoder reconstructs, for the further
-            networks. Its arguments are the name of a network, the means that it predicts, and the attributes. None if
-            the further networks read `feature` and `form` unchanged.
+        quantised: Function that converts attributes to the values that a decoder reconstructs; these are the inputs of
+            the further networks. Its arguments are the name of a network, the means that it predicts, and the
+            attributes. None if the further networks read `feature` and `form` unchanged.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)

@@ -45,7 +45,7 @@ def voxel_indices(positions: Float[Any, "N 3"], voxel_size: float) -> Int64[np.n
 
 
 def voxel_positions(indices: Int64[Any, "N 3"], voxel_size: float) -> Float[np.ndarray, "N 3"]:
-    """Returns the world coordinates of voxels: float32 of the float64 product, identical on every machine."""
+    """Returns the world coordinates of voxels, computed in float64 and rounded to float32; equal on every machine."""
     return (to_numpy(indices).astype(np.float64) * voxel_size).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Threads for blocking work of an event loop; the process can end while such a thread still runs."""
+"""Threads in which an event loop runs blocking work; the process can end while such a thread still runs."""
 
 import asyncio
 import threading

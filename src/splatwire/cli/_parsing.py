@@ -22,9 +22,9 @@ _CONFIG = (
 
 
 def _skip_typeguard_import() -> None:
-    """Replaces tyro's type check of option defaults by our own, because importing typeguard takes long.
+    """Replaces tyro's type check of option defaults by a simpler one, because importing typeguard takes long.
 
-    Our check does not look into tuples. A type checker has already checked these defaults.
+    The simpler check ignores the items of tuples. A static type checker has already checked these defaults.
     """
     resolver: Any = getattr(tyro, "_resolver", None)  # private: a release without it checks as before
     checked: Any = getattr(resolver, "is_instance", None)

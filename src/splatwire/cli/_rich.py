@@ -64,7 +64,7 @@ def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, alig
 
 @contextlib.contextmanager
 def bars() -> Iterator[Callable[[str, float], None] | None]:
-    """Shows a progress bar for each task on standard error; yields None if that is no terminal for rich."""
+    """Shows a progress bar for each task on standard error; yields None if rich cannot draw bars there."""
     shown = console(stderr=True)
     if not shown.is_terminal:
         yield None

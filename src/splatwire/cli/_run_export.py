@@ -95,7 +95,10 @@ def _check(options: Export) -> None:
 
 
 def _limited(options: Export, splats: Splats, degree: int) -> Splats:
-    """Returns Gaussians with harmonics of at most a degree; the writer of `.splat` drops and reports them itself."""
+    """Returns Gaussians with harmonics of at most a degree.
+
+    For `.splat`, they are returned unchanged, because its writer drops harmonics and reports that itself.
+    """
     return splats if options.kind == "splat" else splats.at_most_degree(degree)
 
 
@@ -139,7 +142,7 @@ def _read_back(options: Export, scene: Scene) -> Scene:
 def _views(options: Export, scene: Scene) -> "_Views | None":
     """Returns the cameras in which exported Gaussians are fitted to the scene, and those in which errors are measured.
 
-    Returns None for a scene of explicit Gaussians, which needs no fitting, if no measurement is requested.
+    Explicit Gaussians need no fitting; the result is None for them if no measurement is requested either.
     """
     if options.data is not None:
         test = open_dataset(options.data, split="test", background=scene.background)

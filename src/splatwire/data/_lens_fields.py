@@ -1,4 +1,4 @@
-"""Detection of fields in camera files that describe a lens or a projection that no reader of this package supports.
+"""Detection of fields in camera files that describe an unsupported lens or projection.
 
 If fisheye photos or panoramas were read as pinhole photos, the trained scene would be wrong. There is no standard for
 the names of such fields, so they are found by patterns.

@@ -123,7 +123,8 @@ class Undistortion:
     Attributes:
         lens: The lens model of the photo.
         photo: fx, fy, cx, cy of the photo, pixels; the centre of the top-left pixel is (0.5, 0.5).
-        zoom: Factor on fx and fy of the pinhole camera, chosen so that no pixel of its image is outside the photo.
+        zoom: Ratio of the pinhole camera's focal lengths to those of the photo, chosen so that no pixel of the pinhole
+            image is outside the photo.
         width: Width of the photo and of the pinhole image, pixels.
         height: Height of the photo and of the pinhole image, pixels.
     """

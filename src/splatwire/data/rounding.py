@@ -12,7 +12,9 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to positions relative to (0, 0, 0), and logs a warning if float32 rounds them noticeably.
+    """Returns cameras whose positions are relative to (0, 0, 0) instead of an origin.
+
+    Logs a warning if float32 rounds the positions noticeably.
 
     Args:
         source: Source folder or file, for the message.

@@ -201,7 +201,7 @@ def file_kind(path: Path) -> Kind:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Path]:
-    """Opens a file once for the detection of its format and for all readers that get the yielded path.
+    """Yields a path of an opened file; format detection and all readers that get this path then use the open file.
 
     Never raises and does not block: readers report a path that cannot be read, and open files within folders
     themselves. A path that is already open is yielded unchanged.
@@ -249,7 +249,7 @@ def trained_ply(folder: Path) -> Path | None:
     """Returns the PLY of the last iteration in a 3DGS model folder, or None.
 
     The path is `point_cloud/iteration_N/point_cloud.ply`, with the highest N. `folder` may be the model folder, its
-    subfolder `point_cloud`, also under another name, or the folder of one iteration.
+    subfolder `point_cloud` (even if it was renamed), or the folder of one iteration.
     """
     if _iteration(folder) is not None:
         return ply if (ply := folder / _TRAINED_PLY).is_file() else None

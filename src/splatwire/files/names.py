@@ -19,7 +19,7 @@ def safe_name(name: str, fallback: str = "unnamed") -> str:
 
 
 def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str, ...]:
-    """Converts names to file names that are unique even without letter case; repeated names get a number."""
+    """Converts names to file names that differ even if letter case is ignored; repeated names get a number."""
     found: list[str] = []
     taken: set[str] = set()
     last: dict[str, int] = {}

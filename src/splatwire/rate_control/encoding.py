@@ -259,7 +259,7 @@ class _Plan:
         return cls(source, views.measured, search, held_out, measured.classes, curve, source)
 
     def with_more_pruning(self) -> "_Plan":
-        """Returns a plan that keeps fewer Gaussians at each level, for fine-tuning, which makes up for removed ones."""
+        """Returns a plan that keeps fewer Gaussians at each level, because fine-tuning makes up for removed ones."""
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
@@ -473,7 +473,7 @@ class _Trials:
         Args:
             measure: Function that returns the value of an encoded scene.
             permitted: Permitted values.
-            known: An encoded scene and its value; the level is that of this scene.
+            known: A stream at the level to use, and its measured value.
             slope: Expected increase of the value per level.
         """
         value, encoded = known

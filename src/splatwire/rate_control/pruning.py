@@ -95,8 +95,8 @@ class PruningCurve:
     def best_share(self, level: float) -> float:
         """Returns the share of Gaussians to keep at a quantisation level so that the stream is smallest for its error.
 
-        With this share, pruning and coarser quantisation cost the same error per saved byte. The share never decreases
-        with the level, so that size and quality of the stream increase with the level.
+        At this share, saving a byte costs the same error by more pruning as by coarser quantisation. The share never
+        decreases with the level, so that size and quality of the stream increase with the level.
 
         Args:
             level: Quantisation level (`Quality.level`).

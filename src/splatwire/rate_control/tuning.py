@@ -80,7 +80,7 @@ def check_tunable(scene: SplatScene) -> None:
 def fitted_pictures(
     source: SplatScene, cameras: Cameras | None, tuning: Tuning, progress: Callable[[str, float], None]
 ) -> Pictures:
-    """Renders the pictures of a scene that fine-tuned Gaussians are fitted to.
+    """Renders pictures of a complete scene, to which fine-tuning then fits the remaining Gaussians.
 
     Args:
         source: The complete scene.
@@ -100,7 +100,7 @@ def tuned_to_pictures(
     tuning: Tuning,
     progress: Callable[[str, float], None],
 ) -> tuple[SplatScene, np.ndarray]:
-    """Fine-tunes Gaussians to pictures with a quality setting.
+    """Fine-tunes Gaussians so that their renderings match pictures, despite the rounding at a quality setting.
 
     Args:
         pruned: The Gaussians to fine-tune.

@@ -139,7 +139,9 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
-    """Computes the gradient sums of all pairs of a tile and a Gaussian in it, for some tiles.
+    """Computes the gradient with respect to each projected Gaussian in some tiles, summed over the pixels of a tile.
+
+    The result has one row for each pair of a tile and a Gaussian in it.
 
     Args:
         splats: Projected Gaussians.
@@ -162,7 +164,7 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
-    """Adds the gradient sums of each Gaussian over its tiles to `sums`, in the order of the tiles.
+    """Sums the gradients of each Gaussian over its tiles, in the order of the tiles, and writes them to `sums`.
 
     Args:
         rows_of_sums: Gradient sums of each pair of Gaussian and tile, from `draw_tiles_back`.

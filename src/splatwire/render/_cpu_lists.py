@@ -23,7 +23,7 @@ _LOWEST = -200.0  # lower bound of exponents for any opacity
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
-    """Returns the number of pairs of a Gaussian and a tile that it overlaps, for each row of tiles.
+    """Returns, for each row of tiles, the number of pairs of a tile and a Gaussian that overlaps it.
 
     Args:
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
@@ -49,7 +49,7 @@ def depth_order(splats, tiles, first_row, last_row):
         last_row: End of the rows of tiles (exclusive).
 
     Returns:
-        Indices of the Gaussians, and the sum of the numbers of tile columns that they overlap.
+        Indices of the Gaussians; and the number of tile columns that they overlap, summed over the Gaussians.
     """
     room, count, columns = tiles.shape[0], 0, np.int64(0)
     order, spare = np.empty(room, np.int32), np.empty(room, np.int32)
@@ -121,7 +121,7 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
 @njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
-    """Returns the integer rows from `low` to `high` within `top` to `bottom`, as first row and one past the last."""
+    """Returns the integers from `low` to `high` within `top` to `bottom` (exclusive), as start and end (exclusive)."""
     first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
     return np.int32(first), np.int32(last) + np.int32(1)
 
@@ -134,7 +134,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Args:
         splats: Projected Gaussians.
         order: Indices of the Gaussians to list, nearest first.
-        num_columns: Sum of the numbers of tile columns that the Gaussians overlap, from `depth_order`.
+        num_columns: Total number of tile columns that the Gaussians overlap, from `depth_order`.
         grid_x: Number of tile columns of the image.
         first_row: First row of tiles.
         last_row: End of the rows of tiles (exclusive).

@@ -124,8 +124,9 @@ class MeasuredGaussians:
 
     Attributes:
         classes: Precision class of each Gaussian, which selects its quantisation steps (`precision_classes`).
-        removal: Estimated mean squared error of the pictures if the Gaussian is removed. Visible Gaussians with the
-            colour of what is behind them count, too: `_HIDDEN_CONTRAST` is added to the measured difference of colours.
+        removal: Estimated mean squared error of the pictures if the Gaussian is removed. If a Gaussian has the colour
+            of what is behind it, the pictures would hardly change; `_HIDDEN_CONTRAST` is therefore added to the
+            measured difference of colours.
     """
 
     classes: Int8[np.ndarray, "N"]

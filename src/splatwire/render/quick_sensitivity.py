@@ -154,9 +154,9 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the errors of each selected anchor from measured sums over all selected anchors.
+    """Estimates the picture error if a selected anchor changes, from sums that were measured over all selected anchors.
 
-    Each anchor gets a part of the sum in proportion to the image error caused by removing it.
+    Each anchor gets a part of a sum in proportion to the picture error caused by removing the anchor.
 
     Args:
         removal: Image error of removing each anchor; 0 for anchors that were not selected, (N).

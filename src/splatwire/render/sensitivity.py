@@ -146,8 +146,8 @@ def _add_changes(
 ) -> None:
     """Adds the estimated picture errors of changing features, scalings and offsets of anchors to `total`.
 
-    The estimate is from one back-propagation of random signs (see the description of the module), which this function
-    continues through the networks that generate the Gaussians.
+    The estimate is from one back-propagation of random signs (see the description of the module). Here, the gradients
+    with respect to the Gaussians are back-propagated to the anchors, through the networks that generate the Gaussians.
 
     Args:
         total: Errors summed over views; changed in place.

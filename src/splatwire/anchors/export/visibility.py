@@ -60,7 +60,7 @@ def visible_areas(
     find: FindGradients,
     progress: Callable[[float], None] | None = None,
 ) -> VisibleAreas:
-    """Measures the area, in square pixels, of each Gaussian that no nearer Gaussian hides, in each view.
+    """Measures the visible area of each Gaussian in each view: its area without the parts behind nearer Gaussians.
 
     The areas are the weights of the views when a Gaussian is fitted to them. An area is the sum of the Gaussian's
     blending weights over the image, divided by its opacity minus 1/255 (the minimum alpha that renderers draw), so that

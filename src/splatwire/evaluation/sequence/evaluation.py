@@ -155,7 +155,7 @@ def score_sequence(
 def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarray, "V H W 3"]) -> float:
     """Mean PSNR of a frame over views, decibels.
 
-    Views equal to the reference (infinite PSNR) are excluded unless all are.
+    Views equal to the reference (infinite PSNR) are left out; if all views are equal, the result is infinite.
     """
     views = psnr(pictures, reference)
     unlike = views[np.isfinite(views)]

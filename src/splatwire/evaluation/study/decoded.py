@@ -20,9 +20,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Checks the decoded result of another codec, a scene or pictures, and describes it for the evaluation.
-
-    The evaluation uses the description like that of a stream.
+    """Checks the decoded result of another codec (a scene or pictures), and describes it like a stream of this package.
 
     Args:
         row: The table row of the other codec.

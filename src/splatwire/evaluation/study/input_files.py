@@ -37,7 +37,7 @@ class InputFiles:
 def keep(cache: "OrderedDict[Key, Value]", key: Key, most: int, make: Callable[[], Value]) -> Value:
     """Returns the value of a key from a cache with a limited number of entries.
 
-    A missing value is computed and added; if the cache is full, the least recently used entry is evicted before.
+    A missing value is computed and added. If the cache is full, the least recently used entry is removed first.
 
     Args:
         cache: The cache; changed in place.

@@ -120,8 +120,8 @@ class Source:
     def stream(self) -> SceneStream | None:
         """The stream that the user gave for the scene; None without a stream.
 
-        This is `SceneEntry.sections`, a stream of the scene with additional side information. Without it, this is the
-        scene itself, if it is a stream.
+        This is `SceneEntry.sections` if it is set, because that stream also has side information. Otherwise, it is the
+        scene itself, if that is a stream.
         """
         path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
         if path is None:

@@ -124,7 +124,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
 
 
 def _check_bounds(chunks: PlyElement) -> None:
-    """Checks that bounds are complete and ordered; older files have none of colours.
+    """Checks that bounds are complete and ordered; older files have no bounds of colours.
 
     Raises:
         DatasetError: If a minimum exceeds its maximum, or one of the bounds of an attribute is missing.

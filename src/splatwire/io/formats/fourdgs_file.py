@@ -164,8 +164,8 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 class _ConstantIntervals:
     """Converts the frames of a sequence to the intervals in which a Gaussian keeps all its values.
 
-    The format stores one Gaussian with start and end time for each interval. Row i of consecutive frames is the same
-    Gaussian if the frames have equally many Gaussians. If their numbers differ, all intervals end.
+    The format stores one Gaussian with start and end time for each interval. Consecutive frames with equally many
+    Gaussians contain the same Gaussians in the same order. If the number changes, all intervals end.
 
     Attributes:
         num_frames: Number of frames so far.

@@ -89,7 +89,7 @@ def project_tensors(
 
 
 def _radii(covs2d: Float[Tensor, "N 3"], near: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
-    """Returns three standard deviations along the longest axis, rounded up to pixels, as in 3DGS.
+    """Returns three standard deviations along the longest axis, rounded up to pixels.
 
     As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
     """

@@ -1,9 +1,8 @@
 """Compiled kernels of the photometric loss; called by `splatwire.neural.training.losses`.
 
-A row of an image consists of three values (RGB) per pixel, so the window of a blur along a row has a stride of three.
 The loops over a row are separate functions so that the compiler vectorises them. No function is compiled with
-fast-math. With fast-math, a process that compiles a function and a process that loads it from the cache may execute
-versions that round differently. Two trainings with the same seed would then diverge.
+fast-math: a process that compiles a function and a process that loads it from the cache could then round differently,
+and two trainings with the same seed would diverge.
 """
 
 from typing import no_type_check

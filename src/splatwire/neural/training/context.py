@@ -157,10 +157,10 @@ class TrainedContext:
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
     def bits_per_parameter(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the estimated mean bits per attribute value of the scene, the rate in the training's loss.
+        """Estimates the mean bits per attribute value of the whole scene; this is the rate in the training's loss.
 
-        The bits of the attributes are those of a sample of anchors. The bits of the hash grid's signs are divided by
-        the number of attribute values of all anchors.
+        The bits of the attributes are estimated from a sample of anchors. The bits of the hash grid's signs are added,
+        divided by the number of attribute values of all anchors.
         """
         layout = self._config.model.layout
         per_anchor = layout.feature_dim + 6 + 3 * layout.num_offsets
@@ -189,7 +189,7 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
 
 
 def step_columns(prior: Mlp) -> Mlp:
-    """Returns a part of the prior network: the last three outputs, which are the logits of the quantisation steps."""
+    """Reduces the prior network to its last three outputs, the logits of the quantisation steps."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 

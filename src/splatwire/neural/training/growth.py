@@ -108,7 +108,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
 
 
 def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"], uniform: Uniform) -> None:
-    """Adds anchors near Gaussians with large gradients, on every level of cell sizes, coarsest first.
+    """Adds anchors near Gaussians with large gradients, on grids of several cell sizes, the coarsest grid first.
 
     Args:
         state: State of the training; changed in place.

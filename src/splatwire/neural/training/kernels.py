@@ -90,8 +90,8 @@ class Randomness:
 
     Attributes:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
-        noise: Draws a matrix of uniform random numbers in [0, 1), given the number of rows and the widths of the column
-            groups that it consists of (`noise_from_host`).
+        noise: Draws a matrix of uniform random numbers in [0, 1). Its arguments are the number of rows, and the numbers
+            of columns of consecutive groups of columns (`noise_from_host`).
         sample: Selects a random subset of anchors, given their number and the share to select; returns indices.
     """
 

@@ -80,7 +80,7 @@ class ModelTraining(Protocol):
         """Writes a checkpoint."""
 
     def scene(self, device: torch.device) -> Scene:
-        """Returns the scene that the present state describes, on the CPU; computes it on a device."""
+        """Returns the scene of the present state, on the CPU; it is computed on `device`."""
 
 
 def training_device(name: str) -> torch.device:
@@ -97,7 +97,7 @@ def training_device(name: str) -> torch.device:
 
 @dataclass
 class TrainingLoop:
-    """The training loop, with everything that is constant during it.
+    """Runs the iterations of a training, with tests, checkpoints and progress reports.
 
     Attributes:
         options: Options for checkpoints and tests.

@@ -73,7 +73,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Maps the weights of several networks to the weights of the combined network, and back.
+    """Computes where each weight of several networks is in the combined network, and the reverse.
 
     The weights of the networks are numbered as one list, followed by a zero. Entries of the combined weight matrices
     that belong to no network are copies of this zero.

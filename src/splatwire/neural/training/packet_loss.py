@@ -163,7 +163,8 @@ class PacketLosses:
             packetization: Rule by which anchors are split into packets.
             model: The loss model.
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
-            packet_anchors: Number of anchors per packet, for packetizations with hashed grouping.
+            packet_anchors: Number of anchors per packet; only used if the packetization distributes anchors to packets
+                by a hash.
 
         Returns:
             The received anchors and their enlargement; None if all anchors or no anchors are received.
@@ -241,8 +242,9 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     Args:
         packetization: Rule by which anchors are split into packets.
         num_anchors: Number of anchors, N.
-        packet_anchors: Estimated number of anchors per packet, used only with hashed grouping. Its packets are filled
-            up to a size in bytes, so the exact number is known only after coding.
+        packet_anchors: Estimated number of anchors per packet; only used if the packetization distributes anchors to
+            packets by a hash. These packets are filled up to a size in bytes, so the exact number is known only after
+            coding.
 
     Returns:
         Packet indices, int64 (N).
@@ -261,9 +263,10 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 
 
 def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
-    """Estimates how many anchors a packet contains with hashed grouping, from the current bits per anchor.
+    """Estimates how many anchors a packet contains, from the current bits per anchor.
 
-    Returns 1 if the rate is None, or if the packetization has another grouping, which does not use this number.
+    This is only needed for packetizations that distribute anchors to packets by a hash, and fill packets up to a size
+    in bytes. Returns 1 for all others, or if the rate is None.
     """
     if rate is None or not packetization.hashed:
         return 1

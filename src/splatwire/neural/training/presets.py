@@ -204,7 +204,7 @@ def _causal(config: TrainConfig) -> TrainConfig:
 
 
 def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
-    """Appends fine-tuning iterations to a configuration that simulates packet loss; returns others unchanged."""
+    """Appends fine-tuning iterations if a configuration simulates packet loss; otherwise returns it unchanged."""
     if not (config.losses.models or config.losses.first):
         return config
     milestones, more = config.milestones, round(TUNING_SHARE * config.milestones.iterations)

@@ -214,10 +214,10 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns a scale for each network output, by which the refinement divides it so that one learning rate suits all.
+    """Returns a typical value of each network output; outputs are divided by it so that one learning rate suits all.
 
-    The scale of an output is the typical standard deviation that the networks predict for its attribute channel. The
-    first entry is for the prior network, the others for the channel networks.
+    It is the typical standard deviation that the networks predict for the attribute channel of the output. The first
+    entry is for the prior network, the others for the channel networks.
     """
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (

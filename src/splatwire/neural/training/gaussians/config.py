@@ -151,7 +151,7 @@ class GaussianConfig:
                 raise InvalidValueError("losses are simulated in the fine-tuning, which has no iterations here")
 
     def degree_at(self, iteration: int) -> int:
-        """Returns the degree of the harmonics that are trained in an iteration, counted from 1."""
+        """Returns the highest degree of the harmonics that are trained in an iteration, counted from 1."""
         reached = sum(iteration > share * self.iterations for share in self.degree_steps)
         return min(reached, self.degree)
 
