@@ -26,7 +26,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.encoder import TracksEncoder
 from splatwire.concealment.temporal.concealers import temporal_concealer
 from splatwire.planning.sequence.delivery import SequenceLoad, delivered, model_motion_transfer
-from splatwire.planning.sequence.distortion import draw, measure_sequence_distortion, pooled
+from splatwire.planning.sequence.distortion import measure_sequence_distortion, pooled, render_sampled_frames
 from splatwire.planning.sequence.planner import SequenceVariant, plan_sequence
 from splatwire.planning.sequence.variants import frames_of
 from splatwire.render.importance import surrounding_cameras
@@ -96,7 +96,9 @@ class Clip:
         key = (level, name, frozenset(p.id for p in came))
         if key not in self._known:
             clip = decode_stream(stream.with_packets(came)).scene
-            pairs = zip(draw(clip, temporal_concealer(name), self._cameras), self._references, strict=True)
+            pairs = zip(
+                render_sampled_frames(clip, temporal_concealer(name), self._cameras), self._references, strict=True
+            )
             errors = [((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]
             self._known[key] = float((-10 * np.log10(np.array(errors))).mean())
         return self._known[key]

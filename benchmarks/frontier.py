@@ -37,7 +37,7 @@ from splatwire.io import open_scene
 from splatwire.planning.candidates import PlanConstraints, arrival_within, baseline_candidates
 from splatwire.planning.distortion import BLANK_PSNR
 from splatwire.planning.measure import LossyPictures, known_elements, packet_members, variant_of_stream
-from splatwire.planning.planner import HEAD_TRIALS, losses, plan_protection
+from splatwire.planning.planner import HEAD_TRIALS, draw_transfer_losses, plan_protection
 from splatwire.planning.transfer_model import StreamLoad, draw_losses, model_transfer
 from splatwire.render import iterate_views
 from splatwire.render.importance import footprint_importance, surrounding_cameras
@@ -162,7 +162,7 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
         points = [(row["loss"], row["budget"]) for row in rows if margin_of(row) != 0 and margin_of(row) < LEVEL_DB]
     for name, factor in points:
         loss = parse_loss(name)
-        traces = losses([variant.offer for variant in variants], loss, HEAD_TRIALS, PLANNING_SEED)
+        traces = draw_transfer_losses([variant.offer for variant in variants], loss, HEAD_TRIALS, PLANNING_SEED)
         budget = factor * bare(plain.offer.load)
         plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=budget, trials=60,
                                rendered_trials=arguments.drawn, seed=PLANNING_SEED)  # fmt: skip

@@ -31,7 +31,7 @@ from splatwire.io.formats import read_splats
 from splatwire.io.formats.sog import read_sog
 from splatwire.io.formats.sog_writer import write_sog
 from splatwire.lod import Viewpoint, encode_levels
-from splatwire.lod.merging import reduced
+from splatwire.lod.merging import reduce_gaussians
 from splatwire.ops.kd_order import kd_order
 from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Cameras, SplatScene
@@ -141,7 +141,7 @@ def streamed_sog(splats: Splats) -> StreamedSog:
     low, high = (np.array([end(leaf.means, axis=0) for leaf in finest]) for end in (np.min, np.max))
     levels = [finest]
     while len(levels) < LEVELS:
-        levels.append([reduced(leaf, -(-leaf.num_gaussians // FACTOR))[0] for leaf in levels[-1]])
+        levels.append([reduce_gaussians(leaf, -(-leaf.num_gaussians // FACTOR))[0] for leaf in levels[-1]])
     leaves, files, sizes = [], [], []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "chunk.sog"

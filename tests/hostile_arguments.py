@@ -47,7 +47,7 @@ NAMES = {
         "distortion.lost_fractions", "feedback.plan_retransmission", "measure.LossyPictures",
         "measure.known_elements", "measure.measure_distortion", "measure.measured_variant",
         "measure.packet_members", "measure.variant_of_stream",
-        "plan_file.plan_content", "plan_file.read_plan", "planner.expected", "planner.losses",
+        "plan_file.plan_content", "plan_file.read_plan", "planner.draw_transfer_losses", "planner.expected_result",
         "planner.plan_protection", "transfer_model.SimulatedTransfers", "transfer_model.StreamLoad",
         "transfer_model.draw_losses", "transfer_model.head_arrives", "transfer_model.model_transfer",
         "transfer_model.simulate",

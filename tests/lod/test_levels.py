@@ -22,7 +22,7 @@ from splatwire.concealment import conceal
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.lod.building import build_levels
 from splatwire.lod.encoding import encode_levels
-from splatwire.lod.merging import footprints, reduced
+from splatwire.lod.merging import footprints, reduce_gaussians
 from splatwire.lod.tiles import level_shapes, tiles_of
 from splatwire.ops.kd_order import kd_order
 from splatwire.types import SplatScene
@@ -68,7 +68,7 @@ def test_runs_of_a_kd_order_are_disjoint_in_space(count, runs, seed, alike):
 
 def test_merging_keeps_mean_covariance_and_coverage():
     splats = some_splats(60)
-    few, old, error = reduced(splats, 1)
+    few, old, error = reduce_gaussians(splats, 1)
     mass = footprints(splats)
     mean = (splats.means * mass[:, None]).sum(axis=0) / mass.sum()
     assert old == 0
@@ -78,7 +78,7 @@ def test_merging_keeps_mean_covariance_and_coverage():
     assert error == pytest.approx(np.sqrt((mass * (apart**2).sum(axis=1)).sum() / mass.sum()), rel=1e-4)
     assert float(few.opacities[0]) <= 0.99
     one = splats.select(np.array([3]))
-    same, old, error = reduced(one, 1)
+    same, old, error = reduce_gaussians(one, 1)
     assert old == 0
     assert error == pytest.approx(0, abs=1e-12)
     np.testing.assert_allclose(footprints(same), np.minimum(footprints(one), footprints(same)), rtol=1e-5)
@@ -86,7 +86,7 @@ def test_merging_keeps_mean_covariance_and_coverage():
 
 def test_merging_copies_of_one_gaussian_gives_that_gaussian():
     one = some_splats(1)
-    same, _, _ = reduced(one, 1)
+    same, _, _ = reduce_gaussians(one, 1)
 
     def covariance(splats):
         w, x, y, z = splats.quats[0].astype(np.float64).tolist()

@@ -7,7 +7,7 @@ from splatwire.channel import Bernoulli, NoLoss, parse_loss
 from splatwire.errors import InvalidValueError
 from splatwire.planning.candidates import PlanConstraints, arrival_within, baseline_candidates
 from splatwire.planning.distortion import BLANK_MSE, BLANK_PSNR, DistortionModel, StreamVariant, lost_fractions
-from splatwire.planning.planner import losses, plan_protection
+from splatwire.planning.planner import draw_transfer_losses, plan_protection
 from splatwire.planning.transfer_model import StreamLoad, TransferModel, draw_losses, model_transfer, simulate
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
@@ -230,7 +230,7 @@ def test_baselines_are_compared_with_the_planned_allocations(load: StreamLoad, d
     flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
     alike = DistortionModel(SHARES, damage.mse[:1], 1e-3)
     budget = _budget(flat, 1.35)
-    traces = losses([StreamVariant(flat, alike)], Bernoulli(0.2), 200, 0)
+    traces = draw_transfer_losses([StreamVariant(flat, alike)], Bernoulli(0.2), 200, 0)
     plain = baseline_candidates(flat, traces, PlanConstraints(budget))
     model = model_transfer(flat, plain["whole"])
     assert 0.97 * budget < model.num_bytes.sum() <= budget
@@ -257,7 +257,7 @@ def test_baseline_is_chosen_without_a_clear_gain_of_another_plan(load: StreamLoa
 
     budget = _budget(flat, 1.1)
     near, far = (plan_protection(offers(gain), Bernoulli(0.2), budget_bytes=budget, trials=20) for gain in (0.1, 0.5))
-    traces = losses(offers(0.0), Bernoulli(0.2), 1000, 0)
+    traces = draw_transfer_losses(offers(0.0), Bernoulli(0.2), 1000, 0)
     assert near.variant == 0
     assert near.protection == baseline_candidates(flat, traces, PlanConstraints(budget))["conceal"]
     assert far.variant == 1

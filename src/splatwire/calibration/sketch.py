@@ -22,7 +22,7 @@ from splatwire.calibration.sketch_gaussians import GaussianSketch
 from splatwire.calibration.views import CalibrationViews, Progress, References
 from splatwire.codec import decode_stream
 from splatwire.concealment import Concealed, conceal
-from splatwire.concealment.conceal import drawn
+from splatwire.concealment.conceal import apply_result
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import to_arrays
 from splatwire.render import iterate_views
@@ -223,7 +223,7 @@ class _Scores:
         return replace(partial, scene=replace(partial.scene, background=self._scene.background))
 
     def _quality_of(self, partial: ReceivedScene, proposal: Concealed) -> float:
-        return self._quality(drawn(partial, proposal, "sketch"))
+        return self._quality(apply_result(partial, proposal, "sketch"))
 
     def _quality(self, scene: Scene) -> float:
         """Returns the mean PSNR of a scene over the views, decibels."""

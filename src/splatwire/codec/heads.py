@@ -15,7 +15,7 @@ def network_of(mlp: QuantisedMlp) -> Mlp:
     return Mlp(hidden, output, 0.01 if mlp.leaky else 0.0)
 
 
-def quantised(network: Mlp, inputs: Any, tolerance: np.ndarray) -> QuantisedMlp:
+def quantise_network(network: Mlp, inputs: Any, tolerance: np.ndarray) -> QuantisedMlp:
     """Quantises a network as coarsely as the tolerated errors of its outputs allow, measured for a sample of inputs.
 
     A network of a decoded scene is already quantised and stays unchanged.

@@ -38,10 +38,10 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
     check_needs(method, partial)
     if partial.loss_mask.num_lost == 0:
         return partial.scene
-    return drawn(partial, method(partial), method.name)
+    return apply_result(partial, method(partial), method.name)
 
 
-def drawn(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
+def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
     """Applies the result of a concealer to a received scene: estimates of lost elements, and hints for rendering.
 
     The hints are factors on the size and opacity of each element, and the elements that are not drawn.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.bitstream.tiles import parents_of
-from splatwire.lod.merging import footprints, reduced
+from splatwire.lod.merging import footprints, reduce_gaussians
 from splatwire.lod.tiles import LevelShape, level_shapes
 from splatwire.ops.kd_order import kd_order
 from splatwire.types import SplatScene
@@ -141,4 +141,4 @@ def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray
 
 def _reduced(level: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
     some = level.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
-    return reduced(some, count, mass) if count else (some, 0, 0.0)
+    return reduce_gaussians(some, count, mass) if count else (some, 0, 0.0)

@@ -30,7 +30,7 @@ def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
     return opacities.astype(np.float64) * largest * middle
 
 
-def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple[Splats, int, float]:
+def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple[Splats, int, float]:
     """Replaces the Gaussians of a region by fewer ones, for views from far away.
 
     Neighbouring Gaussians (those in a leaf of a k-d tree) are merged into one Gaussian with their mean, covariance and

@@ -10,7 +10,7 @@ from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.errors import InvalidValueError
 from splatwire.io import open_scene
 from splatwire.io.formats.gltf_writer import write_gltf
-from splatwire.lod.merging import reduced
+from splatwire.lod.merging import reduce_gaussians
 from splatwire.types.splats import Splats
 
 FALLBACK = 4096
@@ -44,4 +44,4 @@ def fallback_of(path: Path) -> Splats:
     if splats is None:
         raise InvalidValueError(f"{path}: its Gaussians depend on the view, and those of a glTF file do not")
     plain = splats.at_most_degree(0)
-    return plain if plain.num_gaussians <= FALLBACK else reduced(plain, FALLBACK)[0]
+    return plain if plain.num_gaussians <= FALLBACK else reduce_gaussians(plain, FALLBACK)[0]

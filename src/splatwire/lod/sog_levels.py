@@ -18,7 +18,7 @@ from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
 from splatwire.io.formats.outliers import DEFAULT, morton_order
 from splatwire.io.formats.sog_writer import sog_files, treat_outliers
-from splatwire.lod.merging import reduced
+from splatwire.lod.merging import reduce_gaussians
 from splatwire.lod.tileset import explicit_scene
 from splatwire.ops.kd_order import kd_order
 from splatwire.types import Scene
@@ -147,7 +147,7 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
     for _ in range(num_levels - 1):
         last = levels[-1]
         fewer = -(-last.num_gaussians // FACTOR)
-        levels.append(last if fewer == last.num_gaussians else reduced(last, fewer)[0])
+        levels.append(last if fewer == last.num_gaussians else reduce_gaussians(last, fewer)[0])
     return [level.select(morton_order(level.means.astype(np.float64))) for level in levels]
 
 

@@ -14,7 +14,7 @@ from splatwire.arguments import checked
 from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError
 from splatwire.planning.distortion import StreamVariant
-from splatwire.planning.planner import FINAL_TRIALS, MOST_FATES, ScenePlan, check_request, expected
+from splatwire.planning.planner import FINAL_TRIALS, MOST_FATES, ScenePlan, check_request, expected_result
 from splatwire.planning.transfer_model import SimulatedTransfers, draw_losses, model_transfer
 from splatwire.transport.protocol.protection import MAX_RETRANSMITTED, Protection
 
@@ -105,7 +105,9 @@ def _plan(
     until = count / len(ends)
     packets = received.copy()
     packets[:, :count] = True
-    found = expected(variant, SimulatedTransfers(np.ones(len(packets), dtype=np.bool_), packets), rendered_trials)
+    found = expected_result(
+        variant, SimulatedTransfers(np.ones(len(packets), dtype=np.bool_), packets), rendered_trials
+    )
     resent = again * float(variant.load.packet_bytes[:count].sum())
     spent = {"side_protection": round(again * sizes["side"]), "packet_protection": round(resent)}
     total = sum(sizes.values()) + sum(spent.values()) + variant.preview_bytes

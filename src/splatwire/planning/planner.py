@@ -123,7 +123,7 @@ def plan_protection(
     if not 0 < head_target <= 1:
         raise InvalidValueError(f"head_target must be above 0 and at most 1, not {shown(head_target)}")
     report = progress or (lambda _: None)
-    traces = losses(variants, loss, max(HEAD_TRIALS, trials), seed)
+    traces = draw_transfer_losses(variants, loss, max(HEAD_TRIALS, trials), seed)
     plans, plain = list[ScenePlan](), list[ScenePlan]()
     for number, variant in enumerate(variants):
         spent = variant.concealment_bytes + variant.preview_bytes
@@ -142,7 +142,9 @@ def plan_protection(
         for chosen in (_leaders(plans, SHORT_LIST), plain)
     )
     finalists = _finalists(plans, plain, head_target)
-    fresh = losses(variants, loss, min(FINAL_TRIALS, max(MOST_FATES // traces.shape[1], trials)), seed + 1)
+    fresh = draw_transfer_losses(
+        variants, loss, min(FINAL_TRIALS, max(MOST_FATES // traces.shape[1], trials)), seed + 1
+    )
     scored = []
     for plan in finalists:
         found = _evaluate_plan(variants[plan.variant], plan, fresh, budget_bytes, rendered_trials)
@@ -177,7 +179,7 @@ def check_request(
 
 
 @checked
-def losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
+def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
     """Draws the random losses of the transfers that a planner simulates, the same for all candidate plans.
 
     Returns:
@@ -263,7 +265,7 @@ def _evaluate_plan(
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
-    found = expected(variant, arrival, rendered_trials)
+    found = expected_result(variant, arrival, rendered_trials)
     judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.head.mean()), lost=found.lost)
     return _EvaluatedPlan(judged, found.partly, found.error)
 
@@ -286,7 +288,7 @@ class ExpectedResult:
 
 
 @checked
-def expected(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
+def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
     """Returns the expected picture quality and losses of a plan over its simulated transfers.
 
     The distortion model predicts the PSNR of each transfer. A few transfers with partial loss are also rendered. The

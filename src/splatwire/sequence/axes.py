@@ -16,7 +16,7 @@ from splatwire.types.splats import Splats
 _ORDERS = np.array(list(itertools.permutations(range(3))))
 
 
-def continued(
+def continue_axes(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
     """Rewrites quaternions and scales of a frame so that they change little since the previous frame.

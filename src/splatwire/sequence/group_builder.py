@@ -17,8 +17,8 @@ from splatwire.sequence.partial_tracks import (
     NeighborSet,
     TrackedFrame,
     extrapolate_partial_tracks,
-    first_of,
-    sampled,
+    first_gaussians,
+    sample_neighbors,
 )
 from splatwire.types.splats import Splats
 
@@ -114,7 +114,7 @@ class GroupBuilder:
             return
         self._tree = NeighborIndex.of(means, number, stay)
         if not number:
-            self._sample = sampled(means, self._tree)
+            self._sample = sample_neighbors(means, self._tree)
         came = np.flatnonzero(self._begins == number)
         if number and 0 < len(came) <= room - len(went):
             self._around.append(self._tree.around(means, came, count))
@@ -141,7 +141,7 @@ class GroupBuilder:
         values = {name: np.ascontiguousarray(some) for name, some in values.items()}
 
         def first(some: np.ndarray) -> Splats:
-            own = first_of(frames, keys[some], begins[some])
+            own = first_gaussians(frames, keys[some], begins[some])
             return replace(own, means=values["means"][some, 0])
 
         return TrackGroup(keys, begins, ends, Trajectories(**values), first)

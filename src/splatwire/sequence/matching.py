@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from splatwire.errors import InvalidValueError
-from splatwire.sequence.axes import continued
+from splatwire.sequence.axes import continue_axes
 from splatwire.types.splats import Splats
 
 SAMPLE = 4000
@@ -128,7 +128,7 @@ def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
         current: Current frame with M Gaussians.
         partner: Index of the match of each Gaussian in the previous frame, -1 for new Gaussians, int64 (M).
     """
-    quats, scales = continued(previous, current, partner)
+    quats, scales = continue_axes(previous, current, partner)
     return Splats(current.means, quats, scales, current.opacities, current.sh)
 
 

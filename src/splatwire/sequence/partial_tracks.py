@@ -152,7 +152,7 @@ class NeighborIndex:
         return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[found[:, begin:]])
 
 
-def sampled(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
+def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
     """Chooses a random sample of tracks and finds their neighbours.
 
     The sample is used to test if most tracks move like their neighbours.
@@ -182,7 +182,7 @@ def extrapolate_partial_tracks(
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
         known: Neighbours of some partial tracks, found before; those of the remaining tracks are searched here.
-        sample: Sample of tracks for the test, from `sampled`; None to draw the sample here.
+        sample: Sample of tracks for the test, from `sample_neighbors`; None to draw the sample here.
 
     Returns:
         True if most of the sampled tracks move like their neighbours, so that partial tracks were extrapolated. False
@@ -236,7 +236,7 @@ def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | Non
     """
     tested = None if sample is None else sample.part(stays[sample.tracks]).only(stays, means)
     if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE):
-        tested = sampled(means, NeighborIndex.of(means, 0, np.flatnonzero(stays))).only(stays, means)
+        tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(stays))).only(stays, means)
     own, moved = means[tested.tracks], tested.interpolated_motion(means)
     return bool(_moves_like(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
 
@@ -254,7 +254,7 @@ def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.n
     return alike
 
 
-def first_of(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
+def first_gaussians(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
     """Returns each track's Gaussian in the track's first frame.
 
     Args:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.heads import quantised
+from splatwire.codec.heads import quantise_network
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.ops.arrays import lower_median
 from splatwire.ops.twister import Twister
@@ -33,7 +33,7 @@ def fit_heads(
     distance = extent * 2 ** (2 * rng.uniform(count)[:, None] - 1)
     inputs = np.concatenate([features, direction, distance], axis=1)
     opacity, covariance, color = (
-        quantised(head, inputs, np.full(head.output.weight.shape[0], tolerance))
+        quantise_network(head, inputs, np.full(head.output.weight.shape[0], tolerance))
         for head in (heads.opacity, heads.covariance, heads.color)
     )
     return opacity, covariance, color

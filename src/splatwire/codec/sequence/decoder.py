@@ -17,7 +17,7 @@ from splatwire.codec.memory import check_memory, words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Run, SymbolRows
-from splatwire.codec.sequence.keyframes import placed
+from splatwire.codec.sequence.keyframes import to_scene_positions
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
@@ -137,7 +137,7 @@ class TracksDecoder:
             begin = end
         here = np.arange(first, first + count)
         store_block(self._splats, here, whole, harmonics, received, self.info.keyframes, base)
-        self._rows[here] = placed(whole, self.info.keyframes, base)
+        self._rows[here] = to_scene_positions(whole, self.info.keyframes, base)
         self._received[here] = received
         steps = motion_shifts(self._rows[here], self.info.keyframes, self.info.coarser)[:, 0]
         exponents = steps + self.info.keyframes.size_log - self.info.keyframes.unit - 1
@@ -200,7 +200,7 @@ class TracksDecoder:
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
         offsets = Offsets(moves, frames, keyframes.unit, keyframes.size_log)
-        return _sorted(
+        return _combine_packets(
             np.concatenate([np.zeros((0, HEAD), np.int64), *headers]), offsets, covered, complete, not blocks
         )
 
@@ -258,7 +258,9 @@ class TracksDecoder:
         return found
 
 
-def _sorted(headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
+def _combine_packets(
+    headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool
+) -> GroupMotion:
     """Combines the decoded tracks of all packets of a group of frames, in ascending order of track number.
 
     If packets contain the same track, the first one counts.

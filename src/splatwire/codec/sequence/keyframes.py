@@ -160,11 +160,11 @@ class KeyframeEncoder:
                 packets.append(make_packet(PacketId(block, start), count, payload))
             order.append(source.ranked(block, info, coded.sizes))
             digested.append((coded.rows, coded.harmonics))
-            rows.append(placed(coded.rows, info, block))
+            rows.append(to_scene_positions(coded.rows, info, block))
         return CodedKeyframes(np.concatenate(order), np.concatenate(rows), digested, packets, plan.num_blocks)
 
 
-def placed(rows: np.ndarray, info: SideInfo, block: int) -> np.ndarray:
+def to_scene_positions(rows: np.ndarray, info: SideInfo, block: int) -> np.ndarray:
     """Converts the positions of a block's Gaussians from coordinates relative to the block to scene coordinates.
 
     Args:

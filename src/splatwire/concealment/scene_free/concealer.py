@@ -8,7 +8,7 @@ import numpy as np
 from splatwire.arguments import check_fields
 from splatwire.concealment.base import Concealed, check_at_least
 from splatwire.concealment.registry import register_concealer
-from splatwire.concealment.scene_free.elements import ElementNetwork, element_inputs, grown
+from splatwire.concealment.scene_free.elements import ElementNetwork, element_inputs, enlarge_received
 from splatwire.concealment.scene_free.network import GainNetwork, gain_inputs
 from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.concealment.scene_free.weights import (
@@ -67,5 +67,7 @@ class SceneFree:
             ones = np.ones_like(partial.log_sizes)
             return Concealed(ones, ~partial.known, ones)
         if partial.expectation is None:
-            return grown(partial, rows, self._elements(element_inputs(partial)))
-        return grown(partial, rows, self._network(gain_inputs(partial, surroundings_of(partial, rows)), self.trust))
+            return enlarge_received(partial, rows, self._elements(element_inputs(partial)))
+        return enlarge_received(
+            partial, rows, self._network(gain_inputs(partial, surroundings_of(partial, rows)), self.trust)
+        )

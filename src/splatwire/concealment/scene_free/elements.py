@@ -122,7 +122,7 @@ class ElementNetwork(Perceptron):
         return size, -np.expm1(power * np.log1p(-opacity)) / opacity
 
 
-def grown(
+def enlarge_received(
     partial: ReceivedScene, rows: Int64[np.ndarray, "M"], gains: tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]
 ) -> Concealed:
     """Builds the result of a concealer that enlarges received elements and hides lost elements.

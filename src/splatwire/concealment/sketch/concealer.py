@@ -13,7 +13,7 @@ from splatwire.arguments import CheckedFields
 from splatwire.concealment.base import Concealed
 from splatwire.concealment.grow import Grow
 from splatwire.concealment.registry import register_concealer
-from splatwire.concealment.scene_free.elements import ElementInputs, element_inputs, grown
+from splatwire.concealment.scene_free.elements import ElementInputs, element_inputs, enlarge_received
 from splatwire.concealment.scene_free.network import GainInputs, gain_inputs
 from splatwire.concealment.scene_free.signature import near_losses
 from splatwire.concealment.scene_free.surroundings import surroundings_of
@@ -113,7 +113,7 @@ def grown_with_copies(
     """
     size, opacity, trust = growth
     gains = default_element_weights()(inputs, trust, (size, opacity))
-    return replace(grown(filled, inputs.rows, gains), elements=filled.elements)
+    return replace(enlarge_received(filled, inputs.rows, gains), elements=filled.elements)
 
 
 def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
@@ -163,7 +163,7 @@ class SketchedLoss:
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
-        return replace(grown(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
+        return replace(enlarge_received(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
 
 
 def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> ReceivedScene[AnchorScene]:

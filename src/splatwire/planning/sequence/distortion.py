@@ -56,13 +56,13 @@ class SequenceDistortion:
         return np.mean([-10 * np.log10(np.interp(lost, shares, curve)) for curve in curves.T], axis=0)
 
 
-def sampled(timeline: Timeline) -> list[list[int]]:
+def sampled_frames(timeline: Timeline) -> list[list[int]]:
     """Selects the frames that are rendered to measure distortion; returns their indices in each group of pictures."""
     counts = [len(timeline.frames_of(group)) for group in range(timeline.num_groups)]
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 
 
-def draw(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
+def render_sampled_frames(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
     """Renders the sampled frames of a decoded sequence after concealment.
 
     Args:
@@ -71,7 +71,7 @@ def draw(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -
         cameras: Views to render.
     """
     found, memory, there = [], None, sequence.tracks.received
-    for group, frames in enumerate(sampled(sequence.timeline)):
+    for group, frames in enumerate(sampled_frames(sequence.timeline)):
         poses, hidden, after = conceal_group(sequence, sequence.motion(group, there), group, there, memory, method)
         hints = covering_gains(sequence, there, group, poses, hidden) if method.grow else None
         for index in frames:
@@ -99,7 +99,7 @@ def measure_sequence_distortion(
     """
     rng = np.random.default_rng(seed)
     timeline = open_side_info(stream.manifest, stream.side_info).timeline
-    frames = sampled(timeline)
+    frames = sampled_frames(timeline)
     shares, mse = np.zeros((len(frames), len(SHARES))), list[np.ndarray]()
     for number, share in enumerate(SHARES):
         lost = set[int]()
@@ -111,7 +111,7 @@ def measure_sequence_distortion(
             )
         away = {load.ids[packet] for packet in lost}
         sequence = decode_stream(stream.with_packets(p for p in stream.packets if p.id not in away)).scene
-        pairs = zip(draw(sequence, method, cameras), references, strict=True)
+        pairs = zip(render_sampled_frames(sequence, method, cameras), references, strict=True)
         mse.append(np.array([((a - b).astype(np.float64) ** 2).mean(axis=(1, 2, 3)) for a, b in pairs]))
         if progress:
             progress((number + 1) / len(SHARES))
@@ -127,7 +127,7 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
     Args:
         shares: Lost share of each group's motion in each of S simulated losses, float64 (G, S).
         mse: Mean squared errors in these simulations, by sampled frame and view, float64 (S, frames, V).
-        frames: Indices of the sampled frames of each group, see `sampled`.
+        frames: Indices of the sampled frames of each group, see `sampled_frames`.
         timeline: Frame rate and groups of the sequence.
     """
     begins = np.cumsum([0, *map(len, frames)])

@@ -11,7 +11,13 @@ from splatwire.codec.sequence.side_info import Timeline, open_side_info
 from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.planning.sequence.delivery import SequenceLoad
-from splatwire.planning.sequence.distortion import Pictures, draw, measure_sequence_distortion, pooled, sampled
+from splatwire.planning.sequence.distortion import (
+    Pictures,
+    measure_sequence_distortion,
+    pooled,
+    render_sampled_frames,
+    sampled_frames,
+)
 from splatwire.planning.sequence.planner import SequenceVariant
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
@@ -59,7 +65,7 @@ def sequence_variants(
     if reference is not None:
         references, floor = frames_of(frame_files(reference), finest.timeline, cameras), 0.0
     else:
-        references, floor = draw(finest, method, cameras), 10 ** (-ASSUMED_PSNR / 10)
+        references, floor = render_sampled_frames(finest, method, cameras), 10 ** (-ASSUMED_PSNR / 10)
     loads, damages = [], []
     for number, stream in enumerate(streams):
 
@@ -75,7 +81,7 @@ def sequence_variants(
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
-    """Renders those frames of the original sequence in which distortion is measured (`distortion.sampled`).
+    """Renders those frames of the original sequence in which distortion is measured (`distortion.sampled_frames`).
 
     Args:
         files: Files of the original frames, in order.
@@ -87,7 +93,7 @@ def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictur
     """
     if len(files) != timeline.num_frames:
         raise InvalidValueError(f"the clip has {timeline.num_frames} frames, its reference has {len(files)}")
-    wanted = [timeline.frames_of(group)[n] for group, some in enumerate(sampled(timeline)) for n in some]
+    wanted = [timeline.frames_of(group)[n] for group, some in enumerate(sampled_frames(timeline)) for n in some]
     found = []
     for frame in read_frames([files[number] for number in wanted]):
         scene = frame.scene()

@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.bitstream import Manifest
 from splatwire.codec.anchors.causal.context import NUMBER_BITS, CodingContext, exponential, form_logs, linear_values
-from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, expected
+from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, predict_from_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
 from splatwire.codec.anchors.order import AnchorDecoder
 from splatwire.codec.background import BACKGROUND
@@ -101,7 +101,7 @@ class CausalDecoder(AnchorDecoder):
 
         The anchors are given by their indices in coding order (ranks).
         """
-        place, means, spreads = expected(self._context, self._info.positions.known.select(ranks).voxels)
+        place, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
         for name, values in self._attributes(means).items():

@@ -12,7 +12,7 @@ from splatwire.anchors.causal_prediction import position_inputs, predict_causal
 from splatwire.codec.anchors.causal.positions import share_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo
 from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
-from splatwire.codec.heads import quantised
+from splatwire.codec.heads import quantise_network
 from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, CausalCoding
 
@@ -54,7 +54,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     centres = np.rint(coding.centres.astype(np.float64) * unit).astype(np.int64)
     inputs, outputs = _sampled(coding, voxels[index], sample.features, sample.scalings)
     networks = {
-        name: quantised(network, inputs[name], _tolerance(name, outputs[name], coding) * noise)
+        name: quantise_network(network, inputs[name], _tolerance(name, outputs[name], coding) * noise)
         for name, network in coding.networks.items()
     }
     middle, spread = coding.middle.astype(np.int64), coding.spread.astype(np.int64)

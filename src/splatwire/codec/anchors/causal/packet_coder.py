@@ -202,7 +202,7 @@ def decode_packets(
     return exact.codes, masks, all_numbers
 
 
-def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predicts the distributions of all attributes of anchors from their positions alone, for lost anchors.
 
     The causal model predicts some attributes from others. Here, networks get predicted means in place of decoded

@@ -7,7 +7,7 @@ from splatwire.codec.anchors.hacpp.grid_lookup import lookup, unit_coordinates
 from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS, SideInfo
 from splatwire.codec.anchors.head_fit import SAMPLE_SEED, fit_heads
 from splatwire.codec.fixed_point import ACTIVATION_BITS
-from splatwire.codec.heads import quantised
+from splatwire.codec.heads import quantise_network
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.ops.arrays import lower_median
 from splatwire.types import AnchorScene, ModelConfig
@@ -53,7 +53,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     outputs = context.prior(inputs)
     return SideInfo(
         config, scene.hacpp.voxel_size, *bounds, voxels, signs,
-        quantised(context.prior, inputs, _prior_tolerance(outputs, columns, config) * noise),
+        quantise_network(context.prior, inputs, _prior_tolerance(outputs, columns, config) * noise),
         _fit_channel(scene, sample.features, outputs[:, : columns.scaling_mean], noise),
         fit_heads(scene.heads, sample),
         _fit_masks(scene.anchors.mask),
@@ -111,7 +111,7 @@ def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, no
         scale = np.maximum(network(inputs)[:, size : 2 * size], MIN_SCALE)
         spread = typical_spread(scale, scene.hacpp.config.base_steps[0])
         tolerance = np.concatenate([spread, spread, np.ones(size)]) * noise
-        fitted.append(quantised(network, inputs, tolerance))
+        fitted.append(quantise_network(network, inputs, tolerance))
         before += size
     return tuple(fitted)
 
