@@ -222,7 +222,7 @@ class Pool:
             "spec": "bernoulli:0.2", "loss": "bernoulli:0.2", "base": self.stream,
             "update": lambda: splatwire.encode_update(self.stream, self.scene),
             **{f"{name}.loss": splatwire.parse_loss("bernoulli:0.2") for name in
-               ("draw_mask", "draw_losses", "losses", "plan_protection", "plan_retransmission")},
+               ("draw_mask", "draw_losses", "draw_transfer_losses", "plan_protection", "plan_retransmission")},
 
             "seed": 0, "packetization": Packetization(), "repack.packetization": Packetization(),
             "kind": STREAM, "schema": "gaussians", "register_schema.schema": lambda: None, "codec": "gaussians",
