@@ -24,7 +24,7 @@ const common = {
   logLevel: "error",
 };
 const banner = {
-  js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) and @noble/hashes (MIT) */`,
+  js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) */`,
 };
 
 /** Returns the text of the receiver's worker. */

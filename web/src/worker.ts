@@ -24,6 +24,7 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) =
   if (data.kind === "frame") return reception.frame(data);
   if (data.kind === "look") return reception.look(data);
   if (data.kind === "digest") return void reception.digest();
+  if (data.kind === "follow") return void reception.follow(data.file);
   open(data).then(
     async (text) => {
       await reception.settled();

@@ -1,12 +1,17 @@
 // State of a stream in the worker: received packets, decoder, concealer, and the messages with Gaussians for the page.
 
+import { BitstreamError } from "./bytes.ts";
+import type { GaussianSchema } from "./codec/gaussians/schema.ts";
 import { readPreview } from "./codec/preview.ts";
-import type { Camera } from "./model/camera.ts";
+import type { Splats } from "./codec/splats.ts";
+import { headerOf, readUpdate, type SceneUpdate } from "./codec/update/update.ts";
+import { UpdatedScene } from "./codec/update/updated_scene.ts";
+import { ANY_CAMERA, type Camera } from "./model/camera.ts";
 import { type DecodedBatch, type HelperThread, numHelpers, PacketPool } from "./packet_pool.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
-import { nextTask, periodicPause, SLICE_MS } from "./scheduler.ts";
+import { delay, nextTask, periodicPause, SLICE_MS } from "./scheduler.ts";
 import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { Counts, Fetching, ReceivedPacket } from "./transport/events.ts";
@@ -14,6 +19,7 @@ import type { Receiver } from "./transport/failover.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { PacketCache } from "./transport/packet_cache.ts";
 import { isIntact, PacketStore } from "./transport/packet_store.ts";
+import { fileManifest, manifestDigest, readWhole, updateUrl } from "./transport/updates.ts";
 
 const SHOW_MS = 30,
   COUNT_MS = 200;
@@ -22,8 +28,23 @@ const KEPT = "kept by this browser",
   VIEW_COMPLETE = "Everything that this view needs is there.";
 /** Memory for integers that are compared with the digest later, bytes. */
 const VERIFICATION = { keptBytes: 32 << 20 };
-/** Camera for Gaussians that do not depend on the view. */
-const ANY_CAMERA: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+
+/**
+ * Interval of requests for the next update, its largest value after failures, both milliseconds, and the largest number
+ * of failures that double it.
+ */
+const UPDATE_MS = 1000,
+  MAX_UPDATE_MS = 30_000,
+  MAX_FAILURES = 5;
+/** Number of requests without an answer after which the file of the scene is compared. */
+const RELOAD_POLLS = 15;
+/** Largest size of a scene that is requested again, bytes. */
+const MAX_SCENE_BYTES = 2 ** 30;
+
+const sceneOf = ({ decoder, splats }: DecodedStream, manifest: Uint8Array): UpdatedScene => {
+  const { info } = decoder.schema as GaussianSchema;
+  return new UpdatedScene(manifestDigest(manifest), info, headerOf(decoder.head.sideInfo), splats);
+};
 
 /** Starts another thread with the script of this one. Throws if this thread cannot start threads. */
 const startHelper = (): HelperThread => new Worker(self.location.href);
@@ -75,6 +96,8 @@ export class WorkerReceiver implements Receiver {
   /** Helper threads, and the batches that they decode, in order of arrival. */
   #pool: PacketPool | null = null;
   readonly #batches: Batch[] = [];
+  /** The complete scene, which updates change; null until they are requested. */
+  #updated: UpdatedScene | null = null;
   /** True once everything was compared with the digest. */
   #isVerified = false;
   /** True while all packets are from the cache and the file may have been replaced since. */
@@ -361,7 +384,8 @@ export class WorkerReceiver implements Receiver {
 
   async #drawOne(received: DecodedStream): Promise<void> {
     const { schema } = received.decoder;
-    if (this.#unconfirmed || schema.moving || (schema.viewDependent && !this.#viewRequest)) return;
+    if (this.#unconfirmed || this.#updated?.changed || schema.moving || (schema.viewDependent && !this.#viewRequest))
+      return;
     if (schema.tiling) return this.#drawTiles(received);
     while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const ask = this.#viewRequest,
@@ -411,9 +435,87 @@ export class WorkerReceiver implements Receiver {
     this.#sequenceFrames.frame(message, this.#received, this.#size);
   }
 
+  /**
+   * Requests updates of the complete scene and applies them, one after another. While none exists, and after a failure,
+   * the scene stays as it is.
+   */
+  async follow(file: string): Promise<void> {
+    const received = this.#received;
+    if (this.#updated || !received?.decoder.intake.complete || received.decoder.head.manifest.codec !== "gaussians")
+      return;
+    this.#updated = sceneOf(received, this.store.manifestBytes);
+    let polls = 0,
+      failures = 0;
+    while (received === this.#received) {
+      await delay(Math.min(UPDATE_MS * 2 ** failures, MAX_UPDATE_MS));
+      try {
+        const bytes = await readWhole(updateUrl(file, this.#updated.digest));
+        if (bytes) {
+          this.#applyUpdate(await readUpdate(bytes, periodicPause()));
+          polls = 0;
+        } else if (++polls % RELOAD_POLLS === 0) await this.#reload(file);
+        failures = 0;
+      } catch (error) {
+        if (!failures) say({ kind: "updatemissed", reason: (error as Error).message });
+        failures = Math.min(failures + 1, MAX_FAILURES);
+        if (error instanceof BitstreamError) await this.#reload(file).catch(() => undefined);
+      }
+    }
+  }
+
+  #applyUpdate(update: SceneUpdate): void {
+    const scene = this.#updated!,
+      drawsCopies = !scene.changed && this.#received!.hasCopies,
+      { hidden, splats } = scene.apply(update),
+      numNew = splats.reduce((sum, { count }) => sum + count, 0),
+      replaces = scene.numHidden > scene.count || drawsCopies;
+    this.#sendUpdate(replaces ? null : hidden, replaces ? scene.compact() : splats, hidden.length, numNew);
+  }
+
+  #sendUpdate(hidden: Int32Array | null, parts: readonly Splats[], numRemoved: number, numNew: number): void {
+    const { schema } = this.#received!.decoder,
+      packed = pack(parts, schema.degree, schema.size);
+    say({ kind: "update", hidden, packed, numRemoved, numNew, gaussians: this.#updated!.count }, [
+      ...buffersOf(packed),
+      ...(hidden ? [hidden.buffer as ArrayBuffer] : []),
+    ]);
+  }
+
+  /** Requests the whole scene if its file was replaced, because the next update is not there. */
+  async #reload(file: string): Promise<void> {
+    const bytes = await readWhole(file, MAX_SCENE_BYTES);
+    if (!bytes) return;
+    const container = new ContainerReader(),
+      packets = container.feed(bytes),
+      { head } = container;
+    if (!head || manifestDigest(fileManifest(bytes)) === this.#updated!.digest) return;
+    const received = new DecodedStream(head, VERIFICATION),
+      pause = periodicPause(),
+      { schema } = this.#received!.decoder;
+    for (const packet of packets) {
+      received.addPacket(packet);
+      await pause();
+    }
+    const { intake, schema: other } = received.decoder;
+    if (head.manifest.codec !== "gaussians" || other.size !== schema.size || other.degree !== schema.degree)
+      throw new Error("the server has another scene; reload the page");
+    if (!intake.complete || (await received.decoder.digest(pause)) !== head.manifest.symbolsDigest)
+      throw new Error("the changed scene did not arrive as a whole");
+    const before = this.#updated!.count;
+    this.#updated = sceneOf(received, fileManifest(bytes));
+    this.#sendUpdate(null, received.splats, before, this.#updated.count);
+  }
+
   async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
     const received = this.#received;
     if (!received) return;
+    if (this.#updated?.changed) {
+      // losses are those of the packets before the updates
+      const gains = new Float32Array(2 * this.#updated.numDrawn).fill(1);
+      return say({ kind: "gains", gains, lossless: null, shownPackets: received.decoder.intake.size, ask }, [
+        gains.buffer,
+      ]);
+    }
     const pause = periodicPause(() => this.#ask === ask);
     this.#ask = ask;
     try {

@@ -34,7 +34,7 @@ type Random = () => number;
 const below = (next: Random, count: number): number => Math.floor(next() * count);
 
 /** Returns a copy with some bytes changed, sometimes truncated or extended. */
-function spoiled(bytes: Uint8Array, next: Random, from = 0): Uint8Array {
+export function spoiled(bytes: Uint8Array, next: Random, from = 0): Uint8Array {
   const length =
     next() < 0.15
       ? from + below(next, bytes.length - from + 1)

@@ -34,13 +34,14 @@ export interface BoundingSphere {
   readonly radius: number;
 }
 
-function schemaOf({ manifest, sideInfo }: Head, plan: Plan, verify: Verification): Schema {
+function schemaOf({ manifest, sideInfo }: Head, plan: Plan, verify: Verification, updates: boolean): Schema {
   const { order, packaging } = manifest.packetization;
   if (manifest.codec !== "hacpp" && packaging !== "atomic")
     throw new BitstreamError("the stream's packets do not hold whole elements");
   if (manifest.codec === "causal" && order !== "morton")
     throw new BitstreamError("anchors of the causal model must be in Morton order, but the manifest has another one");
-  if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan, verify);
+  if (manifest.codec === "gaussians" || (updates && manifest.codec === "update"))
+    return new GaussianSchema(sideInfo, plan, verify);
   if (manifest.codec === "levels") return new LevelSchema(sideInfo, plan);
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
   if (manifest.codec === "tracks") return new TrackSchema(sideInfo, plan);
@@ -58,12 +59,14 @@ export class StreamDecoder {
   #numBytes: number;
   #needed = 0;
 
+  /** `updates` accepts an update, too, whose new Gaussians are decoded. */
   constructor(
     public head: Head,
     verify: Verification = null,
+    updates = false,
   ) {
     const plan = planOf(head.manifest);
-    this.schema = schemaOf(head, plan, verify);
+    this.schema = schemaOf(head, plan, verify, updates);
     this.intake = new Intake(plan);
     this.#numBytes = head.sideInfo.length;
     this.#checkView();

@@ -11,6 +11,9 @@ export interface Camera {
   readonly margin: number;
 }
 
+/** Camera for Gaussians that do not depend on the view. */
+export const ANY_CAMERA: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+
 /** Returns the camera's position, world units. */
 export function cameraPosition({ viewmat: [x, y, z] }: Pick<Camera, "viewmat">): [number, number, number] {
   const along = (a: number): number => -(x[a] * x[3] + y[a] * y[3] + z[a] * z[3]);

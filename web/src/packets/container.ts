@@ -1,6 +1,6 @@
 // One-file layout (.swz), read incrementally: manifest, side information, then packets.
 
-import { sha256 } from "@noble/hashes/sha2.js";
+import { sha256 } from "../sha256.ts";
 
 import { BitstreamError, hex } from "../bytes.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";

@@ -1,6 +1,6 @@
 // Manifest of a stream. Accepts the same manifests as `splatwire.bitstream.manifest`.
 
-import { sha256 } from "@noble/hashes/sha2.js";
+import { sha256 } from "../sha256.ts";
 
 import { BitstreamError, hex } from "../bytes.ts";
 import { type Fields, type Json, parseJson, writeJson } from "./json.ts";

@@ -73,6 +73,8 @@ export class Controller {
   readonly #released = new AbortController();
   /** Aborts the listeners for the window of the element's document. */
   #windowLeft = new AbortController();
+  /** Address of the scene's file; empty for a scene inside the page. */
+  #file = "";
   /** Number of elements in the whole scene. */
   #gaussians = 0;
   #size = 1;
@@ -176,6 +178,7 @@ export class Controller {
     if (name === "poster") this.#showPoster(value);
     if (name === "camera-limits") this.stage.setLimits(limitsOf(value));
     if (name === "max-gaussians") this.#viewUpdates?.repeat();
+    if (name === "updates") this.#follow();
     if (name === "autorotate") {
       this.#rotation.set(value);
       this.panel.rotating = this.#rotation.running;
@@ -353,6 +356,7 @@ export class Controller {
     const address = addressOf(src, host.baseURI);
     if (!address) throw new Error(`the src of <splat-wire> is not a valid URL: ${src}`);
     const source = await resolveSource(address, host.getAttribute("session"), host.getAttribute("fingerprint"));
+    this.#file = source.file;
     this.#send({ kind: "open", ...source, bytes: null });
   }
 
@@ -380,6 +384,11 @@ export class Controller {
         this.#gainsMs = performance.now() - this.#requestedAt;
         panel.setRow("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
         return this.#comparison.show(message.gains, message.lossless);
+      case "update":
+        return this.#update(message);
+      case "updatemissed":
+        panel.setMessage(`An update is missing (${message.reason}). The scene stays as it was.`, "bad");
+        return this.dispatch("updatemissed", { reason: message.reason });
       case "note":
         return panel.setMessage(message.text);
       case "lost":
@@ -399,6 +408,7 @@ export class Controller {
     if (this.stage.view) this.#conceal();
     this.#playback.end();
     this.#session.finished(text, complete, this.#playback.live);
+    this.#follow();
   }
 
   /** Shows a preview until the scene arrives. An invalid preview is reported but is no failure. */
@@ -447,6 +457,24 @@ export class Controller {
     this.#viewUpdates?.onAnswer(ask);
     if (gains) this.#comparison.show(gains, lossless);
     this.#gaussiansChanged(elements, fresh);
+  }
+
+  /** Requests updates once the scene is complete, if the page wants them. */
+  #follow(): void {
+    if (!this.status.complete || !this.host.hasAttribute("updates")) return;
+    if (this.#file) this.#send({ kind: "follow", file: this.#file });
+  }
+
+  /** Swaps an update in: the removed Gaussians disappear in the picture in which the new ones appear. */
+  #update({ hidden, packed, numRemoved, numNew, gaussians }: FromWorker & { kind: "update" }): void {
+    const { stage, panel, status } = this;
+    if (hidden) stage.update(hidden, packed);
+    else stage.add(packed, true);
+    this.#copies = 0;
+    this.#gaussians = status.gaussians = gaussians;
+    panel.setRow("Gaussians", gaussians.toLocaleString());
+    panel.setMessage(`Updated: ${numRemoved.toLocaleString()} Gaussians removed, ${numNew.toLocaleString()} new.`);
+    void stage.shown().then(() => this.dispatch("update", { removed: numRemoved, added: numNew, gaussians }));
   }
 
   /** Replaces tiles. */

@@ -25,6 +25,7 @@ export class SplatWire extends Base {
     "poster",
     "camera-limits",
     "max-gaussians",
+    "updates",
   ];
   #controller: Controller | null = null;
   #status = newStatus();
@@ -166,6 +167,15 @@ export class SplatWire extends Base {
 
   set maxGaussians(value: number) {
     this.setAttribute("max-gaussians", String(value));
+  }
+
+  /** True to request updates of the scene, which are files beside that of the scene, and to show them. */
+  get updates(): boolean {
+    return this.hasAttribute("updates");
+  }
+
+  set updates(value: boolean) {
+    this.toggleAttribute("updates", value);
   }
 
   /** Starts the stream again. */

@@ -52,6 +52,10 @@ export interface Details {
   error: { message: string };
   /** The camera moved; at most once per animation frame. World units. */
   camerachange: Viewpoint;
+  /** An update of the scene is on the screen: numbers of removed and new Gaussians, and of all Gaussians afterwards. */
+  update: { removed: number; added: number; gaussians: number };
+  /** An update was not applied, for this reason. The scene stays as it was, and the update is requested again. */
+  updatemissed: { reason: string };
   /** Disconnect: its reason, and the time until the next attempt in milliseconds. */
   lost: { reason: string; retryMs: number };
 }

@@ -9,8 +9,7 @@ import { frameScene, sceneCore } from "../render/framing.ts";
 import { FreeSpace } from "../render/free_space.ts";
 import { loadView } from "../render/load.ts";
 import { Orbit, type WindowPosition } from "../render/orbit.ts";
-import type { Packed, Tile } from "../render/packed.ts";
-import { pickPoint } from "../render/pick.ts";
+import { hide, type Packed, type Tile } from "../render/packed.ts";
 import { cameraFromPose, halfHeight } from "../render/projection.ts";
 import type { SceneCore } from "../render/scene_core.ts";
 import { paint } from "../render/software_renderer.ts";
@@ -135,8 +134,8 @@ export class Stage implements ContextOwner {
     const { clientWidth: width, clientHeight: height } = this.surface,
       camera = cameraFromPose(this.orbit.pose(), 1, width, height),
       { x, y } = at ?? { x: width / 2, y: height / 2 },
-      point = pickPoint(this.#parts, camera, x, y);
-    return point && new Vec3(...point);
+      point = this.view?.pick(this.#parts, camera, x, y);
+    return point ? new Vec3(...point) : null;
   }
 
   /** Shows the scene in a headset. Throws if there is no renderer or no session. */
@@ -412,6 +411,20 @@ export class Stage implements ContextOwner {
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
     this.view?.add(packed, instead);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
+    this.touch();
+  }
+
+  /** Hides Gaussians, by index in the order of arrival, and adds others in the same picture. */
+  update(hidden: Int32Array, packed: Packed): void {
+    let part = 0,
+      first = 0;
+    for (const n of hidden) {
+      while (n >= first + this.#parts[part].count) first += this.#parts[part++].count;
+      hide(this.#parts[part], n - first);
+    }
+    this.#parts = [...this.#parts, packed];
+    this.#count += packed.count;
+    this.view?.update(hidden, packed);
     this.touch();
   }
 

@@ -20,6 +20,9 @@ const MAX_SORTED_CENTRE = 16;
 /** Bytes uploaded per Gaussian to change its size and opacity. */
 const GAIN_BYTES = 24;
 
+/** Largest number of Gaussians between two hidden ones that are uploaded again with them. */
+const MAX_HIDDEN_GAP = 64;
+
 interface MaterialDefines {
   defines: Map<string, unknown>;
 }
@@ -83,6 +86,22 @@ export class GpuGaussians extends GSplatContainer {
     this.count += count;
   }
 
+  /** Hides Gaussians for good, by ascending index. Uploads ranges of texels around them. */
+  hide(which: Int32Array): void {
+    for (let i = 0, first = 0; i < which.length; i++) {
+      this.#opacities[which[i]] = this.#centers[4 * which[i] + 3] = this.#colours[4 * which[i] + 3] = 0;
+      if (i + 1 < which.length && which[i + 1] - which[i] < MAX_HIDDEN_GAP) continue;
+      this.#uploadGains(which[first], which[i] + 1);
+      first = i + 1;
+    }
+  }
+
+  #uploadGains(first: number, end: number): void {
+    uploadTexels(this.getTexture("dataCenter")!, first, this.#centers.subarray(4 * first, 4 * end));
+    uploadTexels(this.getTexture("dataColor")!, first, this.#colours.subarray(4 * first, 4 * end));
+    this.bytes += GAIN_BYTES * (end - first);
+  }
+
   /** Draws everything uploaded. It is sorted first. */
   show(): void {
     this.update(this.count);
@@ -107,8 +126,7 @@ export class GpuGaussians extends GSplatContainer {
       end = n + 1;
     }
     if (first === count) return 0;
-    uploadTexels(this.getTexture("dataCenter")!, first, places.subarray(4 * first, 4 * end));
-    uploadTexels(this.getTexture("dataColor")!, first, colours.subarray(4 * first, 4 * end));
+    this.#uploadGains(first, end);
     return GAIN_BYTES * (end - first);
   }
 

@@ -70,6 +70,11 @@ export function pack(parts: readonly Splats[], degree: number, size: number): Pa
   return all;
 }
 
+/** Hides a Gaussian for good: its size and opacity become 0. */
+export function hide({ centers, colours, opacities }: Packed, n: number): void {
+  centers[4 * n + 3] = colours[4 * n + 3] = opacities[n] = 0;
+}
+
 /** Returns the buffers, for transfer from a worker. */
 export function buffersOf({ centers, colours, scales, rotations, harmonics, opacities }: Packed): ArrayBuffer[] {
   return [centers, colours, scales, rotations, ...harmonics, opacities].map((array) => array.buffer as ArrayBuffer);

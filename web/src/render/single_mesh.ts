@@ -48,6 +48,11 @@ export class SingleMesh {
     return target.bytes - before;
   }
 
+  /** Hides Gaussians for good, by index in the order of arrival. */
+  hide(which: Int32Array): void {
+    for (const gaussians of [this.#drawn, this.#larger]) gaussians?.hide(which);
+  }
+
   /** Draws everything added. It is sorted first. */
   show(): void {
     const larger = this.#larger;

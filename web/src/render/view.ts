@@ -25,6 +25,7 @@ import { HalfFloatTarget } from "./half_float_target.ts";
 import { Headset } from "./headset.ts";
 import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
+import { pickPoint } from "./pick.ts";
 import { PatientDevice } from "./patient_device.ts";
 import { cameraFromPose, halfHeight } from "./projection.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
@@ -78,6 +79,8 @@ export class View {
   readonly #slices: UploadSlices;
   /** Gaussians that are not uploaded yet, the running upload, and the time of the last one. */
   #pending: Packed[] = [];
+  /** Gaussians to hide once the pending ones are uploaded. */
+  #hidden: Int32Array[] = [];
   #uploading: Promise<void> | null = null;
   #uploadedAt = performance.now();
   /** True until all Gaussians have arrived. */
@@ -169,6 +172,7 @@ export class View {
     this.#destroyed = true;
     const { gl } = this.#device;
     this.#pending = [];
+    this.#hidden = [];
     this.#mesh.clear();
     this.#tiles?.destroy();
     this.#target.destroy();
@@ -245,6 +249,7 @@ export class View {
    */
   begin(size: number, expected = 0): void {
     this.#pending = [];
+    this.#hidden = [];
     this.#isArriving = true;
     this.#mesh.expected = expected;
     this.#tiles?.destroy();
@@ -261,11 +266,23 @@ export class View {
       return;
     }
     this.#pending = [];
+    this.#hidden = [];
     this.#mesh.replace(!this.#replaced);
     this.#replaced = this.#mesh.hasGaussians;
     this.#mesh.add(packed);
     this.#mesh.show();
     this.#changed();
+  }
+
+  /** Returns the point of some Gaussians at a pixel, or next to it; null without one. */
+  pick(parts: readonly Packed[], camera: Camera, x: number, y: number): readonly [number, number, number] | null {
+    return pickPoint(parts, camera, x, y);
+  }
+
+  /** Hides Gaussians, by index in the order of arrival, and adds others in the same picture. */
+  update(hidden: Int32Array, packed: Packed): void {
+    this.#hidden.push(hidden);
+    this.add(packed);
   }
 
   /** Announces that no more Gaussians will arrive, so that the last ones are drawn at once. */
@@ -282,6 +299,7 @@ export class View {
       while (this.#pending.length && !this.#destroyed) await this.#slices.after(this.#mesh.add(this.#pending.shift()!));
       this.#uploadedAt = performance.now();
       if (this.#destroyed) return;
+      for (const hidden of this.#hidden.splice(0)) this.#mesh.hide(hidden);
       this.#mesh.show();
       this.#isSorted = this.#ready = false; // reports about the Gaussians before
       this.#changed();

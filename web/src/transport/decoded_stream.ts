@@ -6,7 +6,7 @@ import { type Swap, swapsOf } from "../codec/levels/swaps.ts";
 import type { Copies, Part } from "../codec/part.ts";
 import type { DecodedPacket } from "../codec/schema.ts";
 import type { Splats } from "../codec/splats.ts";
-import type { Camera } from "../model/camera.ts";
+import { ANY_CAMERA, type Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Pause } from "../scheduler.ts";
@@ -51,6 +51,16 @@ export class DecodedStream {
   /** True if some elements are not drawn yet. */
   get hasNew(): boolean {
     return this.#drawn < this.#parts.length;
+  }
+
+  /** Decoded Gaussians of all packets, without redundant copies, in order of arrival. */
+  get splats(): Splats[] {
+    return this.#parts.filter((part) => part.packet).map((part) => part.seen(ANY_CAMERA).splats);
+  }
+
+  /** True if redundant copies are among the drawn Gaussians. */
+  get hasCopies(): boolean {
+    return this.#copies !== null;
   }
 
   /** Decodes one packet. */

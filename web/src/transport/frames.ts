@@ -1,6 +1,6 @@
 // Messages of the wire protocol, version 4 (docs/wire.md), as far as browsers write and read them.
 
-import { sha256 } from "@noble/hashes/sha2.js";
+import { sha256 } from "../sha256.ts";
 
 import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";

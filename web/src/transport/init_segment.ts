@@ -1,6 +1,6 @@
 // Init segment of a stream, assembled from symbols: manifest, side information and bundled packets.
 
-import { sha256 } from "@noble/hashes/sha2.js";
+import { sha256 } from "../sha256.ts";
 
 import { hex } from "../bytes.ts";
 import { checkHead, fileHead, type Head } from "../packets/container.ts";

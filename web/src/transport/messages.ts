@@ -15,7 +15,9 @@ export type ToWorker =
   | { kind: "look"; camera: Camera; budget: number; ask: number }
   /** Requests a frame of a clip. Answered by `frame`. */
   | { kind: "frame"; number: number; choice: Choice }
-  | { kind: "digest" };
+  | { kind: "digest" }
+  /** Requests updates of the scene beside its file, once it is complete. */
+  | { kind: "follow"; file: string };
 
 /** Properties of a stream. */
 export interface Facts {
@@ -75,6 +77,13 @@ export type FromWorker =
   /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
+  /**
+   * Update of the scene: indices of the Gaussians to hide, new ones to append, and the number of Gaussians afterwards.
+   * `hidden` is null if `packed` replaces all Gaussians.
+   */
+  | { kind: "update"; hidden: Int32Array | null; packed: Packed; numRemoved: number; numNew: number; gaussians: number }
+  /** An update was not applied: the scene stays as it was. */
+  | { kind: "updatemissed"; reason: string }
   | { kind: "gains"; gains: Float32Array; lossless: Float32Array | null; ask: number; shownPackets: number }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }

@@ -1,7 +1,7 @@
 // Receiver state machine of one WebTransport session. Maps received bytes and times (milliseconds) to bytes to send. It
 // has no socket and no clock.
 
-import { sha256 } from "@noble/hashes/sha2.js";
+import { sha256 } from "../sha256.ts";
 
 import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";

@@ -1,0 +1,106 @@
+// Reader of updates: streams that contain only the changes of a scene of explicit Gaussians. Counterpart of
+// `splatwire.codec.update`.
+
+import { BitstreamError, ByteReader, hex } from "../../bytes.ts";
+import { RangeDecoder } from "../../entropy/decoder.ts";
+import { ANY_CAMERA } from "../../model/camera.ts";
+import { ContainerReader } from "../../packets/container.ts";
+import { MAX_WRITER_LENGTH } from "../../packets/limits.ts";
+import type { Pause } from "../../scheduler.ts";
+import { StreamDecoder } from "../decoder.ts";
+import type { Splats } from "../splats.ts";
+
+const SECTION = "update",
+  VERSION = 1,
+  DIGEST_BYTES = 32,
+  /** Gaussians of a group, and groups of a larger group, in the list of removed ones. */
+  GROUP = 16,
+  GROUPS = 16;
+
+/** Decoded update. */
+export interface SceneUpdate {
+  /** SHA-256 of the manifest of the scene that the update changes, and of the changed scene, hexadecimal. */
+  readonly baseDigest: string;
+  readonly resultDigest: string;
+  /** Serialised list of the removed Gaussians. */
+  readonly removed: Uint8Array;
+  /** Header of the side information, which has the quantisation steps. */
+  readonly header: Uint8Array;
+  /** New Gaussians. */
+  readonly splats: readonly Splats[];
+}
+
+/** Returns the header of the side information of explicit Gaussians. */
+export const headerOf = (sideInfo: Uint8Array): Uint8Array => new ByteReader(sideInfo, "side information").blob();
+
+/**
+ * Decodes the file of an update. Throws `BitstreamError` if it is damaged, if packets are missing, or if it is no
+ * update.
+ */
+export async function readUpdate(file: Uint8Array, pause: Pause): Promise<SceneUpdate> {
+  const container = new ContainerReader(),
+    packets = container.feed(file),
+    { head } = container;
+  if (!head) throw new BitstreamError("the file of the update ends before its side information does");
+  if (head.manifest.codec !== "update") throw new BitstreamError("the file is a scene, it is not an update");
+  const decoder = new StreamDecoder(head, { keptBytes: 0 }, true),
+    splats: Splats[] = [];
+  for (const bytes of packets) {
+    const part = decoder.addPacket(bytes);
+    if (part) splats.push(part.seen(ANY_CAMERA).splats);
+    await pause();
+  }
+  if (!decoder.intake.complete) throw new BitstreamError("packets of the update are missing or damaged");
+  if ((await decoder.digest(pause)) !== head.manifest.symbolsDigest)
+    throw new BitstreamError("the update does not decode to the encoded numbers");
+  return { ...readFields(decoder.schema.sections.get(SECTION)), header: headerOf(head.sideInfo), splats };
+}
+
+/** Reads the named section of an update. */
+function readFields(section: Uint8Array | undefined): Pick<SceneUpdate, "baseDigest" | "resultDigest" | "removed"> {
+  if (!section) throw new BitstreamError(`the update has no section '${SECTION}', which names the scene`);
+  const reader = new ByteReader(section, `section '${SECTION}'`),
+    version = reader.u8();
+  if (version !== VERSION)
+    throw new BitstreamError(`section '${SECTION}' has version ${version}, this version reads ${VERSION}`);
+  const baseDigest = hex(reader.take(DIGEST_BYTES)),
+    resultDigest = hex(reader.take(DIGEST_BYTES)),
+    writer = reader.blob();
+  if (writer.length > MAX_WRITER_LENGTH || !writer.every((letter) => letter >= 32 && letter < 127))
+    throw new BitstreamError(`section '${SECTION}': the writer is not printable ASCII`);
+  return { baseDigest, resultDigest, removed: reader.rest() };
+}
+
+/**
+ * Reads the mask of removed Gaussians, 1 for removed ones, for `count` Gaussians along the Morton curve. Throws
+ * `BitstreamError` if the bytes are cut or more bytes follow.
+ */
+export function readRemoved(bytes: Uint8Array, count: number): Uint8Array {
+  const reader = new ByteReader(bytes, "list of removed Gaussians"),
+    larger = readBits(reader, Math.ceil(count / (GROUPS * GROUP))),
+    some = readBits(reader, GROUPS * sumOf(larger)),
+    full = readBits(reader, sumOf(some)),
+    mixed = readBits(reader, GROUP * (full.length - sumOf(full))),
+    removed = new Uint8Array(larger.length * GROUPS * GROUP);
+  reader.finish();
+  let inner = 0,
+    group = 0,
+    bit = 0;
+  for (let first = 0; first < larger.length; first++) {
+    if (!larger[first]) continue;
+    for (let at = first * GROUPS * GROUP, k = 0; k < GROUPS; k++, at += GROUP) {
+      if (!some[inner++]) continue;
+      if (full[group++]) removed.fill(1, at, at + GROUP);
+      else removed.set(mixed.subarray(bit, (bit += GROUP)), at);
+    }
+  }
+  return removed.subarray(0, count);
+}
+
+function readBits(reader: ByteReader, count: number): Uint8Array {
+  const coder = new RangeDecoder(reader.blob()),
+    model = new Int32Array(2).fill(32768);
+  return Uint8Array.from({ length: count }, () => coder.bit(model, 0));
+}
+
+const sumOf = (bits: Uint8Array): number => bits.reduce((sum, bit) => sum + bit, 0);

@@ -1,0 +1,52 @@
+// Updates of a scene over HTTP: a file beside that of the scene, named after the state that it changes.
+
+import { sha256 } from "../sha256.ts";
+
+import { hex } from "../bytes.ts";
+import { HttpError } from "./http_error.ts";
+
+/** Letters of the digest in the name of an update, as in `splatwire.codec.update.section.update_name`. */
+const NAME_LETTERS = 16;
+/** Largest size of an update, bytes. */
+const MAX_UPDATE_BYTES = 2 ** 28;
+
+/** Bytes of a file before its manifest: magic number, version and size of the manifest. */
+const PREFIX_BYTES = 9;
+
+/** Returns the first bytes of a file up to the end of its manifest. */
+export function fileManifest(file: Uint8Array): Uint8Array {
+  const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
+  return file.subarray(0, PREFIX_BYTES + view.getUint32(PREFIX_BYTES - 4, true));
+}
+
+/** Returns the SHA-256 of a manifest, hexadecimal. `file` are the first bytes of a file, up to the end of it. */
+export const manifestDigest = (file: Uint8Array): string => hex(sha256(file.subarray(PREFIX_BYTES)));
+
+/** Returns the address of the update of a scene with this digest. */
+export const updateUrl = (file: string, digest: string): string =>
+  new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz`, file).href;
+
+/** Returns the content of a file; null if it does not exist. Throws if the server refuses or the file is too large. */
+export async function readWhole(url: string, most = MAX_UPDATE_BYTES): Promise<Uint8Array | null> {
+  const answer = await fetch(url, { cache: "no-store" });
+  if (answer.status === 404) return null;
+  if (!answer.ok) throw new HttpError(url, answer);
+  const pieces: Uint8Array[] = [],
+    reader = answer.body!.getReader();
+  let size = 0;
+  for (let piece = await reader.read(); !piece.done; piece = await reader.read()) {
+    pieces.push(piece.value);
+    size += piece.value.length;
+    if (size > most) {
+      void reader.cancel();
+      throw new Error(`${url} has more than ${most} bytes`);
+    }
+  }
+  const bytes = new Uint8Array(size);
+  let at = 0;
+  for (const piece of pieces) {
+    bytes.set(piece, at);
+    at += piece.length;
+  }
+  return bytes;
+}
