@@ -1,9 +1,6 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-
-import { sha256 } from "@noble/hashes/sha2.js";
-
 import { BitstreamError, hex } from "../src/bytes.ts";
 import { EXISTS, exactExists, exactSixteenths, POWERS, SIXTEENTHS } from "../src/codec/causal/tables.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
@@ -14,6 +11,7 @@ import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
 import type { Camera } from "../src/model/camera.ts";
 import type { Manifest } from "../src/packets/manifest.ts";
 import { splitmixModulo } from "../src/packets/splitmix64.ts";
+import { sha256 } from "../src/sha256.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
 /** Answers of the Python decoder, if available. */

@@ -1,14 +1,12 @@
 // Fake server, browser cache and page. Each test decides every answer.
 
 import assert from "node:assert/strict";
-
-import { sha256 } from "@noble/hashes/sha2.js";
-
 import { hex } from "../src/bytes.ts";
 import type { Camera } from "../src/model/camera.ts";
 import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { type Fields, parseJson, writeJson } from "../src/packets/json.ts";
+import { sha256 } from "../src/sha256.ts";
 import type { ReceivedPacket } from "../src/transport/events.ts";
 import { receiveAll, type Source, type Transports } from "../src/transport/failover.ts";
 import { dataView } from "../src/transport/frames.ts";

@@ -15,6 +15,8 @@ export interface ViewerProps extends Omit<SplatWireAttributes, "autorotate"> {
   onProgress?: Listener<"progress">;
   onFirstPicture?: Listener<"firstpicture">;
   onCameraChange?: Listener<"camerachange">;
+  onUpdate?: Listener<"update">;
+  onUpdateMissed?: Listener<"updatemissed">;
   onLoad?: Listener<"load">;
   onLost?: Listener<"lost">;
   onError?: Listener<"error">;

@@ -12,6 +12,8 @@ const EVENTS = {
   onProgress: "progress",
   onFirstPicture: "firstpicture",
   onCameraChange: "camerachange",
+  onUpdate: "update",
+  onUpdateMissed: "updatemissed",
   onLoad: "load",
   onLost: "lost",
   onError: "error",

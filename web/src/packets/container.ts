@@ -1,8 +1,7 @@
 // One-file layout (.swz), read incrementally: manifest, side information, then packets.
 
-import { sha256 } from "../sha256.ts";
-
 import { BitstreamError, hex } from "../bytes.ts";
+import { sha256 } from "../sha256.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
 import { type Manifest, readManifest } from "./manifest.ts";
 import { HEADER_BYTES } from "./packet.ts";

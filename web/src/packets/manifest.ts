@@ -1,8 +1,7 @@
 // Manifest of a stream. Accepts the same manifests as `splatwire.bitstream.manifest`.
 
-import { sha256 } from "../sha256.ts";
-
 import { BitstreamError, hex } from "../bytes.ts";
+import { sha256 } from "../sha256.ts";
 import { type Fields, type Json, parseJson, writeJson } from "./json.ts";
 import * as limits from "./limits.ts";
 

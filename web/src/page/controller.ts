@@ -32,6 +32,8 @@ import { type PictureContent, Stage } from "./stage.ts";
  */
 const GAINS_INTERVAL_MS = 1000,
   GAINS_MULTIPLE = 4;
+/** Memory that is reserved on the GPU for updates, in multiples of the scene. */
+const UPDATE_ROOM = 2;
 /** Time without input after which the controls fade, milliseconds. */
 const IDLE_MS = 4000;
 
@@ -502,7 +504,8 @@ export class Controller {
 
   /** Replaces the preview when the first Gaussians of the scene arrive. */
   #start(): void {
-    if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : this.#gaussians);
+    const room = this.host.hasAttribute("updates") ? UPDATE_ROOM : 1;
+    if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : room * this.#gaussians);
     this.#started = true;
   }
 

@@ -1,10 +1,9 @@
 // Messages of the wire protocol, version 4 (docs/wire.md), as far as browsers write and read them.
 
-import { sha256 } from "../sha256.ts";
-
 import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";
 import { crc32 } from "../packets/crc32.ts";
+import { sha256 } from "../sha256.ts";
 import {
   BYE,
   DATA,

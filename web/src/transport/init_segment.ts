@@ -1,10 +1,9 @@
 // Init segment of a stream, assembled from symbols: manifest, side information and bundled packets.
 
-import { sha256 } from "../sha256.ts";
-
 import { hex } from "../bytes.ts";
 import { checkHead, fileHead, type Head } from "../packets/container.ts";
 import { readManifest } from "../packets/manifest.ts";
+import { sha256 } from "../sha256.ts";
 import { dataView, type Welcome } from "./frames.ts";
 
 const SEGMENT_SYMBOLS = 2048;

@@ -1,12 +1,11 @@
 // Receiver state machine of one WebTransport session. Maps received bytes and times (milliseconds) to bytes to send. It
 // has no socket and no clock.
 
-import { sha256 } from "../sha256.ts";
-
 import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";
 import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";
+import { sha256 } from "../sha256.ts";
 import { NO_SOURCE, type ReceivedPacket } from "./events.ts";
 import {
   dataView,

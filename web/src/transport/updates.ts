@@ -1,8 +1,7 @@
 // Updates of a scene over HTTP: a file beside that of the scene, named after the state that it changes.
 
-import { sha256 } from "../sha256.ts";
-
 import { hex } from "../bytes.ts";
+import { sha256 } from "../sha256.ts";
 import { HttpError } from "./http_error.ts";
 
 /** Letters of the digest in the name of an update, as in `splatwire.codec.update.section.update_name`. */

@@ -69,10 +69,7 @@ export class UpdatedScene {
    * Applies an update. Throws `BitstreamError`, and changes nothing, if the update is for another scene or damaged.
    */
   apply(update: SceneUpdate): SceneChange {
-    if (update.baseDigest !== this.digest)
-      throw new BitstreamError(
-        `the update changes another scene: one with the digest ${update.baseDigest.slice(0, 12)}, not ${this.digest.slice(0, 12)}`,
-      );
+    if (update.baseDigest !== this.digest) throw new BitstreamError("the update changes another scene");
     if (update.header.length !== this.header.length || update.header.some((byte, n) => byte !== this.header[n]))
       throw new BitstreamError("the update has other quantisation steps than the scene that it changes");
     const mask = readRemoved(update.removed, this.count),

@@ -1,0 +1,118 @@
+"""A page swaps updates in: without a reload, without another picture in between, and with uploads of what is new."""
+
+import asyncio
+import base64
+import os
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from explicit import encode_splats
+from splatwire.bitstream import SceneStream, stream_to_bytes
+from splatwire.codec import apply_update, encode_update
+from splatwire.codec.update.section import manifest_digest, update_name
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.http.server import PageServer
+from transport.chromium import executable, isolated_page
+from web.pictures import ELEMENT
+from web.test_page import SMALL, ball, run
+
+pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not installed"), pytest.mark.slow]
+COUNT = """window.uploaded = 0; window.updates = [];
+const upload = WebGL2RenderingContext.prototype.texSubImage2D;
+WebGL2RenderingContext.prototype.texSubImage2D = function (...given) {
+  window.uploaded += given[8]?.byteLength ?? 0;
+  return upload.apply(this, given);
+};
+for (const kind of ["update", "updatemissed"])
+  document.addEventListener(kind, ({ detail }) => window.updates.push({ kind, ...detail }), true);"""
+READY = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
+PICTURES = f"""(async () => {{
+  const {{ view }} = {ELEMENT}, found = new Set(), known = window.updates.length;
+  while (window.updates.length === known) {{
+    await view.frame();
+    found.add(view.canvas.toDataURL());
+    await new Promise((resolve) => setTimeout(resolve, 15));
+  }}
+  await view.frame();
+  return [...found, view.canvas.toDataURL()];
+}})()"""
+"""Different pictures from now until the next update is on the screen, in order, and the last one."""
+
+
+def scenes() -> list[SceneStream]:
+    """A ball, the same with a part removed and another one moved and brighter, and the ball again."""
+    splats = ball(degree=1)
+    base = encode_splats(splats, SMALL)
+    keep = splats.means[:, 0] < 0.6
+    edited = splats.select(np.flatnonzero(keep))
+    top = edited.means[:, 1] > 0.5
+    means, sh = edited.means.copy(), edited.sh.copy()
+    means[top, 1] += np.float32(0.4)
+    sh[top, 0] += np.float32(1.5)
+    edited = replace(edited, means=means, sh=sh)
+    first = encode_update(base, edited)
+    second = encode_update(apply_update(base, first), splats)
+    return [base, first, second]
+
+
+def keep_picture(name: str, data: str) -> None:
+    """Writes a picture into the folder `SPLATWIRE_PICTURES`, if that is set, to look at it."""
+    if folder := os.environ.get("SPLATWIRE_PICTURES"):
+        (Path(folder) / f"{name}.png").write_bytes(base64.b64decode(data.partition(",")[2]))
+
+
+def test_pages_swap_updates_in_without_another_picture_in_between() -> None:
+    base, first, second = scenes()
+    middle = apply_update(base, first)
+
+    async def work() -> None:
+        async with AsyncExitStack() as stack:
+            content = PageContent({"ball": stream_to_bytes(base)}, attributes={"updates": ""})
+            pages = await stack.enter_async_context(PageServer(content))
+            with isolated_page() as page:
+
+                async def call(method: str, *given: object) -> object:
+                    return await asyncio.to_thread(getattr(page, method), *given)
+
+                async def swap(state: SceneStream, update: SceneStream, **damaged: bytes) -> list[str]:
+                    name = update_name(manifest_digest(state.manifest))
+                    recording = asyncio.ensure_future(call("resolve", PICTURES))
+                    await asyncio.sleep(1)
+                    data = damaged.get("data", stream_to_bytes(update))
+                    pages.content = replace(pages.content, updates={**pages.content.updates, name: data})
+                    return await recording
+
+                await call("prepare", COUNT)
+                await call("open", pages.url)
+                await call("wait_for", READY)
+                whole = await call("evaluate", "window.uploaded")
+                # a damaged update changes nothing, and is requested again
+                bad = bytearray(stream_to_bytes(first))
+                bad[-5] ^= 1
+                found = await swap(base, first, data=bytes(bad))
+                assert len(set(found)) == 1
+                assert (await call("evaluate", "window.updates[0].kind")) == "updatemissed"
+                before = found[-1]
+                await call("evaluate", "window.uploaded = 0")
+                found = await swap(base, first)
+                after = found[-1]
+                keep_picture("before", before)
+                keep_picture("after", after)
+                assert [before, after] == list(dict.fromkeys(found))
+                new, removed = first.manifest.num_elements, 1500 - middle.manifest.num_elements
+                detail = {"kind": "update", "added": new, "removed": removed + new, "gaussians": 1500 - removed}
+                assert await call("evaluate", "window.updates[1]") == detail
+                assert await call("evaluate", f"{ELEMENT}.status.gaussians") == 1500 - removed
+                assert 0 < await call("evaluate", "window.uploaded") < whole
+                found = await swap(middle, second)
+                assert len(set(found)) == 2
+                # the concealers and losses of the panel do not bring removed Gaussians back
+                await call("evaluate", f"{ELEMENT}.panel.set({{dropped: 0.5}})")
+                await asyncio.sleep(1)
+                assert await call("evaluate", f"{ELEMENT}.status.failed") is None
+
+    run(work())
