@@ -15,7 +15,8 @@ const root = fileURLToPath(new URL("..", import.meta.url)),
   only = process.argv[2] === "only" ? process.argv[3] : null,
   out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
 try {
-  // Need inputs from Python: ANSWERS (tests/web/test_agreement.py), GREEDY (tests/web/test_memory.py), UPDATES (tests/web/test_updates.py)
+  // Need inputs from Python: ANSWERS (tests/web/test_agreement.py), GREEDY (tests/web/test_memory.py),
+  // UPDATES (tests/web/test_updates.py)
   const apart = ["agreement.test.ts", "memory.test.ts", "updates.test.ts"];
   const wanted = (name) =>
     only ? name === `${only}.test.ts` : fuzz ? name === "hostile.test.ts" : !apart.includes(name);
