@@ -6,7 +6,7 @@ import webbrowser
 from dataclasses import replace
 
 from splatwire.api.following import updates_after
-from splatwire.bitstream import GAUSSIANS, SceneStream, is_stream, read_stream, stream_to_bytes
+from splatwire.bitstream import SceneStream, is_stream, read_stream, stream_to_bytes
 from splatwire.bitstream.sections import sections_of
 from splatwire.cli._background import start_thread
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
@@ -100,7 +100,7 @@ async def _serve(
 async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], page: PageServer) -> None:
     """Receives the updates of a scene after the scene itself, and offers them to the page."""
     await asyncio.wait({receiving})
-    if relay.manifest is None or relay.manifest.codec != GAUSSIANS or relay.failure() or not _went_well(receiving):
+    if relay.manifest is None or relay.failure() or not _went_well(receiving):
         return
     address, url = parse_url(command.stream), without_token(command.stream)
     transfer = transfer_of(command.trust, address)
