@@ -24,7 +24,7 @@ _CONFIG = (
 def _skip_typeguard_import() -> None:
     """Replaces tyro's type check of option defaults by a simpler one, because importing typeguard takes long.
 
-    The simpler check ignores the items of tuples. A static type checker has already checked these defaults.
+    The simpler check ignores the items of tuples and lists. A static type checker has already checked these defaults.
     """
     resolver: Any = getattr(tyro, "_resolver", None)  # private: a release without it checks as before
     checked: Any = getattr(resolver, "is_instance", None)

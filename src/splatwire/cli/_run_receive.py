@@ -208,6 +208,11 @@ def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
     A stream is complete if all packets arrived. A stream with levels of detail is complete if everything that the
     camera sees arrived. A live clip is complete if the server ended it and everything sent since this receiver joined
     arrived. A transfer ended by a deadline is not complete.
+
+    Args:
+        reason: Reason for the end of the transfer, such as `complete`, `seen` or `sent`.
+        live: True for a live clip.
+        num_missed: Number of packets of a live clip that were lost since this receiver joined.
     """
     over = reason in ("complete", "seen") or (reason == "sent" and live)
     return over and not num_missed

@@ -98,7 +98,14 @@ async def _serve(
 
 
 async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], page: PageServer) -> None:
-    """Receives the updates of a scene after the scene itself, and offers them to the page."""
+    """Receives the updates of a scene after the scene itself, and offers them to the page.
+
+    Args:
+        command: Options of the verb.
+        relay: Object that receives the scene.
+        receiving: Task that receives the scene; its end is awaited first.
+        page: Server of the page; gets the updates.
+    """
     await asyncio.wait({receiving})
     if relay.manifest is None or relay.failure() or not _went_well(receiving):
         return

@@ -17,6 +17,13 @@ def sequence_options(
 ) -> SequenceOptions:
     """Returns the encoder options of a clip.
 
+    Args:
+        fps: Frames per second; None for the default.
+        group: Frames per group of pictures; None for the default.
+        quality: Value of `--quality`; None for the default.
+        background: RGB of the background; None for black.
+        up: Value of `--up`: the up axis, or `auto`.
+
     Raises:
         InvalidValueError: If a number is out of range.
         UnknownNameError: If there is no such quality.

@@ -105,7 +105,10 @@ class UpdateFolder:
         return changed
 
     def _next(self) -> tuple[str, Path] | None:
-        """Returns the name of a scene and the file of an update of its current state; None if there is none."""
+        """Returns the name of a scene, and the file of an update that applies to its current version.
+
+        Returns None if no such update is waiting.
+        """
         states = {chain.source_digest: name for name, chain in self._chains.items()}
         for path, update in self._waiting.items():
             if (name := states.get(read_update(sections_of(update)[SECTION]).base_digest)) is not None:

@@ -171,7 +171,10 @@ def _check_statements(
 
 
 def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
-    """Logs a warning about fields that name other axes than those of OpenCV, or another direction of the poses."""
+    """Logs a warning about fields that name other axes than those of OpenCV, or another direction of the poses.
+
+    `holders` are the JSON objects whose fields are examined.
+    """
     stated = [
         (key, value)
         for holder in holders

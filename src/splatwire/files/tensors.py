@@ -189,7 +189,7 @@ def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray
 
 
 def _interpreted(description: bytes | BinaryIO) -> Any:
-    """Interprets the pickle of plain tensors without importing or calling anything that it refers to."""
+    """Returns the content of a pickle of plain tensors, without importing or calling anything that it refers to."""
     stack, marks, known = list[Any](), list[int](), dict[int, Any]()
 
     def since_mark() -> list[Any]:

@@ -14,8 +14,8 @@ _CHUNK = 1 << 24
 def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
     """Finds a code book of numbers that represent given values with a small mean squared error (Lloyd algorithm).
 
-    The density of the initial entries is the cube root of the density of the values, which is optimal for fine
-    quantisation (Panter and Dite, 1951).
+    The density of the initial entries is proportional to the cube root of the density of the values, which is optimal
+    for fine quantisation (Panter and Dite, 1951).
 
     Args:
         values: The values, at least one.

@@ -126,7 +126,7 @@ def _file_of(chunk: Path) -> Path:
 def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
     """Returns, for each chunk, the index of the first chunk in the list that is the same file.
 
-    A file may be listed under several names or links. A missing file is only equal to itself.
+    A file may be listed under several names or links. `here` is False for missing files, which only equal themselves.
     """
     first: dict[tuple[int, int], int] = {}
     found = []

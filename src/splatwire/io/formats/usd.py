@@ -204,7 +204,7 @@ class _Stage:
             )
 
     def warn_of_motion(self) -> None:
-        """Logs a warning if the transform or visibility of Gaussians changes over time; only the first time is read."""
+        """Logs a warning if transform or visibility of Gaussians changes over time; only the first value is used."""
         if later := sum(not _is_visible(prim, Usd.TimeCode.EarliestTime()) for prim in self._prims):
             LOG.warning("%s: %d prims that are invisible at first and appear later are left out", self._path, later)
         above = [prim for one in self._prims for prim in (one, *_ancestors(one))]
@@ -345,7 +345,7 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def _unknown_attributes(prim: Usd.Prim) -> list[str]:
-    """Returns the names of attributes that have values and are not read.
+    """Returns the names of attributes that have values and are not read, without those known to be harmless.
 
     The attribute of the projection is among them only if its value is not that of the perspective projection.
     """

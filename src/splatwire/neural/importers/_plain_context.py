@@ -52,6 +52,6 @@ def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel,
 
 
 def _constant(outputs: Tensor, num_inputs: int, negative_slope: float = 0.0) -> Mlp:
-    """Builds a network that returns the constants `outputs` for every input."""
+    """Builds a network with `num_inputs` inputs that returns the constants `outputs` for every input."""
     nothing = Linear(torch.zeros(1, num_inputs), torch.zeros(1))
     return Mlp(nothing, Linear(torch.zeros(len(outputs), 1), outputs.float()), negative_slope)

@@ -94,9 +94,9 @@ def _collect(root: Any) -> dict[str, Tensor]:
 
 
 def _follow(tensors: "_Tensors", description: bytes) -> Any:
-    """Interprets the pickle instructions that describe modules and tensors; returns the root module.
+    """Interprets a pickle that describes a tree of modules and their tensors; returns the root module.
 
-    Any other instruction is an error.
+    Only the instructions that such a description needs are accepted.
     """
     stack: list[Any] = []
     memory: dict[int, Any] = {}
@@ -128,7 +128,7 @@ def _key(argument: Any) -> int:
 
 
 def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
-    """Executes a pickle instruction that builds a tuple, list, dictionary, module or tensor on the stack."""
+    """Executes the pickle instruction `name`, which builds a tuple, list, dictionary, module or tensor on the stack."""
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
     elif name == "TUPLE":

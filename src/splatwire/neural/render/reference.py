@@ -73,7 +73,17 @@ def _render_rows(
     top: int,
     bottom: int,
 ) -> Float[Tensor, "rows W 3"]:
-    """Blends all Gaussians, nearest first, into the pixels of rows `top` to `bottom` (exclusive)."""
+    """Blends all Gaussians, nearest first, into the pixels of rows `top` to `bottom` (exclusive).
+
+    Args:
+        flat: The projected Gaussians.
+        opacities: Opacities.
+        colors: RGB colours.
+        background: RGB of the background.
+        cameras: Camera of the view, for the width of the image.
+        top: First row.
+        bottom: End of the rows (exclusive).
+    """
     rows = torch.arange(top, bottom, dtype=colors.dtype, device=colors.device)
     columns = torch.arange(cameras.width, dtype=colors.dtype, device=colors.device)
     y, x = torch.meshgrid(rows, columns, indexing="ij")

@@ -234,7 +234,7 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns the code length in bits of each offset's mask bit, if the offset exists and if it does not exist."""
+    """Returns the code length of each offset's mask bit, in bits, if the offset exists and if it does not."""
     softplus = torch.nn.functional.softplus
     return softplus(-predicted.exists) / math.log(2), softplus(predicted.exists) / math.log(2)
 
@@ -257,7 +257,13 @@ def number_bits(
 
 @torch.no_grad()
 def calibrate_causal(state: TrainState, config: TrainConfig, place: Float[Tensor, "N P"]) -> None:
-    """Initialises the networks' outputs with the current mean and standard deviation of each channel."""
+    """Initialises the networks' outputs with the current mean and standard deviation of each channel.
+
+    Args:
+        state: State of the training; the networks are changed in place.
+        config: The configuration.
+        place: Inputs of the position network for all anchors.
+    """
     model, parameters = config.causal, state.parameters
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:

@@ -81,7 +81,15 @@ class DeviceCausal(TrainedCausal):
         steps: Float[Tensor, "D"],
         masks: tuple[Tensor, Tensor],
     ) -> Float[Tensor, ""]:
-        """Returns the total bits of anchors, from attribute values with noise, offset masks and anchor masks."""
+        """Estimates the total bits of some anchors.
+
+        Args:
+            state: State of the training.
+            index: Indices of the anchors.
+            numbers: Features, logarithms of scale and sizes, and offsets, with noise in place of rounding.
+            steps: Quantisation step of each attribute value (`column_steps`).
+            masks: Straight-through masks of offsets and of anchors.
+        """
         (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
         values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
         place = self.place(state).index_select(0, index)

@@ -129,7 +129,7 @@ def _steering(value: list[float | None]) -> Steering:
 
 
 def expect(tensors: dict[str, Tensor], name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
-    """Returns a tensor of a checkpoint.
+    """Returns a tensor of a checkpoint after checking its shape, its type, and that its values are finite.
 
     Raises:
         ValueError: If its shape or type differs, or a value is not finite.
@@ -153,7 +153,7 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
 
 
 def record_from_json(kind: Any, value: dict[str, Any]) -> Any:
-    """Converts nested dictionaries to an instance of a dataclass; the inverse of `dataclasses.asdict`.
+    """Converts nested dictionaries to an instance of the dataclass `kind`; the inverse of `dataclasses.asdict`.
 
     Raises:
         InvalidValueError: If the dictionaries do not have the fields of the class.
@@ -165,7 +165,7 @@ def record_from_json(kind: Any, value: dict[str, Any]) -> Any:
 
 
 def _record(kind: Any, value: dict[str, Any]) -> Any:
-    """Converts a JSON object to a dataclass instance; every field is required."""
+    """Converts a JSON object to an instance of the dataclass `kind`; every field is required."""
     kinds = get_type_hints(kind)
     if set(value) != set(kinds):
         raise ValueError(f"{kind.__name__} has other fields than {', '.join(sorted(value))}")

@@ -144,7 +144,7 @@ class TrainedContext:
         return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns lambda times the mean bits per parameter of the scene."""
+        """Returns the rate term of the loss: lambda times the mean bits per attribute value of the scene."""
         return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
@@ -180,7 +180,10 @@ def straight_through_masks(
 
 
 def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Returns the masks of offsets and of anchors for given mask logits, with straight-through gradients."""
+    """Returns the masks of offsets and of anchors for given mask logits, with straight-through gradients.
+
+    An offset exists if the sigmoid of its logit is above `threshold`, an anchor if one of its offsets does.
+    """
     share = torch.sigmoid(logits)
     hard = (share > threshold).to(share)
     offsets = share + (hard - share).detach()

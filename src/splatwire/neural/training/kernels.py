@@ -27,7 +27,7 @@ Uniform = Callable[[torch.Size, torch.Generator, torch.device], Tensor]
 
 
 def uniform_from_host(shape: torch.Size, generator: torch.Generator, device: torch.device) -> Float[Tensor, "*shape"]:
-    """Draws uniform random numbers in [0, 1) on the CPU, which are equal for every device, and copies them."""
+    """Draws uniform random numbers in [0, 1) on the CPU and copies them to a device; equal for every device."""
     return torch.rand(shape, generator=generator).to(device)
 
 

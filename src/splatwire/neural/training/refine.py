@@ -173,7 +173,16 @@ def _loss(
     index: Int64[Tensor, "M"],
     config: RefineConfig,
 ) -> Float[Tensor, ""]:
-    """Returns the estimated bits per anchor of the whole scene, plus the penalty for changed quantisation steps."""
+    """Returns the estimated bits per anchor of the whole scene, plus the penalty for changed quantisation steps.
+
+    Args:
+        fixed: Data of the scene that does not change.
+        prior: The prior network in training.
+        channels: The channel networks in training.
+        signs: The hash grid in training.
+        index: Indices of the sampled anchors.
+        config: Weights of the penalty and of the grid's bits.
+    """
     outputs = split_prior_outputs(
         run_network(prior.mlp(), interpolate_signs(signs.volume, signs.planes, fixed.corners, index)), fixed.config
     )

@@ -55,7 +55,12 @@ def refine_causal(
 
 
 def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
-    """Returns the data of the anchors that the refinement of the networks does not change.
+    """Returns the data of the anchors that does not change when the networks are refined.
+
+    Args:
+        scene: The scene.
+        coding: Context model of the scene, whose networks are refined.
+        alive: Anchors to use: those that have at least one offset.
 
     Returns:
         Inputs of the position network; attributes in units of their quantisation steps: features, logarithms of base

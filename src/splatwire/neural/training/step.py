@@ -202,7 +202,15 @@ class TrainingStep:
         drawn: Int64[Tensor, ""],
         rate: SampleBits | None,
     ) -> Float[Tensor, ""]:
-        """Returns the total loss: photometric loss, volume of the Gaussians, and rate (HAC++, training)."""
+        """Returns the total loss: photometric loss, volume of the Gaussians, and rate (HAC++, training).
+
+        Args:
+            picture: Photometric loss of the rendered picture.
+            state: State of the training.
+            spawned: Gaussians of the view, whose volume is a term of the loss.
+            drawn: Number of Gaussians drawn.
+            rate: Estimated bits of a sample of anchors; None to leave out the rate.
+        """
         weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture
         if len(scales) and isinstance(spawned, SpawnedGaussians):
             loss = loss + weights.volume * scales.prod(dim=1).mean()
