@@ -164,14 +164,14 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
-    """Sums the gradients of each Gaussian over its tiles, in the order of the tiles, and writes them to `sums`.
+    """Adds the gradients of each Gaussian in all its tiles to `sums`, in the order of the tiles.
 
     Args:
         rows_of_sums: Gradient sums of each pair of Gaussian and tile, from `draw_tiles_back`.
         members: Indices of the Gaussians.
         places: Rows of `rows_of_sums`, Gaussian after Gaussian, from `fill_tiles`.
         place_starts: Start of each Gaussian's entries in `places`, and the end of the last, from `fill_tiles`.
-        sums: Output: sums of each Gaussian.
+        sums: Sums of each Gaussian, changed in place.
     """
     for k in range(members.shape[0]):
         first = np.int64(members[k]) * SUMS

@@ -51,8 +51,8 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
     """Returns a typical standard deviation of each channel of an attribute after rounding.
 
-    It is computed from the median of the predicted standard deviations. The variance of the rounding error, `step**2 /
-    12`, is added to the squared median.
+    It is computed from the median of the predicted standard deviations. Its square is increased by `step**2 / 12`, the
+    variance of the rounding error.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.
