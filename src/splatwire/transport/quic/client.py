@@ -27,6 +27,7 @@ from splatwire.transport.quic.common import (
     FrameReader,
     configuration,
     on_stream,
+    send_on_stream,
     stream_frame,
 )
 from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
@@ -182,6 +183,8 @@ class _Client(QuicConnectionProtocol):
                 self._stream_data(event)
             case events.DatagramFrameReceived() if self._established:
                 self._act(*self._receiver.receive(event.data, now))
+            case events.StreamReset() | events.StopSendingReceived() if event.stream_id == STREAM:
+                self.stop("the server closed the stream of the session")
             case events.ConnectionTerminated():
                 self._on_terminated(event)
         self._rearm()
@@ -260,7 +263,7 @@ class _Client(QuicConnectionProtocol):
     def _act(self, frames: list[bytes], transfer_events: list[Event]) -> None:
         for data in frames:
             if on_stream(data):
-                self._quic.send_stream_data(STREAM, stream_frame(data))
+                send_on_stream(self._quic, STREAM, stream_frame(data))  # if it is closed, its event follows
             elif self._established:
                 self._quic.send_datagram_frame(data)
         if self._on_event:
