@@ -18,10 +18,10 @@ POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 
 def add_squared(
     means, rotations, scales, opacities, colors, splat_scales, quats, levels, order, spun, sums, first, last
 ):
-    """Accumulates how strongly an image reacts to changes of each Gaussian, from the gradients of the image.
+    """Adds the squared gradient with respect to each attribute of each Gaussian to `sums`.
 
-    Adds the squared gradient with respect to each attribute to `sums`. Rotations have two parts: spin, a rotation about
-    the axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
+    The sums measure how strongly images depend on the attributes. Rotations have two parts: spin, a rotation about the
+    axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
 
     Args:
         means: Gradients with respect to the centres.

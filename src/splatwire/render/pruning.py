@@ -1,10 +1,11 @@
 """Pruning: removal of the elements with the least effect on images.
 
-The effect of removing a Gaussian follows from the gradient of the image with respect to its opacity, because an image
-is an affine function of the opacity of each single Gaussian. Its measure is the sum of the squared gradients of all
-pixels, which is estimated without one back-propagation per pixel: the pixels are multiplied by random signs (-1 or 1)
-and added up, and one back-propagation gives the gradient of this number. Its square is the wanted sum on average over
-the random signs.
+Removing a Gaussian sets its opacity to 0. An image is an affine function of the opacity of each single Gaussian, so the
+effect of the removal follows from the gradient of the image with respect to the opacity.
+
+The sum of the squared gradients of all pixels would take one back-propagation per pixel. It is estimated instead: the
+pixels are multiplied by random signs (-1 or 1) and added up, and one back-propagation gives the gradient of this
+number. The mean of its square over many random signs is the sum of the squared gradients.
 """
 
 import math

@@ -1,10 +1,11 @@
 """Estimates how much the rendered pictures change if an anchor is removed or its attributes change.
 
-The effect of removing a Gaussian follows from the gradient of the picture with respect to its opacity, because a
-picture is an affine function of the opacity of each single Gaussian. Its measure is the sum of the squared gradients of
-all pixels, which is estimated without one back-propagation per pixel: the pixels are multiplied by random signs (-1 or
-1) and added up, and one back-propagation gives the gradient of this number. Its square is the wanted sum on average
-over the random signs.
+Removing a Gaussian sets its opacity to 0. A picture is an affine function of the opacity of each single Gaussian, so
+the effect of the removal follows from the gradient of the picture with respect to the opacity.
+
+The sum of the squared gradients of all pixels would take one back-propagation per pixel. It is estimated instead: the
+pixels are multiplied by random signs (-1 or 1) and added up, and one back-propagation gives the gradient of this
+number. The mean of its square over many random signs is the sum of the squared gradients.
 """
 
 from collections.abc import Callable, Iterator

@@ -25,10 +25,11 @@ objects."""
 def estimate_up_axis(scene: Scene) -> str:
     """Estimates whether the y axis of a scene points up (`y`) or down (`-y`, as in 3DGS files and scenes from photos).
 
-    Light comes from above, and photos are seldom taken from below, so the upper side of a scene is brighter. The mean
-    brightness of two images is compared, which show the scene from far away in both directions of the y axis. A flat
-    scene (a ground with objects) is an exception, because no photo shows the ground from below. There, up is the side
-    on which Gaussians reach farther from the ground. Returns `-y` for neural anchors and for uncertain cases.
+    Light comes from above, and photos are seldom taken from below, so the upper side of a scene is brighter. The scene
+    is rendered from far away along the y axis, from both sides, and the mean brightness of the two images is compared.
+
+    A flat scene (a ground with objects) is an exception, because no photo shows the ground from below. There, up is the
+    side on which Gaussians reach farther from the ground. Returns `-y` for neural anchors and for uncertain cases.
 
     Args:
         scene: The scene.

@@ -45,8 +45,8 @@ def fit_splats(
     The networks of the scene predict colour, opacity and shape of a Gaussian for each view; its centre is the same in
     all views. The fit averages these predictions, weighted by the Gaussian's visible area in each view
     (`visible_areas`). Opacity is the mean, with 0 for views in which the Gaussian is not drawn. Shape is the mean of
-    the logarithms of the covariances, and colour the least-squares fit of spherical harmonics; these weights are also
-    multiplied by the opacity.
+    the logarithms of the covariances, and colour the least-squares fit of spherical harmonics; for both, the weight is
+    area times opacity.
 
     Args:
         scene: The scene.

@@ -46,8 +46,8 @@ class SequenceScore:
     Attributes:
         row: The configuration.
         psnr: PSNR of each frame against the render of the original, decibels, mean over views, float64 (F).
-        change: Flicker between two frames: mean squared difference of two image changes, that of the received sequence
-            and that of the reference from one frame to the next. Mean over views, float64 (F - 1).
+        change: Flicker: mean of (d - r)^2 over pixels and views, where d is the change of the image from one frame to
+            the next, and r that of the reference image; float64 (F - 1).
         later: Index of the first frame of the second group of pictures (GOP), from which means are computed; 0 if the
             sequence has only one. The first GOP is excluded, because no earlier state exists for concealment.
         num_lost: Number of packets that were lost or late.

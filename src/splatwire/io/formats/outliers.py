@@ -109,8 +109,8 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
     """Finds the distant Gaussians (outliers) that would cause visible rounding of all other positions in a file.
 
-    The shares of outliers in `SHARES` are tried in ascending order. The first one is used for which nearly all other
-    Gaussians have invisible position errors; if none suffices, the smallest one.
+    The shares of outliers in `SHARES` are tried in ascending order, until the position errors of nearly all other
+    Gaussians are invisible. If no share suffices, the smallest one is used.
 
     Args:
         splats: The Gaussians.

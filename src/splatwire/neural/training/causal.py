@@ -69,14 +69,17 @@ class TrainedCausal:
         return self._inputs
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
 
-        The attributes have noise in place of quantisation. The sample is taken at random from all anchors, visible or
-        not. The rate is None before the context phase, in which the loss includes the rate.
+        The rate is part of the loss only in the context phase of the training.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
+
+        Returns:
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
+            masks; and the rate of the sample, None before the context phase.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         masks = straight_through_masks(state, config, visible)[0]

@@ -32,14 +32,17 @@ class DeviceCausal(TrainedCausal):
     """The causal context model in training on a GPU; see `TrainedCausal` for the arguments."""
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
 
-        The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
-        includes the rate.
+        The rate is part of the loss only in the context phase of the training.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
+
+        Returns:
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
+            masks; and the rate of the sample, None before the context phase.
         """
         config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
         widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)

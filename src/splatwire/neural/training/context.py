@@ -103,14 +103,15 @@ class TrainedContext:
             calibrate_prior(state, self._config)
 
     def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleBits | None]:
-        """Returns the quantisation steps of the visible anchors, and the estimated rate of a sample of all anchors.
-
-        The steps are None in the first phase of the training, in which attributes get no noise. The rate is None before
-        the context phase, in which the loss includes the rate.
+        """Determines the quantisation steps of the visible anchors, and estimates the rate of a sample of all anchors.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
+
+        Returns:
+            The steps, None in the first phase of the training, in which attributes get no noise; and the rate, None
+            before the context phase, from which on the rate is part of the loss.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         if phase is Phase.PLAIN:
@@ -126,14 +127,17 @@ class TrainedContext:
         return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Returns attributes and masks with which visible anchors are rendered, and the rate of a sample of anchors.
+        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
 
-        The sample is taken at random from all anchors. The rate is None before the context phase, in which the loss
-        includes the rate.
+        The rate is part of the loss only in the context phase of the training.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
+
+        Returns:
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
+            masks; and the rate of the sample, None before the context phase.
         """
         steps, rate = self.quantise(state, visible)
         drawn = (
@@ -197,7 +201,10 @@ def step_columns(prior: Mlp) -> Mlp:
 
 
 def adaptive_steps(step_logits: Float[Tensor, "N 3"], config: ModelConfig) -> Float[Tensor, "N 3"]:
-    """Returns the quantisation steps of features, scalings and offsets, `base * (1 + tanh(logit))` (HAC++)."""
+    """Returns the quantisation steps of features, scalings and offsets, `base * (1 + tanh(logit))` (HAC++).
+
+    The base steps are those of the configuration.
+    """
     return step_logits.new_tensor(config.base_steps) * (1 + torch.tanh(step_logits))
 
 

@@ -97,7 +97,7 @@ def hard_sign(values: Tensor) -> Tensor:
 def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D"]) -> Float[Tensor, ""]:
     """Returns the code length of all signs of the hash grid in bits, with a straight-through gradient.
 
-    The probability of +1 is its share of all signs.
+    The coder is assumed to know the share of +1 among all signs.
     """
     count = volume.numel() + planes.numel()
     signs = (straight_through_sign(volume).sum() + straight_through_sign(planes).sum()) / count

@@ -109,10 +109,10 @@ class PacketLosses:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Removes anchors without offsets, and sorts the anchors by importance, at fixed intervals of iterations.
+        """Prepares the state for iterations with packet loss, at fixed intervals: removes anchors without offsets.
 
-        Does nothing before the first iteration with packet loss. Anchors are sorted only if the training simulates
-        receivers that have only the most important anchors (`LossTraining.first`).
+        If the training simulates receivers that have only the most important anchors (`LossTraining.first`), the
+        anchors are also sorted by importance. Does nothing before the first iteration with packet loss.
 
         Args:
             state: State of the training before an iteration; changed in place.

@@ -159,10 +159,10 @@ def create_config(
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
     """Adapts published learning rates to the length of a training: shorter trainings get higher final rates.
 
-    With the published final rates, the Gaussians of a short training do not converge: lego is 1.1 dB lower after 2,400
-    iterations (one training). The final rates used here are 30 times larger. Final rates 12 times larger are 0.3 dB
-    worse. Constant rates for opacity and colour are 0.1 dB worse. Higher final rates for hash grid and context networks
-    make lego's stream three times as large.
+    With the published final rates, the Gaussians of a short training do not converge. The figures are for lego, 2,400
+    iterations, one training each. The final rates chosen here are 30 times the published ones. PSNR is 1.1 dB lower
+    with the published rates, 0.3 dB lower with 12 times these rates, and 0.1 dB lower with constant rates for opacity
+    and colour. Higher final rates for hash grid and context networks make the stream three times as large.
 
     Args:
         rates: Learning rates for a training of `FULL_ITERATIONS` iterations.

@@ -53,7 +53,7 @@ def half_cosine(share: float) -> float:
 
 
 def second_half(rates: LearningRates) -> LearningRates:
-    """Returns the learning rates for fine-tuning, equal to the rates in the second half of HAC++'s training.
+    """Returns the learning rates for fine-tuning: the published rates (HAC++) in the second half of a training.
 
     Only the learning rate of the masks is derived from `rates`.
     """

@@ -127,9 +127,9 @@ class TrainState:
             `channel.*`.
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         statistics: Statistics for adding and removing anchors.
-        bounds_min: Lower corner of the hash grid's box. With the causal model, the middle of the anchors minus their
-            spread, in voxels.
-        bounds_max: Upper corner of the box. With the causal model, the middle plus the spread.
+        bounds_min: Lower end of the range by which positions are normalised: a corner of the hash grid's box, or, with
+            the causal model, the middle of the anchors minus their spread, in voxels.
+        bounds_max: Upper end of this range: the opposite corner, or the middle plus the spread.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
