@@ -29,7 +29,7 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 
 
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the header fields that identify the schema and its configuration."""
+    """Returns the header fields of a scene file that name the codec schema and its configuration."""
     config = coding.config
     if isinstance(config, CausalConfig):
         return {"model": CAUSAL, "config": {"layout": vars(config.layout), "context_dim": config.context_dim}}

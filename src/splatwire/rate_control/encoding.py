@@ -287,10 +287,11 @@ class _Plan:
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates the share of Gaussians with which fine-tuning gives the same PSNR as a stream without fine-tuning.
+        """Estimates the share of Gaussians to keep so that fine-tuning gives a stream with the PSNR of a given stream.
 
         Args:
-            untuned: Stream of pruned Gaussians. The quantisation steps are the same with and without fine-tuning.
+            untuned: The given stream, of pruned Gaussians that were not fine-tuned. Both streams have the same
+                quantisation steps.
         """
         assert self.curve is not None
         error = 10 ** (-self.measured(untuned) / 10)

@@ -55,7 +55,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     """Places cameras around a scene that comes without cameras, for measuring its appearance.
 
     Explicit Gaussians get two distances, so that both details and distant parts are visible. Some near cameras look
-    outwards if the scene surrounds them. `cameras_around` gives the positions.
+    outwards if the scene surrounds them. The directions are those of `cameras_around`.
 
     Args:
         scene: The scene.

@@ -69,7 +69,7 @@ def evaluate_sequence(
 def sequence_rows(
     stream: SceneStream, concealers: Sequence[str], loss: str | None, seeds: Sequence[int]
 ) -> list[SequenceRow]:
-    """Returns the configurations to evaluate: without loss, then the loss with each concealer and seed.
+    """Returns the configurations to evaluate: one without losses, then one with losses for each concealer and seed.
 
     Args:
         stream: The sequence.

@@ -43,8 +43,9 @@ class SceneSizes:
         scene: Name of the scene.
         num_anchors: Number of anchors, equal for all encodings.
         columns: Bytes of each category, for the official files (if present) and for every packetization.
-        attribute_files: Bytes of features, scalings and offsets in each encoding, counted as in the publication: whole
-            packets of this package, with headers and masks, and the official files with these attributes.
+        attribute_files: Bytes of features, scalings and offsets in each encoding. As in the publication, packets of
+            this package count completely, with headers and masks. Of the official files, only those with these
+            attributes count.
     """
 
     scene: str

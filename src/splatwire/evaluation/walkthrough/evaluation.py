@@ -118,8 +118,8 @@ class StreamedWalkthrough:
         scene: The decoded scene with all levels.
         tiles: The tiles of the scene.
         packet_of: Index of each Gaussian's packet, int64 (N).
-        replaced_tile: Index of the finer tile that each Gaussian stands for until that tile is received, int64 (N); -1
-            for Gaussians of the finest level.
+        replaced_tile: Index of the finer tile at the place of each Gaussian, int64 (N); the Gaussian is drawn until
+            that tile is received. -1 for Gaussians of the finest level.
         delivery: Arrival times of the packets.
         head_bytes: Bytes of the manifest and the side information.
     """

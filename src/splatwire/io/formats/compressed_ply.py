@@ -347,7 +347,7 @@ def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray
 
 
 def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
-    """Returns the largest range (maximum minus minimum) of a component of the values within a chunk.
+    """Returns the largest range (maximum minus minimum) that a component of the values has within a chunk.
 
     Args:
         values: Values in the order of the file, (N, C); NaN is ignored.

@@ -152,7 +152,7 @@ class _Sog:
         return stated in (True,)
 
     def warn_of_unknown_fields(self) -> None:
-        """Logs sections with images, and fields of sections, that are not known."""
+        """Logs a warning about unknown fields of sections, and about unknown sections that have images."""
         sections = {name: part for name, part in self.meta.items() if isinstance(part, dict) and "files" in part}
         unknown = [name for name in sections if name not in _SECTIONS]
         if not self._first:

@@ -105,7 +105,7 @@ def _scatter_level(upstream, rows, weights, index, column, gradient):
 @njit(parallel=True)
 @no_type_check
 def scatter(upstream, rows3, weights3, rows2, weights2, index, gradient):
-    """Adds the gradient with respect to the tables of the hash grid to `gradient`; the reverse of `interpolate`.
+    """Adds the gradient with respect to the tables of the hash grid to `gradient`: back-propagation of `interpolate`.
 
     Levels are processed in parallel, because no two levels share rows of the tables.
 

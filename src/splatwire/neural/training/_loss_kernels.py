@@ -89,8 +89,8 @@ def similarity(moments, blurred, x, y, c1, c2, sums):
     """Computes the sum of SSIM and the sum of absolute errors of each image row.
 
     Args:
-        moments: Blurred moments of the picture; overwritten by the gradients of SSIM with respect to them.
-        blurred: Blurred moments of the photo.
+        moments: Blurred x, x * x and x * y; overwritten by the gradients of SSIM with respect to them.
+        blurred: Blurred y and y * y.
         x: The picture.
         y: The photo.
         c1: First constant of SSIM.

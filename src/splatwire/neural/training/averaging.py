@@ -11,8 +11,8 @@ from splatwire.neural.training.state import TrainState
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
     """Returns the iteration after which the averaging of parameters begins.
 
-    Only the last iterations are averaged, and none of the phase in which anchors are added and removed. The fine-tuning
-    at the end (`Milestones.tuning`) has an average of its own.
+    Parameters are averaged over the last iterations, but not over iterations in which anchors are added and removed.
+    The fine-tuning at the end (`Milestones.tuning`) has an average of its own.
 
     Args:
         config: The configuration.

@@ -1,4 +1,4 @@
-"""The HAC++ context model in training: adaptive quantisation steps of visible anchors, and the rate of a sample."""
+"""The HAC++ context model in training: chooses quantisation steps for visible anchors, and estimates the rate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Visible anchors and Gaussians of a view on a GPU, with few operations and a single synchronisation.
 
-When the host reads a count, it waits for the GPU. Therefore only the visible anchors are counted. All offsets of these
-anchors become Gaussians; Gaussians of offsets that do not exist have opacity 0, and the renderer skips them.
+The host waits for the GPU when it reads a count, so only the visible anchors are counted. All offsets of these anchors
+become Gaussians. Those of offsets that do not exist have opacity 0, and the renderer skips them.
 """
 
 from dataclasses import dataclass

@@ -132,7 +132,7 @@ class TrainingLoop:
         """Trains until the last iteration, and writes a checkpoint at the end.
 
         Returns:
-            True if the listener stopped the training before.
+            True if the listener stopped the training before its last iteration.
 
         Raises:
             DatasetError: If the state is of a training with more views.

@@ -117,7 +117,7 @@ class _BinaryGrid:
         return (each * self._read[:, None]).sum()
 
     def grid(self, grid: HashGrid) -> HashGrid:
-        """Returns the hash grid whose entries are the current signs."""
+        """Returns `grid` with the current signs as its entries."""
         volume, planes = (hard_sign(table.detach()).to(torch.int8) for table in (self.volume, self.planes))
         return HashGrid(volume, planes, grid.bounds_min, grid.bounds_max)
 
