@@ -1,4 +1,4 @@
-"""Main functions of splatwire under short names: `encode`, `decode`, `evaluate`, `receive`, `serve`.
+"""Main functions of splatwire: `encode`, `decode`, `evaluate`, `receive`, `serve`.
 
 They combine functions of the other packages, and `import splatwire` offers their names.
 """

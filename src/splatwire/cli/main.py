@@ -30,8 +30,8 @@ _OBJECTS = 200_000
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits the process.
 
-    The exit status is 0; 2 for a user error, explained by one line on standard error; 3 if the result comes from a
-    damaged input or an incomplete transfer, 130 after Ctrl-C (143 when the process was ended by SIGTERM).
+    The exit status is 0 on success, and 2 for a user error, which is explained by one line on standard error. It is 3
+    if the result comes from a damaged input or an incomplete transfer, 130 after Ctrl-C, and 143 after SIGTERM.
 
     Args:
         arguments: Command-line arguments after the program name; None for those of this process.

@@ -35,7 +35,8 @@ class ViewSets:
     Attributes:
         measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
         search: Views in which pruned and decoded scenes are compared with the source.
-        held_out: Views for the reported PSNR. The encoder uses them only if it searches for a stream with a given PSNR.
+        held_out: Views for the reported PSNR. The encoder uses them only to correct the search for a given PSNR, and,
+            with the effort `best`, to choose between the streams with and without fine-tuning.
     """
 
     measured: Cameras | None
