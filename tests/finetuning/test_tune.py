@@ -13,6 +13,8 @@ from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures
+from splatwire.finetuning.checks import CHECK_VIEWS
+from splatwire.finetuning.tune import CHECK_EVERY, LEAST_SCALE, tuned_gaussians
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.pruning import prune
@@ -62,6 +64,33 @@ def test_equal_arguments_give_equal_scenes_and_another_seed_another() -> None:
     for name, values in vars(first.splats).items():
         assert (values == getattr(again.splats, name)).all()
     assert (first.splats.means != other.splats.means).any()
+
+
+def _loss(ours: SplatScene, start: SplatScene, pictures: Pictures) -> float:
+    """Mean squared error relative to the start, mean over all fitted views."""
+    first, now = (
+        np.square(render_scene(each, pictures.cameras) - pictures.images / 255).mean(axis=(1, 2, 3))
+        for each in (start, ours)
+    )
+    return float((now / np.maximum(first, LEAST_SCALE)).mean())
+
+
+def test_steps_that_are_too_large_are_undone() -> None:
+    source = shell(300)
+    left = prune(source, 0.7).scene
+    assert isinstance(left, SplatScene)
+    pictures = own_pictures(source, fitting_cameras(source, CHECK_VIEWS, 32))
+    start = fine_tune(left, pictures, FineTuning(iterations=1, rate=1e-9))
+    tuned = fine_tune(left, pictures, FineTuning(iterations=2 * CHECK_EVERY, rate=50.0))
+    assert _loss(tuned, start, pictures) <= 1.001
+
+
+def test_gaussians_in_fitted_views_have_finer_classes_than_others() -> None:
+    scene = shell(400)
+    around = fitting_cameras(scene, 24, 48)
+    pictures = own_pictures(scene, around.select(np.flatnonzero(around.centers[:, 0] > 0).tolist()))
+    coding, near = tuned_gaussians(scene, pictures, FineTuning(iterations=1)).coding, scene.splats.means[:, 0] > 0
+    assert coding.classes[near].mean() > coding.classes[~near].mean() + 0.3
 
 
 def test_memory_layout_of_the_scene_has_no_influence() -> None:

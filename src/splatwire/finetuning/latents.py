@@ -59,6 +59,10 @@ class Latents:
             _unit(np.ascontiguousarray(splats.quats)),
         )
 
+    def copy(self) -> "Latents":
+        """Returns a copy that shares no arrays."""
+        return Latents(**{name: values.copy() for name, values in vars(self).items()})
+
     def trained(self) -> dict[str, np.ndarray]:
         """Returns the trained arrays by name; changing them changes the parameters."""
         names = ("shifts", "turns", "logs", "logits", "base", "harmonics")

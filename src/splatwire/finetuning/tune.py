@@ -11,8 +11,9 @@ from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
+from splatwire.finetuning.checks import Check
 from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of, harmonic_gradient
-from splatwire.finetuning.losses import draw_reception
+from splatwire.finetuning.losses import Reception, draw_reception
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
 from splatwire.ops.adam import update_run
@@ -20,8 +21,10 @@ from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.ops.threads import share
 from splatwire.render.antialiasing import compensated
 from splatwire.render.cpu import Picture, float_arrays, keep_freed_memory
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import MEASURED_VIEWS, precision_classes
+from splatwire.render.precision import SIZE as MEASURED_SIZE
 from splatwire.types import Cameras, SplatCoding, SplatScene
+from splatwire.types.splats import Splats
 
 RATES = {"shifts": 0.02, "turns": 0.01, "logs": 0.01, "logits": 0.04, "base": 0.008, "harmonics": 0.002}
 """Learning rate of each parameter of `Latents` in the first iteration. Centres move in units of their Gaussian's size,
@@ -34,6 +37,12 @@ STEADY = 0.5
 """Share of the iterations after which the precision classes are computed for the last time."""
 _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
+CHECK_EVERY = 50
+"""Number of iterations between two checks of the loss."""
+SLOWER = 0.5
+"""Factor on all learning rates after a check that found a larger loss than the check before."""
+_CHECKED_RECEPTIONS = 2
+"""Number of simulated packet losses with which checks measure the loss, if the channel loses packets."""
 LEAST_SCALE = 10**-4.6
 """Smallest mean squared error by which gradients are divided, 46 dB. Views that were better at first have no more
 weight than this: otherwise they would determine the direction of every step."""
@@ -107,8 +116,13 @@ def tuned_gaussians(
 
     The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered, or
     by `LEAST_SCALE` if that is more. All views thus have similar weight, and a view that becomes much worse gets more
-    weight. With the logarithm of the error
-    as the loss, Gaussians that are large in a single view would be sacrificed for other views.
+    weight. With the logarithm of the error as the loss, Gaussians that are large in a single view would be sacrificed
+    for other views.
+
+    Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures (`Check`). If it has grown
+    since the check before, the Gaussians of that check are restored, and the learning rates become smaller by the
+    factor `SLOWER`. The loss of the result is thus not above that of the rounded Gaussians at the start, except by a
+    change of precision classes.
 
     The result depends only on the arguments, not on the number of threads.
 
@@ -130,15 +144,27 @@ def tuned_gaussians(
         raise InvalidValueError("fine-tuning: the cameras have another origin than the scene")
     keep_freed_memory()
     rng = np.random.Generator(np.random.PCG64(options.seed))
+    classed = _classed_cameras(pictures.cameras, options.seed)
     latents, optimizer, views = Latents.of(scene.splats), _Adam(), _shuffled(pictures.cameras.num_views, rng)
-    coding, offsets, division = _coding(latents, options), None, None
+    coding, offsets, division = _coding(latents, options, classed), None, None
     steady = math.ceil(STEADY * options.iterations)
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()
+    check = _first_check(scene, latents.splats(), coding, pictures, options)
+    best, least, rate = latents.copy(), check.loss(round_splats(latents.splats(), coding)), options.rate
     for step in range(options.iterations):
+        checked = step == steady or (step > 0 and step % CHECK_EVERY == 0)
+        if checked:
+            loss = check.loss(round_splats(latents.splats(), coding))
+            if loss > least:
+                latents, rate = best.copy(), rate * SLOWER
+                optimizer.stop()
+            else:
+                best, least = latents.copy(), loss
         if step == steady:
-            coding = _coding(latents, options)
-        if step % options.refresh == 0 or step == steady:
+            coding = _coding(latents, options, classed)
+            least = check.loss(round_splats(latents.splats(), coding))
+        if step % options.refresh == 0 or checked:
             exact = latents.splats()
             rounded = round_splats(exact, coding)
             offsets = Offsets.between(exact, rounded)
@@ -159,10 +185,12 @@ def tuned_gaussians(
         if reception is not None:
             found = reception.gradients(drawn, found)
         gradients = gradients_of(latents, drawn, offsets, found)
-        optimizer.update(latents.trained(), gradients, options.rate * _decay(step / options.iterations))
+        optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
         latents.apply_turns()
         if progress:
             progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
+    if check.loss(round_splats(latents.splats(), coding)) > least:
+        latents = best
     return TunedGaussians(replace(scene, splats=latents.splats(), coding=None, hints=None), coding)
 
 
@@ -235,10 +263,38 @@ class _Adam:
 
         share(change, list(trained))
 
+    def stop(self) -> None:
+        """Sets the first moments to 0, so that earlier gradients no longer change the parameters."""
+        for first, _ in self._moments.values():
+            first[:] = 0
 
-def _coding(latents: Latents, options: FineTuning) -> SplatCoding:
+
+def _coding(latents: Latents, options: FineTuning, cameras: Cameras) -> SplatCoding:
     splats = latents.splats()
-    return coding_for(splats, options.quality, precision_classes(splats))
+    return coding_for(splats, options.quality, precision_classes(splats, cameras))
+
+
+def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
+    """Chooses fitted views in which precision classes are measured.
+
+    Views around the Gaussians that only look inwards would give the surroundings of a scene the coarsest classes.
+    """
+    views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]
+    chosen = cameras.select(sorted(views.tolist()))
+    return chosen.scaled(min(1.0, MEASURED_SIZE / max(chosen.width, chosen.height)))
+
+
+def _first_check(
+    scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
+) -> Check:
+    """Prepares the check of the loss, with random views and packet losses that differ from those of the iterations."""
+    rounded, receptions = round_splats(splats, coding), list[Reception]()
+    rng = np.random.Generator(np.random.PCG64([options.seed, 1]))
+    if options.loss is not None:
+        division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
+        drawn = [draw_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
+        receptions = [reception for reception in drawn if reception is not None]
+    return Check.of(scene, rounded, pictures, receptions, LEAST_SCALE, rng)
 
 
 def _decay(share: float) -> float:

@@ -1,0 +1,84 @@
+"""Loss of fine-tuned Gaussians in a fixed sample of the fitted views, for comparing states of a fine-tuning."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.finetuning.losses import Reception
+from splatwire.finetuning.pictures import Pictures
+from splatwire.render import iterate_views
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+CHECK_VIEWS = 16
+"""Maximum number of fitted views in which states of a fine-tuning are compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """Fixed sample of the loss of a fine-tuning: equal views and equal lost Gaussians for all states.
+
+    Attributes:
+        scene: Background, origin and antialiasing of the scene; its Gaussians are ignored.
+        pictures: Views of the sample.
+        receptions: Simulated losses, each applied to all views. Half of the weight is without losses, if there are any.
+        least: Smallest divisor of a mean squared error.
+        first: Mean squared errors of the first state, by reception (the first row without losses) and view.
+    """
+
+    scene: SplatScene
+    pictures: Pictures
+    receptions: tuple[Reception, ...]
+    least: float
+    first: Float[np.ndarray, "R V"]
+
+    @staticmethod
+    def of(
+        scene: SplatScene,
+        splats: Splats,
+        pictures: Pictures,
+        receptions: Sequence[Reception],
+        least: float,
+        rng: np.random.Generator,
+    ) -> "Check":
+        """Chooses views at random, and measures the state that others are compared with.
+
+        Args:
+            scene: The scene.
+            splats: Rounded Gaussians of the first state.
+            pictures: All fitted pictures.
+            receptions: Simulated losses; empty without losses.
+            least: Smallest mean squared error by which errors are divided.
+            rng: Random generator for the choice of views.
+        """
+        count = pictures.cameras.num_views
+        views = sorted(rng.permutation(count)[:CHECK_VIEWS].tolist())
+        masks = None if pictures.masks is None else pictures.masks[views]
+        sample = Pictures(pictures.cameras.select(views), pictures.images[views], masks)
+        check = Check(scene, sample, tuple(receptions), least, np.ones((1 + len(receptions), len(views))))
+        return replace(check, first=check._errors(splats))
+
+    def loss(self, splats: Splats) -> float:
+        """Returns the mean loss of rounded Gaussians.
+
+        The loss of a view is its mean squared error, divided by that of the first state or by `least`, whichever is
+        more. The loss of the first state is thus at most 1.
+        """
+        losses = (self._errors(splats) / np.maximum(self.first, self.least)).mean(axis=1)
+        return float(losses[0] if len(losses) == 1 else (losses[0] + losses[1:].mean()) / 2)
+
+    def _errors(self, splats: Splats) -> Float[np.ndarray, "R V"]:
+        shown = [splats, *(reception.shown(splats) for reception in self.receptions)]
+        return np.array([self._view_errors(each) for each in shown])
+
+    def _view_errors(self, splats: Splats) -> list[float]:
+        seen, masks, errors = self.pictures, self.pictures.masks, []
+        one = replace(self.scene, splats=splats, coding=None, hints=None)
+        for view, image in enumerate(iterate_views(one, seen.cameras)):
+            difference = image - seen.images[view].astype(np.float32) / 255
+            if masks is not None:
+                difference *= masks[view][:, :, None]
+            errors.append(float(np.mean(np.square(difference, dtype=np.float64))))
+        return errors
