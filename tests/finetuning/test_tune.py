@@ -9,6 +9,7 @@ from shells import shell
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.gaussians.rounding import coding_for
 from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
@@ -95,6 +96,24 @@ def test_gaussians_have_finer_classes_if_fitted_views_see_them() -> None:
     )
     gain, seen = right.classes.astype(np.int64) - left.classes, scene.splats.means[:, 0] > 0
     assert gain[seen].mean() > gain[~seen].mean() + 0.5
+
+
+def test_given_precision_classes_stay() -> None:
+    scene, options = shell(100), FineTuning(iterations=3)
+    classes = (-np.arange(100) % 6).astype(np.int8)
+    found = tuned_gaussians(scene, own_pictures(scene, fitting_cameras(scene, 2, 16)), options, classes=classes)
+    assert (found.coding.classes == coding_for(scene.splats, options.quality, classes).classes).all()
+
+
+def test_steps_are_proportional_to_quantisation_steps() -> None:
+    source = shell(100)
+    start = replace(source, splats=replace(source.splats, sh=source.splats.sh - np.float32(0.3)))
+    classes, pictures = (-np.arange(100) % 6).astype(np.int8), own_pictures(source, fitting_cameras(source, 2, 48))
+    found = tuned_gaussians(start, pictures, FineTuning(iterations=1, rate=0.1), classes=classes)
+    moved = np.abs(found.scene.splats.sh - start.splats.sh)[:, 0, 0]
+    changed = moved > 0  # the others are hidden
+    assert changed.sum() > 50
+    assert np.ptp(np.log2(moved[changed]) + found.coding.classes[changed]) < 0.01
 
 
 def test_memory_layout_of_the_scene_has_no_influence() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32, Int8
 
 from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.packets import divide_into_packets
@@ -33,8 +33,6 @@ LAST_RATE = 0.03
 """Ratio of the last to the first learning rate; in between, the rate follows a cosine."""
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
 """Constants of Adam. The second moment remembers all views: a Gaussian may fill few views and be tiny in the others."""
-STEADY = 0.5
-"""Share of the iterations after which the precision classes are computed for the last time."""
 _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
 CHECK_EVERY = 50
@@ -107,6 +105,7 @@ def tuned_gaussians(
     pictures: Pictures,
     options: FineTuning = FineTuning(),  # noqa: B008 - frozen
     progress: Callable[[Progress], None] | None = None,
+    classes: Int8[np.ndarray, "N"] | None = None,
 ) -> TunedGaussians:
     """Changes Gaussians so that renderings of the decoded Gaussians are as similar to given pictures as possible.
 
@@ -121,8 +120,7 @@ def tuned_gaussians(
 
     Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures (`Check`). If it has grown
     since the check before, the Gaussians of that check are restored, and the learning rates become smaller by the
-    factor `SLOWER`. The loss of the result is thus not above that of the rounded Gaussians at the start, except by a
-    change of precision classes.
+    factor `SLOWER`. The loss of the result is thus not above that of the rounded Gaussians at the start.
 
     The result depends only on the arguments, not on the number of threads.
 
@@ -131,6 +129,8 @@ def tuned_gaussians(
         pictures: The pictures and their cameras, relative to the origin of the scene.
         options: The options.
         progress: Called after each iteration.
+        classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes. None to measure
+            them in some of the fitted views.
 
     Returns:
         The Gaussians before rounding, and their quantisation steps.
@@ -144,16 +144,17 @@ def tuned_gaussians(
         raise InvalidValueError("fine-tuning: the cameras have another origin than the scene")
     keep_freed_memory()
     rng = np.random.Generator(np.random.PCG64(options.seed))
-    classed = _classed_cameras(pictures.cameras, options.seed)
-    latents, optimizer, views = Latents.of(scene.splats), _Adam(), _shuffled(pictures.cameras.num_views, rng)
-    coding, offsets, division = _coding(latents, options, classed), None, None
-    steady = math.ceil(STEADY * options.iterations)
+    if classes is None:
+        classes = precision_classes(scene.splats, _classed_cameras(pictures.cameras, options.seed))
+    latents, views = Latents.of(scene.splats), _shuffled(pictures.cameras.num_views, rng)
+    coding, offsets, division = coding_for(latents.splats(), options.quality, classes), None, None
+    optimizer = _Adam(_step_sizes(coding))
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()
     check = _first_check(scene, latents.splats(), coding, pictures, options)
     best, least, rate = latents.copy(), check.loss(round_splats(latents.splats(), coding)), options.rate
     for step in range(options.iterations):
-        checked = step == steady or (step > 0 and step % CHECK_EVERY == 0)
+        checked = step > 0 and step % CHECK_EVERY == 0
         if checked:
             loss = check.loss(round_splats(latents.splats(), coding))
             if loss > least:
@@ -161,9 +162,6 @@ def tuned_gaussians(
                 optimizer.stop()
             else:
                 best, least = latents.copy(), loss
-        if step == steady:
-            coding = _coding(latents, options, classed)
-            least = check.loss(round_splats(latents.splats(), coding))
         if step % options.refresh == 0 or checked:
             exact = latents.splats()
             rounded = round_splats(exact, coding)
@@ -239,16 +237,21 @@ def picture_gradients(
 
 
 class _Adam:
-    """The Adam optimiser; keeps the moments of each array by name."""
+    """The Adam optimiser; keeps the moments of each array by name.
 
-    def __init__(self) -> None:
+    Args:
+        sizes: Factor on the steps of each Gaussian.
+    """
+
+    def __init__(self, sizes: Float[np.ndarray, "N"]) -> None:
+        self._sizes = sizes
         self._moments: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._steps = 0
 
     def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
         """Performs one step of the optimiser: changes the trained arrays in place.
 
-        The learning rates are those of `RATES`, times `rate`.
+        The learning rates are those of `RATES`, times `rate` and the factor of the Gaussian.
         """
         self._steps += 1
         root = math.sqrt(1 - BETA2**self._steps)
@@ -257,9 +260,11 @@ class _Adam:
             values, gradient = trained[name], np.ascontiguousarray(gradients[name], np.float32)
             if name not in self._moments:
                 self._moments[name] = np.zeros_like(values), np.zeros_like(values)
-            flat = [array.reshape(-1) for array in (values, gradient, *self._moments[name])]
+            steps = np.zeros_like(values)
+            flat = [array.reshape(-1) for array in (steps, gradient, *self._moments[name])]
             size = RATES[name] * rate / (1 - BETA1**self._steps)
             update_run(*flat, 0, values.size, *map(np.float32, (size, 1 / root, BETA1, BETA2, EPSILON)))
+            values += self._sizes.reshape(-1, *[1] * (values.ndim - 1)) * steps
 
         share(change, list(trained))
 
@@ -269,9 +274,14 @@ class _Adam:
             first[:] = 0
 
 
-def _coding(latents: Latents, options: FineTuning, cameras: Cameras) -> SplatCoding:
-    splats = latents.splats()
-    return coding_for(splats, options.quality, precision_classes(splats, cameras))
+def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
+    """Returns a factor on the optimiser's steps for each Gaussian: proportional to its quantisation steps.
+
+    Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all Gaussians
+    would be too large for the sensitive ones, and too small for the others. The geometric mean of the factors is 1.
+    """
+    classes = coding.classes.astype(np.float64)
+    return np.exp2(classes.mean() - classes).astype(np.float32)
 
 
 def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:

@@ -186,8 +186,8 @@ def _prune_and_tune(
     packetization = start.stream.manifest.packetization
 
     def tune(share: float) -> float:
-        pruned = plan.pruned(share, tuned)
-        scene, classes = tuned_to_pictures(pruned, pictures, start.quality, packetization, tuning, progress)
+        pruned, classes = plan.pruned(share, tuned)
+        scene = tuned_to_pictures(pruned, classes, pictures, start.quality, packetization, tuning, progress)
         tuned.append(replace(plan, classes=classes, curve=None, scene=scene))
         encoded = tuned[-1].encoded(start.quality, encode)
         return math.log(encoded.stream.num_bytes) if target.psnr is None else encoded.psnr
@@ -263,7 +263,7 @@ class _Plan:
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
-    def pruned(self, share: float, tuned: Sequence["_Plan"]) -> SplatScene:
+    def pruned(self, share: float, tuned: Sequence["_Plan"]) -> tuple[SplatScene, np.ndarray]:
         """Removes Gaussians before fine-tuning; starts from the result of an earlier fine-tuning if possible.
 
         If more Gaussians than needed were fine-tuned before, their effect is measured again, because fine-tuning has
@@ -272,15 +272,19 @@ class _Plan:
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
             tuned: Plans of the Gaussians of earlier fine-tunings.
+
+        Returns:
+            The kept Gaussians, and the precision class of each.
         """
         assert self.curve is not None
         kept = self.curve.kept(share)
-        larger = [each.scene for each in tuned if each.scene.num_elements > len(kept)]
+        larger = [each for each in tuned if each.scene.num_elements > len(kept)]
         if not larger:
-            return self.source.select(kept)
-        scene = min(larger, key=lambda each: each.num_elements)
-        removal = measure_gaussians(scene, self.measured_views).removal
-        return scene.select(np.sort(np.argsort(-removal, kind="stable")[: len(kept)]))
+            return self.source.select(kept), self.classes[kept]
+        before = min(larger, key=lambda each: each.scene.num_elements)
+        removal = measure_gaussians(before.scene, self.measured_views).removal
+        best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
+        return before.scene.select(best), before.classes[best]
 
     def measured(self, encoded: EncodedScene) -> float:
         """Returns the mean PSNR of a decoded stream, decibels, in the views with which the search compares."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Int8
 
 from splatwire.anchors.appearance import origin_of
 from splatwire.arguments import check_fields
@@ -13,7 +14,7 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import SIZE, VIEWS, Pictures, fitting_cameras, own_pictures
-from splatwire.finetuning.tune import tuned_gaussians
+from splatwire.finetuning.tune import Progress, tuned_gaussians
 from splatwire.rate_control.views import LEAST_CAMERAS, not_held_out
 from splatwire.types import Cameras, SplatScene
 
@@ -94,16 +95,18 @@ def fitted_pictures(
 
 def tuned_to_pictures(
     pruned: SplatScene,
+    classes: Int8[np.ndarray, "N"],
     pictures: Pictures,
     quality: Quality,
     packetization: Packetization,
     tuning: Tuning,
     progress: Callable[[str, float], None],
-) -> tuple[SplatScene, np.ndarray]:
+) -> SplatScene:
     """Fine-tunes Gaussians so that their renderings match pictures, despite the rounding at a quality setting.
 
     Args:
         pruned: The Gaussians to fine-tune.
+        classes: Precision class of each Gaussian, 0 for the finest.
         pictures: Pictures of the complete scene.
         quality: Quality setting whose rounding is part of the fine-tuning.
         packetization: Split of the stream into packets, which the losses of `tuning` apply to.
@@ -111,14 +114,14 @@ def tuned_to_pictures(
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:
-        The Gaussians before rounding, and the precision class of each, 0 for the finest, int8.
+        The Gaussians before rounding.
     """
     options = FineTuning(quality, tuning.iterations, loss=tuning.loss, packetization=packetization, seed=tuning.seed)
-    found = tuned_gaussians(
-        pruned, pictures, options, lambda report: progress("fine-tuning", report.iteration / report.iterations)
-    )
-    finest = quality.num_classes(pruned.splats.degree) - 1
-    return found.scene, (found.coding.classes.astype(np.int64) - finest).astype(np.int8)
+
+    def report(state: Progress) -> None:
+        progress("fine-tuning", state.iteration / state.iterations)
+
+    return tuned_gaussians(pruned, pictures, options, report, classes).scene
 
 
 def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:
