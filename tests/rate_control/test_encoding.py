@@ -231,6 +231,8 @@ def test_a_stream_fine_tuned_for_losses_needs_only_reach_the_target():
     assert _Plan.better_of(tuned, untuned, Target(psnr=40.0), for_loss=True) is tuned
     assert _Plan.better_of(tuned, untuned, Target(psnr=40.0), for_loss=False) is untuned
     assert _Plan.better_of(stream(38, 900), untuned, Target(psnr=40.0), for_loss=True) is untuned
+    assert _Plan.better_of(stream(40.4, 500), untuned, Target(psnr=40.0), for_loss=False) is not untuned
+    assert _Plan.better_of(stream(40.4, 900), untuned, Target(psnr=40.0), for_loss=True) is untuned
     tuned, untuned = stream(38.0, 1000), stream(40.0, 1000)
     assert _Plan.better_of(tuned, untuned, Target(size=1000), for_loss=True) is tuned
     assert _Plan.better_of(tuned, untuned, Target(size=1000), for_loss=False) is untuned

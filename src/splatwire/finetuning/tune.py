@@ -37,7 +37,7 @@ _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
 CHECK_EVERY = 50
 """Number of iterations between two checks of the loss."""
-SLOWER = 0.25
+SLOWER = 0.5
 """Factor on all learning rates after a check that found a larger loss than the check before."""
 _CHECKED_RECEPTIONS = 2
 """Number of simulated packet losses with which checks measure the loss, if the channel loses packets."""

@@ -59,7 +59,7 @@ MOST_PRUNED_ERROR = 0.9
 """Maximum share of the error of pruning in the error of a stream."""
 TUNED_SHARE_DB = 6.0
 """Typical increase of the PSNR of fine-tuned scenes per unit of the logarithm of the share of Gaussians, decibels."""
-EXCESS_DB, EXCESS_LOG = 0.4, 0.06
+EXCESS_DB, EXCESS_LOG = 0.25, 0.06
 """Maximum difference of fine-tuned scenes from the smallest PSNR (decibels) or logarithm of bytes that is permitted,
 before coarser steps reduce it."""
 _LOG = logging.getLogger(__name__)
@@ -109,7 +109,8 @@ def encode_controlled(
 
     A target size is a maximum. The stream is at most 3 % smaller, unless even the finest setting needs fewer bytes. A
     target PSNR is reached within 0.2 dB, unless even the coarsest setting exceeds it, or no setting gives a PSNR in
-    between. For both kinds of target, the scene is encoded several times.
+    between. A fine-tuned stream may exceed it if it has fewer bytes than without fine-tuning. For both kinds of target,
+    the scene is encoded several times.
 
     Args:
         scene: The scene to encode. Gaussians that draw nothing or cannot be drawn are skipped, which is logged.
@@ -322,10 +323,9 @@ class _Plan:
             return found
         if target.psnr is None:
             return tuned if for_loss or tuned.psnr >= untuned.psnr else untuned
-        off = abs(tuned.psnr - target.psnr)
-        reaches = off <= max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
+        above, tolerance = tuned.psnr - target.psnr, max(2 * PSNR_TOLERANCE, abs(untuned.psnr - target.psnr))
         smaller = tuned.stream.num_bytes < untuned.stream.num_bytes
-        return tuned if reaches and (for_loss or smaller) else untuned
+        return tuned if above >= -tolerance and (smaller or (for_loss and above <= tolerance)) else untuned
 
     def encoded(self, quality: Quality, encode: Encoder, share: float | None = None) -> EncodedScene:
         """Prunes and encodes the scene at a quality setting.
