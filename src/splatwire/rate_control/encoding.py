@@ -59,6 +59,9 @@ MOST_PRUNED_ERROR = 0.9
 """Maximum share of the error of pruning in the error of a stream."""
 TUNED_SHARE_DB = 6.0
 """Typical increase of the PSNR of fine-tuned scenes per unit of the logarithm of the share of Gaussians, decibels."""
+TRIMMED_SHARE_DB, LEAST_TRIMMED_SHARE = 12.0, 0.8
+"""Typical increase of the PSNR of fine-tuned scenes with the share of Gaussians that is kept afterwards, decibels, and
+smallest share."""
 EXCESS_DB, EXCESS_LOG = 0.25, 0.06
 """Maximum difference of fine-tuned scenes from the smallest PSNR (decibels) or logarithm of bytes that is permitted,
 before coarser steps reduce it."""
@@ -149,6 +152,8 @@ def encode_controlled(
     pictures = fitted_pictures(source, cameras, tuning, progress)
     tuned = _prune_and_tune(plan, start, target, encode, pictures, tuning, progress)
     found = _Trials(tuned, encode, progress, start.quality.level).closest(target)
+    if found is not None and target.psnr is not None and found.psnr > target.psnr + PSNR_TOLERANCE:
+        found = tuned.trimmed(found, target.psnr, encode)
     better = plan.better_of(found, untuned, target, for_loss=tuning.loss is not None)
     if better is not found:
         _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
@@ -286,6 +291,34 @@ class _Plan:
         removal = measure_gaussians(before.scene, self.measured_views).removal
         best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
         return before.scene.select(best), before.classes[best]
+
+    def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
+        """Removes a few of the fine-tuned Gaussians, so that a stream exceeds a PSNR by less.
+
+        Coarser steps would cost more: fine-tuned Gaussians are adapted to their cells of the position lattice.
+
+        Args:
+            found: Stream of all Gaussians of this plan.
+            psnr: PSNR to reach in the held-out views, decibels.
+            encode: Function that encodes a scene.
+
+        Returns:
+            The stream with the PSNR closest to `psnr`, of `found` and those tried.
+        """
+        count = self.scene.num_elements
+        order = np.argsort(-measure_gaussians(self.scene, self.measured_views).removal, kind="stable")
+        tried = [found]
+
+        def reached(share: float) -> float:
+            kept = np.sort(order[: max(round(share * count), 1)])
+            stream = encode(self.scene.select(kept), self.classes[kept], found.quality)
+            tried.append(EncodedScene(stream, found.quality, found.kept * len(kept) / count, self.held_out, True))
+            return tried[-1].psnr
+
+        permitted = Interval(psnr - PSNR_TOLERANCE, psnr, psnr + PSNR_TOLERANCE)
+        slope = TRIMMED_SHARE_DB
+        search(reached, permitted, 1 + (psnr - found.psnr) / slope, slope, (LEAST_TRIMMED_SHARE, 1.0))
+        return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def measured(self, encoded: EncodedScene) -> float:
         """Returns the mean PSNR of a decoded stream, decibels, in the views with which the search compares."""
