@@ -1,0 +1,110 @@
+"""Updates of a scene that is trained, once a second, against SPZ snapshots: the first experiment for `push`.
+
+    python benchmarks/watched_training.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat > training.json
+
+The training is simulated: all attributes approach those of the scene by 8 % a second, and each step jitters them. Each
+second, the share of the Gaussians whose change since they were sent matters most (change times the root of the covered
+area) is sent as an update. PSNR is that of four views of the scene, for the trainer and for a receiver of all updates.
+"""
+
+import argparse
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.bitstream import PRESETS
+from splatwire.codec import apply_update, decode_stream, encode_scene, encode_update
+from splatwire.io import open_scene
+from splatwire.io.formats import write_splats
+from splatwire.render import render_scene
+from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+SHARES, SECONDS = (0.1, 0.2), 5
+DECAY, JITTER = 0.92, 0.02
+DISTANCES = {"means": 0.6, "scales": 0.25, "opacities": 0.15, "sh": 0.25}
+"""Standard deviation of each attribute from its final value when the watching begins: positions in multiples of a
+Gaussian's mean size, logarithms of scales, opacities, coefficients.
+"""
+
+
+def sizes_of(splats: Splats) -> np.ndarray:
+    """Geometric mean of the standard deviations of each Gaussian, (N, 1)."""
+    return np.exp(np.log(splats.scales).mean(axis=1, keepdims=True))
+
+
+def trained(target: Splats, second: int) -> Splats:
+    """The scene after some seconds of training."""
+    start, step = np.random.default_rng(0), np.random.default_rng(second + 1)
+    found = {}
+    for name, distance in DISTANCES.items():
+        shape = getattr(target, name).shape
+        unit = sizes_of(target) if name == "means" else 1.0
+        noise = DECAY**second * start.normal(size=shape) + JITTER * step.normal(size=shape)
+        found[name] = (distance * noise * unit).astype(np.float32)
+    return replace(
+        target, means=target.means + found["means"], scales=target.scales * np.exp(found["scales"]),
+        opacities=np.clip(target.opacities + found["opacities"], 0.01, 0.99), sh=target.sh + found["sh"],
+    )  # fmt: skip
+
+
+def changes(before: Splats, after: Splats) -> np.ndarray:
+    """Change of each Gaussian, (N)."""
+    count = after.num_gaussians
+    moved = np.linalg.norm((after.means - before.means) / sizes_of(after), axis=1)
+    resized = np.abs(np.log(after.scales / before.scales)).mean(axis=1)
+    recoloured = np.abs(after.sh - before.sh).reshape(count, -1).mean(axis=1)
+    return np.asarray(moved + resized + recoloured + np.abs(after.opacities - before.opacities))
+
+
+def snapshot_bytes(splats: Splats) -> int:
+    """Bytes of an SPZ file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "snapshot.spz"
+        write_splats([splats], path)
+        return path.stat().st_size
+
+
+def main() -> None:
+    """Measures both shares."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("scene", type=Path)
+    scene = open_scene(parser.parse_args().scene)
+    assert isinstance(scene, SplatScene)
+    target = scene.select(scene.drawable).splats
+    cameras = surrounding_cameras(SplatScene(target), 4, 192)
+    reference = np.asarray(render_scene(SplatScene(target), cameras), np.float64)
+
+    def psnr(splats: Splats) -> float:
+        pictures = np.asarray(render_scene(SplatScene(splats), cameras), np.float64)
+        return round(float(-10 * np.log10(np.mean((pictures - reference) ** 2))), 2)
+
+    rows = []
+    for share in SHARES:
+        held = trained(target, 0)
+        stream = encode_scene(SplatScene(held), PRESETS["datagram"])
+        for second in range(1, SECONDS + 1):
+            trainer = trained(target, second)
+            weights = np.sqrt(footprint_importance(SplatScene(trainer), cameras).share)
+            order = np.argsort(-changes(held, trainer) * weights)[: round(share * target.num_gaussians)]
+            mixed = {name: values.copy() for name, values in vars(held).items()}
+            for name, values in mixed.items():
+                values[order] = getattr(trainer, name)[order]
+            held = Splats(**mixed)
+            update = encode_update(stream, held)
+            stream = apply_update(stream, update)
+            snapshot = snapshot_bytes(trainer)
+            rows.append({
+                "share": share, "second": second, "update_bytes": update.num_bytes, "spz_bytes": snapshot,
+                "ratio": round(update.num_bytes / snapshot, 4), "trainer_db": psnr(trainer),
+                "receiver_db": psnr(decode_stream(stream).scene.splats),
+            })  # fmt: skip
+    print(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()
