@@ -111,7 +111,10 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Attributes with separate packets, as `PacketId.part`, ascending; (0,) if packets contain whole elements."""
+        """Possible values of `PacketId.part`, ascending; one for each attribute that has packets of its own.
+
+        The result is (0,) if each packet contains all attributes of its elements.
+        """
         if not self.packetization.separated:
             return (0,)
         return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))

@@ -59,9 +59,10 @@ class Span(NamedTuple):
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:
-        """Place of a block's first element, that is, its index after sorting by tier.
+        """Returns the index of a block's first element, counted over all elements of the stream sorted by tier.
 
-        `block` is an index in the stream.
+        Args:
+            block: Index of the block, counted over all blocks of the stream.
         """
         return self.first + (block - self.first_block) * self.block_size
 

@@ -90,7 +90,7 @@ class References:
 
     @staticmethod
     def of(scene: Scene, views: CalibrationViews) -> "References":
-        """Returns the reference pictures of the views: photos, or without photos renderings of the complete scene."""
+        """Returns the reference pictures of the views: their photos. Views without photos get pictures of the scene."""
         photo, mask, numbers = views.photo, views.mask, range(views.cameras.num_views)
         images = (
             list(iterate_views(scene, views.cameras)) if photo is None else [to_numpy(photo(view)) for view in numbers]

@@ -29,10 +29,10 @@ def decode_stream(
         progress: Called with the completed fraction of the work, 0 to 1.
 
     Returns:
-        The scene, the mask of received elements, and the stream's metadata. Anchors are in coding order and have
-        priors; explicit Gaussians are in stream order. If only some channel groups of a feature were received
-        (separated packaging), the channels before the first missing group are decoded, but the feature counts as not
-        received.
+        The scene, the mask of received elements, and the stream's metadata. Elements are in the order in which they are
+        coded. Anchors also have a prediction from the side information (`Prior`). Packets of some streams contain only
+        some channels of a feature. The channels before the first missing packet are then decoded, but the feature
+        counts as not received.
 
     Raises:
         MissingSideInfoError: If the stream has no side information.

@@ -366,8 +366,9 @@ class _Plan:
         Args:
             quality: Quality setting.
             encode: Function that encodes a scene.
-            share: Share of the Gaussians to keep, 0 to 1. None for the share with the fewest bytes at equal error.
-                Ignored if the attribute `curve` is None: then all Gaussians are kept.
+            share: Share of the Gaussians to keep, 0 to 1. With None, the share is chosen: of all shares that reach the
+                same error in the pictures, the one that takes the fewest bytes. A plan without a `curve` does not
+                prune: it keeps all Gaussians and ignores this argument.
         """
         if self.curve is None:
             scene, classes = self.scene, self.classes

@@ -1,4 +1,4 @@
-"""Fine-tuning within an encoder with a target: options, and the views whose pictures are fitted."""
+"""Fine-tuning of Gaussians for a stream of a given size or PSNR: its options, and the views that it fits."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

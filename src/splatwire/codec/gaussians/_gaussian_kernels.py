@@ -118,13 +118,13 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
         level: Precision class of the Gaussian.
         near: Means and deviations of its neighbours.
         count: Number of its neighbours.
-        thinness: Table from `thinness_table`.
+        thinness: Table from `thinness_table`, which maps coded ratios of scales to logarithms.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
-        Decoded logarithms of the largest scale, of its ratio to the second scale, of the ratio of the second to the
-            third scale, and of the opacity; and the moving average of residual magnitudes, in 16ths of a quantisation
-            step.
+        Five integers. The first four are decoded logarithms: of the largest scale; of the largest over the second
+            scale; of the second over the smallest scale; of the opacity. The last one is the moving average of residual
+            magnitudes, in 16ths of a quantisation step.
     """
     s0 = long = thin = opacity = np.int64(0)
     running = np.int64(16)

@@ -227,7 +227,10 @@ class SourceScene:
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
 
     def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
-        """Returns the order in which a block's Gaussians are filled into packets, as indices of the Gaussians.
+        """Returns the order in which the Gaussians of a block are filled into packets, as indices of the Gaussians.
+
+        Gaussians in the same cell of a coarse grid stay together. With contiguous packets, neighbouring cells are next
+        to each other. Otherwise, each packet is spread evenly over the block.
 
         Args:
             codes: Morton codes of the block's positions, from `block_codes`.

@@ -150,7 +150,10 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Computes the statistics of each drawn anchor's neighbours; this is the slowest part of the concealer.
+        """Prepares the enlargement of anchors next to lost ones; this is the slowest part of the concealer.
+
+        Computes for each received or copied anchor the share of its neighbours that are lost, and the inputs of the
+        neural network.
 
         Args:
             filled: Received scene in which coarse copies have replaced lost anchors, from `with_sketch`.
@@ -159,7 +162,11 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Conceals the loss with the enlargement parameters of a section `sketch`, and returns the result."""
+        """Returns the concealed scene: anchors next to lost ones are enlarged.
+
+        Args:
+            section: Section `sketch` of the side information, which has the parameters of the enlargement.
+        """
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)

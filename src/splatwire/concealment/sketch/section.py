@@ -275,7 +275,7 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
-    """Entropy-codes the basis vectors in which the features of the coarse copies are coded.
+    """Entropy-codes the basis vectors of the features: the feature of each copied anchor is a weighted sum of them.
 
     A column is modelled by a normal distribution with mean 0 and the standard deviation of the column.
     """

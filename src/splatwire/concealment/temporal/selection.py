@@ -86,11 +86,11 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Tests estimators of lost motion on tracks whose true motion was received, and measures their errors.
+    """Measures the errors of estimators of lost motion, on tracks whose true motion was received.
 
-    The error of a track is the difference between the pictures of its true and of its estimated state, in colour and
-    opacity, squared, times its area. It is measured at the true and at the estimated position in a few frames.
-    Gaussians are treated as spheres, and their depth order is ignored.
+    The error of a track is the squared error of the picture, in colour and opacity, if the track is drawn where it is
+    estimated instead of where it is, times the track's area. The picture is compared at both positions, in a few
+    frames. Gaussians are treated as spheres, and their depth order is ignored.
 
     Args:
         sequence: The sequence.
@@ -100,8 +100,8 @@ def _errors(
         candidates: Estimators of lost motion.
 
     Returns:
-        For each fold, the error of each of its t tracks, float64 (t, candidates + 1): with each estimator, and, in the
-        last column, if the track is hidden.
+        For each fold, the errors of its t tracks, float64 (t, candidates + 1). There is a column for each estimator.
+        The last column is the error if the track is not drawn at all.
     """
     frames, splats = len(sequence.timeline.frames_of(group)), sequence.tracks.splats
     rests = [np.ones(len(arrived.tracks), bool) for _ in folds]

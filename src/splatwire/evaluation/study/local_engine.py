@@ -1,4 +1,4 @@
-"""Engine for this machine: one new process per worker; dead workers are replaced."""
+"""Runs the tasks of a study in processes of this machine; a process that dies is replaced."""
 
 import contextlib
 import multiprocessing

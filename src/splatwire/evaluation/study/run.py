@@ -197,9 +197,10 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Chooses which images of a scene the report shows: one loss with its seed, and the views with the lowest PSNR.
+    """Chooses which images of a scene the report shows: after which packet loss, and from which views.
 
-    The loss with the lowest PSNR is chosen, because the effect of small losses is invisible in images.
+    The finished task with the lowest PSNR determines loss model and seed, because small losses are invisible in images.
+    The views are those in which this task has the lowest PSNR.
 
     Args:
         study: The evaluation.

@@ -133,7 +133,11 @@ def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
 
 
 def _origin(vertices: PlyElement) -> Origin:
-    """Returns the origin in the header comments if it is near the Gaussians, else a chosen origin."""
+    """Returns the origin of the coordinate system: the world coordinates that positions are stored relative to.
+
+    This is the origin that a comment of the header states. If none is stated, or if the Gaussians are far away from it,
+    an origin near the Gaussians is chosen.
+    """
     some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
     means = some.select_wide(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)

@@ -46,7 +46,13 @@ class TrainedModel(Protocol):
 
 
 def trained_model(config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> TrainedModel:
-    """Creates the context model of a configuration."""
+    """Creates the context model that is to be trained, with random weights.
+
+    Args:
+        config: Configuration of the training, which selects the kind of context model.
+        kernels: Implementation of the operations, for the processor or for a GPU.
+        cache: Cache of data that depend only on the positions of the anchors.
+    """
     if not isinstance(config.model, CausalConfig):
         return TrainedContext(config, kernels, cache)
     return (DeviceCausal if kernels.asynchronous else TrainedCausal)(config, kernels, cache)

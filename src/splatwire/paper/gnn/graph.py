@@ -22,9 +22,10 @@ class RepairGraph:
     Attributes:
         queries: Indices of the anchors with at least one missing attribute.
         index: Anchor indices of the neighbours of each query, all completely received.
-        interpolated: The queries with missing attributes interpolated (`GnnSettings.interpolation`). The training
-            penalises differences from these values, and results are blended with them or replaced by them.
-        given: The queries with missing attributes interpolated as inputs of the network (`GnnSettings.query_input`).
+        interpolated: The queries, with missing attributes interpolated from neighbours as `GnnSettings.interpolation`
+            selects. The output of the network is compared and blended with these values.
+        given: The queries as the input of the network, with missing attributes filled in as `GnnSettings.query_input`
+            selects.
     """
 
     queries: Int64[Tensor, "Q"]

@@ -25,7 +25,11 @@ class Welcomed:
 
     @staticmethod
     def of(frame: Welcome) -> "Welcomed":
-        """Returns the event that reports the server's declaration of a stream (welcome)."""
+        """Creates the event from the datagram with which the server has accepted the request.
+
+        Args:
+            frame: The datagram, which contains the sizes of the stream.
+        """
         return Welcomed(frame.num_packets, frame.object_bytes, frame.preview, frame.is_live)
 
 

@@ -1,4 +1,4 @@
-"""Live stream of a sequence: a new state of the prepared stream after each group of pictures."""
+"""Prepares a live sequence for sending: each new group of pictures is added to the stream that clients receive."""
 
 import hashlib
 from collections.abc import Callable, Sequence

@@ -295,11 +295,11 @@ class Server:
         return transfer.welcome()
 
     def _refused(self, network: Network, request: Request, refusal: int, now: float) -> int:
-        """Counts and logs a refused request.
+        """Counts and logs a refused request, and chooses the reason to send to the client.
 
-        A refusal without response (a repeated request) is not logged, and neither is one for the next update.
-        After `STARTS` times the allowed concurrent transfers within `WINDOW_S`, refusals of a network are no longer
-        logged, and requests for missing or private streams are refused as too many.
+        Two kinds of requests are not logged: repeated ones, which get no response, and those of receivers that wait for
+        an update that does not exist yet. A network with too many refused requests within `WINDOW_S` is not logged any
+        more. If it then requests missing or private streams, it gets the reason "too many transfers".
 
         Returns:
             Index of the refusal to send in `datagrams.REFUSALS`; 0 for none.
