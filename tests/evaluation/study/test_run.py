@@ -197,6 +197,26 @@ def test_slurm_without_sbatch_is_refused_before_the_work(monkeypatch):
         create_engine("slurm")
 
 
+def test_slurm_jobs_that_are_refused_are_an_error_and_the_others_are_cancelled(monkeypatch, tmp_path, done):
+    """A wrong partition; programs in place of those of Slurm accept the first job only."""
+    pytest.importorskip("submitit")
+    programs = {
+        "sbatch": """if [ -e submitted ]; then echo "sbatch: error: invalid partition specified: gpuu" >&2; exit 1; fi
+touch submitted; echo Submitted batch job 17""",
+        "srun": "exit 1",
+        "sacct": "echo",
+        "scancel": "echo $* >> cancelled",
+    }
+    for name, text in programs.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\ncd {tmp_path}\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    units = list({cell.unit.key: cell.unit for cell in done[1].cells}.values())[:2]
+    with pytest.raises(SplatwireError, match=r"the job was refused: .*invalid partition specified: gpuu"):
+        SlurmEngine(2, options=SlurmOptions(partition="gpuu")).run(Store(tmp_path / "store"), units, lambda event: None)
+    assert (tmp_path / "cancelled").read_text() == "17\n"
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [({"minutes": 0}, "minutes"), ({"memory_gb": -1}, "memory_gb"), ({"partition": ""}, "partition"),

@@ -1,6 +1,7 @@
 """Engine for Slurm clusters, through submitit; each job executes a share of the tasks one after another."""
 
 import shutil
+import subprocess
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ class SlurmEngine:
     """Executes tasks in jobs of a Slurm cluster; all machines must have access to the store's folder.
 
     If a job dies, only its current task is lost: results of finished tasks are in the store, and the remaining tasks of
-    the job are submitted again.
+    the job are submitted again. If the execution ends early, by an error or Ctrl-C, its jobs are cancelled.
 
     Attributes:
         workers: Number of concurrent jobs; None for 8.
@@ -38,31 +39,39 @@ class SlurmEngine:
         """Checks that submitit can submit jobs, before any result is computed.
 
         Raises:
-            BackendUnavailableError: If submitit is not installed, or this machine has no sbatch.
+            BackendUnavailableError: If submitit is not installed, or this machine has no sbatch or no srun.
         """
         _submitit()
-        if self.cluster == "slurm" and shutil.which("sbatch") is None:
-            raise BackendUnavailableError("slurm", "this machine has no sbatch: start it where jobs can be submitted")
+        for name in ("sbatch", "srun") if self.cluster == "slurm" else ():
+            if shutil.which(name) is None:
+                reason = f"this machine has no {name}: start it where jobs can be submitted"
+                raise BackendUnavailableError("slurm", reason)
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
         """Submits jobs that execute the tasks and write their results into the store (see `Engine.run`)."""
         executor = self._executor(store)
         attempts = Attempts(listener)
         left = {unit.key: unit for unit in units}
-        while left:
-            waiting = list(left.values())
-            count = min(len(waiting), self.workers or _DEFAULT_WORKERS)
-            jobs = {executor.submit(_run, str(store.root), waiting[i::count]): waiting[i::count] for i in range(count)}
-            while jobs:
-                _report_finished(store, left, listener)
-                for job in [job for job in jobs if job.done()]:
-                    share = jobs.pop(job)
+        jobs: dict[Any, list[Unit]] = {}
+        try:
+            while left:
+                waiting = list(left.values())
+                count = min(len(waiting), self.workers or _DEFAULT_WORKERS)
+                for i in range(count):
+                    jobs[_submitted(executor, str(store.root), waiting[i::count])] = waiting[i::count]
+                while jobs:
                     _report_finished(store, left, listener)
-                    unfinished = [unit for unit in share if unit.key in left]
-                    if unfinished:
-                        attempts.lost(unfinished[0], _reason(job, unfinished[0]))
-                if jobs:
-                    time.sleep(_POLL_S)
+                    for job in [job for job in jobs if job.done()]:
+                        share = jobs.pop(job)
+                        _report_finished(store, left, listener)
+                        unfinished = [unit for unit in share if unit.key in left]
+                        if unfinished:
+                            attempts.lost(unfinished[0], _reason(job, unfinished[0]))
+                    if jobs:
+                        time.sleep(_POLL_S)
+        finally:
+            for job in jobs:
+                _cancel(job)
 
     def _executor(self, store: Store) -> Any:
         executor = _submitit().AutoExecutor(folder=str(store.root / "jobs"), cluster=self.cluster)
@@ -86,6 +95,27 @@ def _submitit() -> Any:
     except ImportError as error:
         raise BackendUnavailableError("slurm", "pip install 'splatwire[cluster]'") from error
     return submitit
+
+
+def _submitted(executor: Any, root: str, units: Sequence[Unit]) -> Any:
+    """Submits a job.
+
+    Raises:
+        BackendUnavailableError: If the cluster refuses it, for example because the partition does not exist.
+    """
+    try:
+        return executor.submit(_run, root, units)
+    except RuntimeError as error:  # submitit's error for a failed sbatch
+        lines = [line for line in str(error).splitlines() if line.startswith("sbatch:")] or [str(error)]
+        raise BackendUnavailableError("slurm", f"the job was refused: {'; '.join(lines)}") from error
+
+
+def _cancel(job: Any) -> None:
+    """Cancels a job that has not ended; does nothing if the cluster refuses or cannot be reached."""
+    try:
+        job.cancel(check=False)
+    except (OSError, subprocess.SubprocessError):
+        return
 
 
 def _report_finished(store: Store, left: dict[str, Unit], listener: Listener) -> None:
@@ -119,7 +149,8 @@ def _reason(job: Any, unit: Unit) -> str:
     """
     lost = job.exception()
     if lost is not None:
-        return f"{type(lost).__name__}: {str(lost).splitlines()[0]}"
+        first, _, _ = str(lost).partition("\n")
+        return f"{type(lost).__name__}: {first}"
     problem = job.result()
     if problem is not None:
         raise failed(unit, problem["problem"])
