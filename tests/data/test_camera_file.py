@@ -212,10 +212,15 @@ def test_fields_that_repeat_a_camera_are_accepted(cameras, tmp_path, caplog):
             "c2w": np.linalg.inv(viewmat).tolist(),
             "K": K.tolist(),
             "convention": "OpenCV",
+            "camera": "left",
         }
         view.update(more)
     (tmp_path / "cameras.json").write_text(json.dumps(content))
     assert_close(load_cameras(tmp_path / "cameras.json").viewmats, cameras.viewmats, rtol=1e-6, atol=1e-6)
+    for view in content:
+        view["K"] = np.ravel(view["K"]).tolist()
+    (tmp_path / "cameras.json").write_text(json.dumps(content))
+    load_cameras(tmp_path / "cameras.json")
     assert not caplog.messages
 
 

@@ -267,3 +267,25 @@ def test_a_camera_that_is_there_twice_is_refused(capture):
         file.write("7 PINHOLE 40 24 90 90 20 12\n")
     with pytest.raises(DatasetError, match="camera 7 is there twice"):
         read_views(folder)
+
+
+@pytest.mark.parametrize(
+    ("file", "change"),
+    [
+        ("cameras.txt", lambda text: text.replace(" 40 24 ", " 40 25 ")),
+        ("images.txt", lambda text: "\n".join(text.splitlines()[:-2])),
+        ("images.txt", lambda text: text.replace("\n1 ", "\n1 -")),
+    ],
+)
+def test_text_files_that_disagree_with_binary_ones_give_a_warning(file, change, capture, caplog):
+    folder = capture.write_binary("PINHOLE", (*capture.focal, 20.0, 12.0))
+    capture.write_text()
+    read_views(folder)
+    assert not caplog.messages
+    (folder / file).write_text(change((folder / file).read_text()))
+    views = read_views(folder)
+    assert len(views) == 12
+    assert f"{folder}: its .bin files, which are read, have 12 views, its .txt files" in caplog.text
+    (folder / file).write_text("damaged")
+    read_views(folder)
+    assert "its .txt files are damaged" in caplog.text

@@ -188,13 +188,21 @@ def test_listed_distortion_is_that_of_the_named_terms(capture):
             read_transforms(rewritten(path, distortion_params=values))
 
 
-@pytest.mark.parametrize("key", ["camera_convention", "coordinate_system", "pose_convention"])
+@pytest.mark.parametrize("key", ["camera_convention", "coordinate_system", "pose_convention", "convention"])
 def test_other_axes_of_poses_give_a_warning(key, capture, caplog):
     path = capture.write_nerfstudio() / "transforms.json"
     read_transforms(rewritten(path, **{key: "opengl"}))
     assert not caplog.text
     read_transforms(rewritten(path, **{key: "OpenCV"}))
     assert f"{key} is 'OpenCV': poses are read with OpenGL axes" in caplog.text
+
+
+def test_the_name_of_a_camera_is_no_statement_about_axes(capture, caplog):
+    path = capture.write_nerfstudio() / "transforms.json"
+    read_transforms(rewritten(path, camera="iPhone 14 Pro"))
+    assert not caplog.messages
+    read_transforms(rewritten(path, camera="OpenCV"))
+    assert "camera is 'OpenCV': poses are read with OpenGL axes" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -327,6 +335,39 @@ def test_angles_of_view_of_the_focal_lengths_are_accepted(capture):
     views = read_transforms(path).views
     again = read_transforms(rewritten(path, **angles)).views
     assert [view.K.tolist() for view in again] == [view.K.tolist() for view in views]
+
+
+@pytest.mark.parametrize("focal", [{}, {"fl_x": 50 / 36 * 40, "fl_y": 50 / 36 * 40}])
+@pytest.mark.parametrize("is_swapped", [False, True])
+def test_vertical_angles_of_the_sensor_of_blender_are_no_contradiction(focal, is_swapped, capture, caplog):
+    """As written by BlenderNeRF, and by scripts that write `camera.data.angle_y`: that of a sensor of 36 x 24 mm."""
+    path = capture.write_nerfstudio() / "transforms.json"
+    across = 2 * math.atan(18 / 50)
+    down = 2 * math.atan(27 / 50) if is_swapped else 2 * math.atan(12 / 50)
+    content = json.loads(path.read_text())
+    del content["fl_x"], content["fl_y"]
+    path.write_text(json.dumps(content | focal | {"camera_angle_x": across, "camera_angle_y": down}))
+    K = read_transforms(path).views[0].K
+    assert K[[0, 1], [0, 1]] == pytest.approx([50 / 36 * 40] * 2)
+    assert not caplog.messages
+
+
+def test_focal_lengths_of_frames_may_differ_from_a_common_angle_of_view(capture):
+    """As in captures of phones, which focus anew for each frame."""
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text()) | {"camera_angle_x": 2 * math.atan(20 / 33)}
+    content["frames"][1] |= {"fl_x": 34.0, "fl_y": 36.0}
+    path.write_text(json.dumps(content))
+    assert read_transforms(path).views[1].K[[0, 1], [0, 1]].tolist() == [34, 36]
+
+
+def test_two_angles_of_view_are_those_of_pixels_that_are_not_quite_square(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    del content["fl_x"], content["fl_y"]
+    content |= {"camera_angle_x": 2 * math.atan(20 / 33), "camera_angle_y": 2 * math.atan(12 / 33.2)}
+    path.write_text(json.dumps(content))
+    assert read_transforms(path).views[0].K[[0, 1], [0, 1]] == pytest.approx([33, 33.2])
 
 
 @pytest.mark.parametrize("factor", [0.5, 2])

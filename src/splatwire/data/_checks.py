@@ -9,7 +9,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.types import Cameras
-from splatwire.types.cameras import check_size
+from splatwire.types.cameras import MAX_SKEW, check_size
 from splatwire.types.origin import choose_origin
 
 LOG = logging.getLogger(__name__)
@@ -20,8 +20,6 @@ _MIN_FOCAL = 1 / 40
 _MAX_OFF_CENTRE = (0.2, 0.5)
 """Distance of a principal point from the centre as a share of the picture's size, above which it is unlikely: along
 both axes, and along one of them. Intrinsics for half or twice the size are at 0.25 and 0.5 along both axes."""
-_MAX_SKEW = 1e-3
-"""Maximum skew, pixels, and maximum deviation of the other constant entries of intrinsics."""
 _RIGID_TOLERANCE = 1e-3
 
 
@@ -57,7 +55,7 @@ def make_cameras(
         check_rigid(source, name, viewmat)
         if not (np.abs(K) < _MAX_NUMBER).all() or min(K[0, 0], K[1, 1]) < _MIN_FOCAL_PX:
             raise DatasetError(f"{source}: view '{name}' has no positive, finite focal length")
-        if not np.allclose(K, pinhole(K[0, 0], K[1, 1], K[0, 2], K[1, 2]), rtol=0, atol=_MAX_SKEW):
+        if not np.allclose(K, pinhole(K[0, 0], K[1, 1], K[0, 2], K[1, 2]), rtol=0, atol=MAX_SKEW):
             raise DatasetError(
                 f"{source}: the intrinsics of view '{name}' are not [fx 0 cx; 0 fy cy; 0 0 1], in pixels"
             )

@@ -34,15 +34,35 @@ _FIELD_OF_VIEW = re.compile(
 """Pattern of names of fields with an angle of view; a letter names its axis."""
 _SAME_ANGLE = 0.01
 """Largest relative difference of focal lengths that are given in pixels and as an angle of view."""
+_BLENDER_SENSOR = 36 / 24
+"""Ratio of the sides of Blender's sensor. The angle along its other side is independent of the shape of pictures."""
 
-CONVENTION = re.compile(r"(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I)
+_CONVENTION = re.compile(
+    r"convention|(?:camera|pose|axis|axes|coord\w*|world)[-_ ]?(?:convention|system|frame|space)?", re.I
+)
 """Names of fields that may state other axes of the poses."""
+_BARE = ("camera", "pose", "world")
+"""Names among them that may also be those of a device or a place; their text must name axes."""
+_AXES = re.compile(
+    r"open[-_ ]?(?:cv|gl)|colmap|blender|nerf|ngp|arkit|pytorch3d|w2c|c2w|\bcv\b|\bgl\b|\b[rlfbud]{3}\b"
+    r"|[xyz][-_ ]?(?:up|down)|world[-_ ]?(?:to|2)|(?:to|2)[-_ ]?world|(?:right|left)[-_ ]?hand",
+    re.I,
+)
+"""Pattern of statements about axes."""
+
+
+def states_axes(name: str, value: object) -> bool:
+    """Returns True if a field is a text that probably states the axes or the direction of poses."""
+    if not isinstance(value, str) or not _CONVENTION.fullmatch(name):
+        return False
+    return name.lower() not in _BARE or _AXES.search(value) is not None
 
 
 def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float], size: tuple[int, int]) -> str | None:
     """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.
 
-    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal.
+    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal. An angle along y
+    may be that of Blender's sensor, as written by BlenderNeRF and scripts, if the one along x is that of the picture.
 
     Args:
         values: Fields of the camera.
@@ -60,6 +80,8 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
         angle = value if abs(value) < math.pi else math.radians(value)
         axis = "".join(letter for letter in named.groups() if letter).lower() or "xyd"
         allowed = [ratios[letter] for letter in axis]
+        if key == "camera_angle_y" and is_sensor_angle(values):
+            allowed += [ratios["x"] / _BLENDER_SENSOR, ratios["x"] * _BLENDER_SENSOR]
         if not 0 < angle < math.pi or not any(
             math.isclose(math.tan(angle / 2), ratio, rel_tol=_SAME_ANGLE) for ratio in allowed
         ):
@@ -68,6 +90,19 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
                 f"of {size[0]} x {size[1]}"
             )
     return None
+
+
+def is_sensor_angle(values: Mapping[str, object]) -> bool:
+    """Returns True if the vertical angle of view is probably that of Blender's sensor, not of the picture.
+
+    Args:
+        values: Fields of the camera; angles in radians.
+    """
+    x, y = values.get("camera_angle_x"), values.get("camera_angle_y")
+    if not (isinstance(x, int | float) and isinstance(y, int | float) and min(x, y) > 0 and max(x, y) < math.pi):
+        return False
+    ratio = math.tan(x / 2) / math.tan(y / 2)
+    return any(math.isclose(ratio, sensor, rel_tol=1e-3) for sensor in (_BLENDER_SENSOR, 1 / _BLENDER_SENSOR))
 
 
 def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:

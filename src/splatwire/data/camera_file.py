@@ -13,7 +13,7 @@ import numpy as np
 
 from splatwire.arguments import checked, checked_except
 from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
-from splatwire.data._lens_fields import CONVENTION, contradicting_angle, unread_lens_fields
+from splatwire.data._lens_fields import contradicting_angle, states_axes, unread_lens_fields
 from splatwire.errors import DatasetError, check_kind
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import is_not
@@ -161,12 +161,14 @@ def _check_statements(
             if not np.allclose(other, viewmat, rtol=_SAME, atol=_SAME):
                 break
     else:
-        key = "K"
-        with suppress(DatasetError):
-            if np.allclose(matrix(path, name, view.get(key), (3, 3)), K, rtol=_SAME, atol=_SAME):
-                return
-        if not isinstance(view.get(key), list):
+        key, stated = "K", view.get("K")
+        if not isinstance(stated, list):
             return
+        if len(stated) == K.size:
+            stated = [stated[:3], stated[3:6], stated[6:]]
+        with suppress(DatasetError):
+            if np.allclose(matrix(path, name, stated, (3, 3)), K, rtol=_SAME, atol=_SAME):
+                return
     raise DatasetError(f"{path}: view '{name[:120]}' has '{key}', which contradicts its other fields: remove one")
 
 
@@ -175,12 +177,7 @@ def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
 
     `holders` are the JSON objects whose fields are examined.
     """
-    stated = [
-        (key, value)
-        for holder in holders
-        for key, value in holder.items()
-        if (key == "convention" or CONVENTION.fullmatch(key)) and isinstance(value, str)
-    ]
+    stated = [(key, value) for holder in holders for key, value in holder.items() if states_axes(key, value)]
     for key, value in dict.fromkeys(stated):
         if value != _CONVENTION and not _OPENCV.search(value):
             LOG.warning("%s: %.40s is %.60r: poses are read with OpenCV axes (y down, z forward)", path, key, value)

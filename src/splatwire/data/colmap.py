@@ -3,7 +3,7 @@
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,10 @@ _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
 _MAX_BEND = 1e3
 _MAX_DIGITS = 20
+_SAME = 1e-3
+"""Largest relative difference of the same number in a binary and a text file."""
+_SUFFIXES = ("bin", "txt")
+"""Suffixes of the files of a reconstruction, the preferred one first."""
 _LENSES: dict[str, tuple[int, Callable[..., LensModel]]] = {
     "SIMPLE_PINHOLE": (1, Lens),
     "PINHOLE": (2, Lens),
@@ -101,11 +105,13 @@ def warn_of_other_reconstructions(folder: Path) -> None:
 
 
 def _has(folder: Path, what: str) -> bool:
-    return any((folder / f"{what}.{suffix}").is_file() for suffix in ("bin", "txt"))
+    return any((folder / f"{what}.{suffix}").is_file() for suffix in _SUFFIXES)
 
 
 def read_views(folder: Path) -> list[ColmapView]:
     """Reads cameras and images of a reconstruction (`.bin` preferred to `.txt`), sorted by image name.
+
+    Logs a warning if there are both, and they disagree.
 
     Args:
         folder: Folder of the reconstruction, usually `sparse/0`.
@@ -113,8 +119,40 @@ def read_views(folder: Path) -> list[ColmapView]:
     Raises:
         DatasetError: If a file is missing or damaged, a pose is not finite, or a camera model is not supported.
     """
-    cameras = _read(folder, "cameras")
-    images = _read(folder, "images")
+    views = _views(folder, _SUFFIXES)
+    if all((folder / f"{what}.{suffix}").is_file() for what in ("cameras", "images") for suffix in _SUFFIXES):
+        _warn_of_other_text(folder, views)
+    return views
+
+
+def _warn_of_other_text(folder: Path, views: list[ColmapView]) -> None:
+    """Logs a warning if the text files of a reconstruction have other views than its binary files."""
+    try:
+        others = {view.name: view for view in _views(folder, ("txt",))}
+    except DatasetError as error:
+        LOG.warning("%s: its .bin files are read; its .txt files are damaged: %s", folder, error)
+        return
+    alike = [view for view in views if view.name in others and _are_alike(view, others[view.name])]
+    if len(alike) < max(len(views), len(others)):
+        LOG.warning(
+            "%s: its .bin files, which are read, have %d views, its .txt files %d, and %d are the same: remove the "
+            "older files",
+            folder, len(views), len(others), len(alike),
+        )  # fmt: skip
+
+
+def _are_alike(one: ColmapView, other: ColmapView) -> bool:
+    """Returns True if two views have the same size and lens, and about the same intrinsics and pose."""
+    if type(one.lens) is not type(other.lens) or (one.width, one.height) != (other.width, other.height):
+        return False
+    pairs = [(one.K, other.K), (one.viewmat, other.viewmat), (astuple(one.lens), astuple(other.lens))]
+    return all(np.allclose(first, second, rtol=_SAME, atol=_SAME) for first, second in pairs)
+
+
+def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
+    """Reads the views from files with the first suffix that exists."""
+    cameras = _read(folder, "cameras", suffixes)
+    images = _read(folder, "images", suffixes)
     if not images:
         raise DatasetError(f"{folder}: the reconstruction has no images")
     by_id = {camera.camera_id: camera for camera in cameras}
@@ -149,8 +187,9 @@ def read_points(folder: Path) -> SparsePoints | None:
     return SparsePoints(positions, colors.astype(np.float32) / 255)
 
 
-def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the return type depends on `what`
-    for suffix, module in (("bin", _colmap_binary), ("txt", _colmap_text)):
+def _read(folder: Path, what: str, suffixes: tuple[str, ...] = _SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `what`
+    for suffix in suffixes:
+        module = _colmap_binary if suffix == "bin" else _colmap_text
         path = folder / f"{what}.{suffix}"
         if path.is_file():
             try:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.data._checks import check_distinct, check_rigid, child, is_file, matrix, pinhole
-from splatwire.data._lens_fields import CONVENTION, contradicting_angle, unread_lens_fields
+from splatwire.data._lens_fields import contradicting_angle, is_sensor_angle, states_axes, unread_lens_fields
 from splatwire.data.fisheye import FisheyeLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
 from splatwire.data.photos import photo_size
@@ -35,6 +35,8 @@ _MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|ca
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
 _SAME_NUMBER = 1e-3
 """Largest relative difference of two statements of the same intrinsics."""
+_SQUARE = 0.01
+"""Largest relative difference of the focal lengths along x and y that two angles of view may state."""
 _CONVENTION_OF_FRAME = re.compile(r"\w+[-_ ](?:convention|system)", re.I)
 """Names of fields of a frame that may state other axes of the poses, in which `camera` may be the name of a camera."""
 _OPENGL = re.compile(r".*(?:opengl|blender|nerf|instant|ngp|rub).*", re.I)
@@ -137,12 +139,10 @@ def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[
         content: JSON object of the file.
         frames: JSON objects of the frames. Equal fields of several frames are logged once.
     """
-    stated = [(key, value) for key, value in content.items() if CONVENTION.fullmatch(key)]
+    stated = list(content.items())
     for frame in frames:
-        stated += [
-            (key, frame[key]) for key in frame if _CONVENTION_OF_FRAME.fullmatch(key) and CONVENTION.fullmatch(key)
-        ]
-    texts = [(key, value) for key, value in stated if isinstance(value, str) and not _OPENGL.fullmatch(value)]
+        stated += [(key, value) for key, value in frame.items() if _CONVENTION_OF_FRAME.fullmatch(key)]
+    texts = [(key, value) for key, value in stated if states_axes(key, value) and not _OPENGL.fullmatch(value)]
     for holder in (content, *frames):
         turned = [
             key
@@ -190,7 +190,8 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
 
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
     name = _name(frame["file_path"], images)
-    values = {**_with_intrinsics(path, name, content), **_with_intrinsics(path, name, frame)}
+    own = _with_intrinsics(path, name, frame)
+    values = {**_with_intrinsics(path, name, content), **own}
     lens = _lens(path, name, values)
     image_path = _find_image(path, name)
     rows = frame.get("transform_matrix")
@@ -199,6 +200,10 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
     pose = matrix(path, name, rows, (4, 4))
     check_rigid(path, name, pose)
     K, width, height = _intrinsics(path, name, values, image_path)
+    # Focal lengths of one frame may differ from a common angle of view, as in captures with autofocus.
+    why = contradicting_angle(own if "fl_x" in own else values, (float(K[0, 0]), float(K[1, 1])), (width, height))
+    if why is not None:
+        raise DatasetError(f"{path}: view '{name}' {why}: remove the wrong one")
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
     mask = _find_mask(path, name, frame, images)
     return TransformsView(name, image_path, viewmat, K, width, height, mask, lens, _has_size(values))
@@ -290,8 +295,10 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
         if not 0 < angle < math.pi:
             raise DatasetError(f"{path}: view '{name}' has neither 'fl_x' nor a 'camera_angle_x' between 0 and pi")
         fx = fy = side / (2 * math.tan(angle / 2))
-    if (why := contradicting_angle(values, (fx, fy), (width, height))) is not None:
-        raise DatasetError(f"{path}: view '{name}' {why}: remove the wrong one")
+    vertical = _number(path, name, values, "camera_angle_y", 0.0)
+    if "fl_x" not in values and 0 < vertical < math.pi and not is_sensor_angle(values):
+        other = height / (2 * math.tan(vertical / 2))
+        fy = other if math.isclose(fx, other, rel_tol=_SQUARE) else fx  # a larger difference is an error of the file
     cx, cy = _number(path, name, values, "cx", width / 2), _number(path, name, values, "cy", height / 2)
     return pinhole(fx, fy, cx, cy), width, height
 

@@ -15,6 +15,8 @@ from splatwire.types.shapes import check_arrays
 
 MAX_PIXELS = 1 << 27
 """Maximum number of pixels of an image (134 million, more than any camera has); as float32 it takes 1.6 GB."""
+MAX_SKEW = 1e-3
+"""Maximum skew, pixels, and maximum deviation of the other constant entries of intrinsics."""
 
 
 def check_size(width: int, height: int) -> None:
@@ -39,7 +41,7 @@ class Cameras:
 
     Attributes:
         viewmats: World-to-camera matrices, OpenCV axes (x right, y down, z forward).
-        Ks: Intrinsics in pixels; the centre of the top-left pixel is (0.5, 0.5).
+        Ks: Intrinsics in pixels, without skew; the centre of the top-left pixel is (0.5, 0.5).
         width: Image width in pixels.
         height: Image height in pixels.
         names: One name per view, without a file suffix.
@@ -68,6 +70,11 @@ class Cameras:
             if isinstance(matrices, np.ndarray) and not np.isfinite(matrices).all():
                 view = int(np.flatnonzero(~np.isfinite(matrices).all(axis=(1, 2)))[0])
                 raise InvalidValueError(f"Cameras.{name}: matrix {view} has a value that is not finite")
+        if isinstance(self.Ks, np.ndarray):
+            fixed = self.Ks[:, [0, 1, 2, 2, 2], [1, 0, 0, 1, 2]]
+            if (off := np.abs(fixed - np.array([0, 0, 0, 0, 1])).max(axis=1, initial=0) > MAX_SKEW).any():
+                view = int(np.flatnonzero(off)[0])
+                raise InvalidValueError(f"Cameras.Ks: matrix {view} is not [fx 0 cx; 0 fy cy; 0 0 1], in pixels")
 
     def __len__(self) -> int:
         """Number of cameras, C."""

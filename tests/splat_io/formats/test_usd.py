@@ -108,6 +108,22 @@ def test_numbers_of_type_half_are_read(tmp_path):
     assert_same(read_splats(foreign(tmp_path / "a.usdc", some_splats(), half=True)), some_splats(), 4e-3)
 
 
+def test_harmonics_of_degree_4_are_cut_with_a_warning(tmp_path, caplog):
+    splats = some_splats()
+    path = foreign(tmp_path / "a.usda", splats, harmonics=False)
+    stage = Usd.Stage.Open(str(path))
+    prim = UsdVol.ParticleField3DGaussianSplat(stage.GetPrimAtPath("/World/Cloud"))
+    prim.CreateRadianceSphericalHarmonicsDegreeAttr(4)
+    more = np.zeros((splats.num_gaussians, 25 - splats.sh.shape[1], 3), np.float32)
+    values = np.concatenate([splats.sh, more], axis=1).reshape(-1, 3)
+    prim.CreateRadianceSphericalHarmonicsCoefficientsAttr(Vt.Vec3fArray.FromNumpy(cast(values, False)))
+    stage.Save()
+    found = read_splats(path)
+    assert found.degree == 3
+    np.testing.assert_array_equal(found.sh[:, : splats.sh.shape[1]], splats.sh)
+    assert "harmonics of degree 4 are read up to degree 3" in caplog.text
+
+
 def test_transforms_of_prims_are_applied(tmp_path):
     splats = some_splats(degree=0)
     matrix = np.eye(4)

@@ -34,6 +34,8 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 PRIM = "ParticleField3DGaussianSplat"
 _COEFFICIENTS, _DEGREE = "radiance:sphericalHarmonicsCoefficients", "radiance:sphericalHarmonicsDegree"
+_MAX_READ = 4
+"""Maximum degree of harmonics of files; those above `MAX_DEGREE` are left out."""
 _ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEFFICIENTS: 3}
 """Array attributes of a prim and the numbers of each entry; each may have the type half, with `h` after its name."""
 _PROJECTION, _PERSPECTIVE = "projectionModeHint", "perspective"
@@ -305,14 +307,19 @@ class _Stage:
         arrays = {name: self._array(prim, name, width, time) for name, width in _ARRAYS.items()}
         count = len(arrays["positions"])
         degree = prim.GetAttribute(_DEGREE).Get(time)
-        if not isinstance(degree, int) or not 0 <= degree <= MAX_DEGREE:
-            raise DatasetError(f"{self._path}: {prim.GetPath()}: harmonics of degree {degree}, not 0 to {MAX_DEGREE}")
-        functions = num_functions(degree)
+        if not isinstance(degree, int) or not 0 <= degree <= _MAX_READ:
+            raise DatasetError(f"{self._path}: {prim.GetPath()}: harmonics of degree {degree}, not 0 to {_MAX_READ}")
+        functions = (degree + 1) ** 2
         if len(arrays[_COEFFICIENTS]) != count * functions:
             raise DatasetError(
                 f"{self._path}: {prim.GetPath()}: {len(arrays[_COEFFICIENTS]):,} coefficients for {count:,} Gaussians "
                 f"of degree {degree}, which have {functions} each"
             )
+        if degree > MAX_DEGREE:
+            LOG.warning(
+                "%s: %s: harmonics of degree %d are read up to degree %d: the scene may look different",
+                self._path, prim.GetPath(), degree, MAX_DEGREE,
+            )  # fmt: skip
         warn_of_logits(self._path, arrays["opacities"][:, 0], "OpenUSD")
         return build_splats(
             self._path,
@@ -320,7 +327,7 @@ class _Stage:
             quats=np.roll(arrays["orientations"], 1, axis=1),
             scales=arrays["scales"],
             opacities=arrays["opacities"][:, 0],
-            sh=arrays[_COEFFICIENTS].reshape(count, functions, 3),
+            sh=arrays[_COEFFICIENTS].reshape(count, functions, 3)[:, : num_functions(min(degree, MAX_DEGREE))],
         )
 
     def _array(self, prim: Usd.Prim, name: str, width: int, time: Usd.TimeCode) -> np.ndarray:
