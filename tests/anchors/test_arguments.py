@@ -175,6 +175,9 @@ FAILS = {
         f"Cameras(viewmat, cameras.Ks, {size}, 24, ('a',))": r"Cameras.width must be a whole number of 1 or more, not"
         for size in ("'32'", "32.5", "None", "0", "-3", "True")
     },
+    "Cameras(viewmat, np.float32([[[30, 1, 16], [0, 30, 12], [0, 0, 1]]]), 32, 24, ('a',))": (
+        r"Cameras.Ks: matrix 0 is not \[fx 0 cx; 0 fy cy; 0 0 1\], in pixels"
+    ),
     "Cameras(viewmat, cameras.Ks, 32, 24, ('a', 'b'))": r"2 names for 1 cameras",
     **{
         f"Cameras(viewmat, cameras.Ks, 32, 24, {names})": r"Cameras.names: expected a tuple of text, not"

@@ -308,6 +308,17 @@ def test_a_count_below_the_pixels_gives_a_warning(tmp_path: Path, caplog: pytest
     assert "its images have values of 10 more Gaussians than the 290 of meta.json" in caplog.text
 
 
+def test_colours_of_transparent_pixels_are_no_gaussians(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """As in files of splat-transform, whose WebP has other colours in pixels beyond the Gaussians."""
+    files, changed = _files(tmp_path / "a.sog", some_splats(300, 1)), io.BytesIO()
+    pixels = np.array(Image.open(io.BytesIO(files["quats.webp"])).convert("RGBA"))
+    pixels.reshape(-1, 4)[300:] = 112, 140, 127, 0
+    assert pixels.size > 300 * 4
+    Image.fromarray(pixels).save(changed, "WEBP", lossless=True, exact=True)
+    read_splats(_archive(tmp_path / "b.sog", files | {"quats.webp": changed.getvalue()}))
+    assert not caplog.messages
+
+
 def test_an_animation_is_no_image_of_a_sog(tmp_path: Path) -> None:
     files = _files(tmp_path / "a.sog", some_splats(300, 1))
     still = Image.open(io.BytesIO(files["scales.webp"])).convert("RGBA")

@@ -263,6 +263,13 @@ def test_scales_beyond_a_compressed_ply_give_a_warning(
     assert "of 200 Gaussians are outside of 2.1e-09 to 4.85e+08, the range of this format" in caplog.text
 
 
+def test_a_few_gaussians_that_stay_invisible_give_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    splats = some_splats(200, 0)
+    tiny = np.float32(np.where(np.arange(200)[:, None] == 7, 1e-9, 1))
+    write_splats([replace(splats, scales=splats.scales * tiny)], tmp_path / "a.spz")
+    assert not caplog.messages
+
+
 @pytest.mark.parametrize(("factor", "problem"), [(1e-4, "outside of 4.5e-05 to 379"), (1e5, "of 200 Gaussians")])
 def test_scales_beyond_the_range_give_a_warning(
     factor: float, problem: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -41,6 +41,8 @@ _CLIPPED = 1 / 16
 """Distance of colours and harmonics from the range of a format up to which clipping is invisible."""
 _SHARE = 0.25
 """Smallest scale of a format, as a share of the largest axis of a Gaussian, above which the Gaussian looks larger."""
+_MANY = 0.01
+"""Smallest share of too small Gaussians that is visible; a few of them in a scene of larger ones are below a pixel."""
 _FEWEST = 8
 """Minimum number of Gaussians for a scene to have outliers."""
 _DONE = {"clamp": "moved to the end of the range of the others", "prune": "left out", "keep": "kept (--outliers keep)"}
@@ -219,6 +221,8 @@ def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high:
 def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> None:
     """Logs a warning if Gaussians look different because their scales are clipped to the range of a format.
 
+    A few Gaussians that are too small for it, among larger ones, stay invisible, and give no warning.
+
     Args:
         path: The file, for the message.
         scales: Standard deviations, (N, 3).
@@ -227,7 +231,8 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
     """
     least, most = np.exp((low, high))
     largest = scales.max(axis=1)
-    outside = (largest * _SHARE < least) | (largest > most * (1 + _SHARE))
+    smaller = largest * _SHARE < least
+    outside = (smaller & (smaller.mean() > _MANY)) | (largest > most * (1 + _SHARE))
     if outside.any():
         LOG.warning(
             "%s: scales of %s of %s Gaussians are outside of %.2g to %.3g, the range of this format, and are clipped "

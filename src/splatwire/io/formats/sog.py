@@ -48,6 +48,8 @@ _WEBP_HEADER, _LOSSY = 12, b"VP8 "
 """Size of the header of a WebP before its chunks, bytes, and the tag of the chunk with a lossy image."""
 _WITH_ALPHA, _MIN_OPAQUE = ("quats",), 8
 """Sections whose image needs an alpha channel, and number of Gaussians from which one without it is unlikely."""
+_FIRST_CODE = 252
+"""Alpha value of rotations whose largest component is the first; the following ones are up to 255."""
 _ROWS = 1 << 16
 _MAX_LOG_POSITION = 40.0
 _MAX_CODE = 1e6
@@ -240,12 +242,13 @@ class _Sog:
         """Returns quaternions (N, 4); logs a warning if the image has those of more Gaussians than `count`."""
         picture = self._picture("quats", 0, pixels=self._count)
         pixels, padding = picture[: self._count], picture[self._count :]
-        if num_more := int(padding[:, :3].any(axis=1).sum()):
+        # Colours of transparent pixels are arbitrary: WebP changes them unless it is told to keep them.
+        if num_more := int((padding[:, :3].any(axis=1) & (padding[:, 3] >= _FIRST_CODE)).sum()):
             LOG.warning(
                 "%s: its images have values of %s more Gaussians than the %s of %s: those are left out",
                 self._path, f"{num_more:,}", f"{self._count:,}", SOG_META_NAME,
             )  # fmt: skip
-        return from_smallest_three(pixels[:, 3].astype(np.int64) - 252, pixels[:, :3] / _CHANNEL)
+        return from_smallest_three(pixels[:, 3].astype(np.int64) - _FIRST_CODE, pixels[:, :3] / _CHANNEL)
 
     def _harmonics(self, constant: np.ndarray) -> np.ndarray:
         """Returns all spherical harmonics coefficients (N, D, 3), given the constant coefficients."""
