@@ -218,6 +218,7 @@ def test_the_name_of_a_camera_is_no_statement_about_axes(capture, caplog):
         ("dist_coeffs", [0.1]),
         ("s1", 0.01),
         ("skew", 0.5),
+        ("sk_x", 0.5),
         ("model", "fisheye"),
         ("cam_model", "fisheye"),
         ("sensor_type", "spherical"),

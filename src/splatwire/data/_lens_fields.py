@@ -20,7 +20,7 @@ _NAMED = re.compile(
 _WIDE = re.compile(r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|orthogra|cubemap|cylindric", re.I)
 """Pattern of lenses and projections that pinhole photos do not have."""
 _TERMS = re.compile(
-    r"k[1-9]|p[12]|s[1-4]|xi|b[12]|skew\w*|shear"
+    r"k[1-9]|p[12]|s[1-4]|xi|b[12]|skew\w*|sk[-_][xy]|shear"
     r"|(?:\w+[-_])?(?:distortions?|dist(?=[-_]?c))(?:[-_]?(?:coef\w*|params?|parameters))?",
     re.I,
 )

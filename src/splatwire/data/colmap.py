@@ -3,7 +3,7 @@
 import logging
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -145,7 +145,8 @@ def _are_alike(one: ColmapView, other: ColmapView) -> bool:
     """Returns True if two views have the same size and lens, and about the same intrinsics and pose."""
     if type(one.lens) is not type(other.lens) or (one.width, one.height) != (other.width, other.height):
         return False
-    pairs = [(one.K, other.K), (one.viewmat, other.viewmat), (astuple(one.lens), astuple(other.lens))]
+    lenses = [list(vars(view.lens).values()) for view in (one, other)]
+    pairs = [(one.K, other.K), (one.viewmat, other.viewmat), lenses]
     return all(np.allclose(first, second, rtol=_SAME, atol=_SAME) for first, second in pairs)
 
 

@@ -517,6 +517,8 @@ def test_a_cut_file_is_named_as_cut(tmp_path: Path) -> None:
         ({"nodes": [{"mesh": 0, "extensions": {"MSFT_lod": {"ids": []}}}]}, "MSFT_lod"),
         ({"scenes": [{"nodes": [0], "extensions": {"ACME_offset": {}}}]}, "ACME_offset"),
         ({"extensions": {"KHR_lights_punctual": {"lights": []}}}, None),
+        ({"extensions": {"EXT_structural_metadata": {"schema": {}}}}, None),
+        ({"nodes": [{"mesh": 0, "extensions": {"KHR_node_selectability": {"selectable": True}}}]}, None),
         ({"nodes": [{"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": True}}}]}, None),
     ],
 )

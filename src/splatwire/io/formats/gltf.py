@@ -58,7 +58,11 @@ _SUPPORTED = (EXTENSION, EXT_SPLATWIRE, "KHR_mesh_quantization")
 _READ = (*_SUPPORTED, VISIBILITY)
 """Extensions of a document or node that are read."""
 _UNKNOWN_ATTRIBUTE = re.compile(rf"{EXTENSION}:(?!(?:ROTATION|SCALE|OPACITY|SH_DEGREE_\d+_COEF_\d+)$)")
-_HARMLESS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_xmp")
+_HARMLESS = (
+    *("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "KHR_xmp", "EXT_lights_", "KHR_audio"),
+    *("KHR_node_selectability", "KHR_node_hoverability"),
+    *("EXT_structural_metadata", "EXT_mesh_features", "EXT_instance_features"),
+)
 """Name prefixes of extensions that do not affect Gaussians."""
 _SMALLEST = float(np.exp(-MAX_LOG_SCALE))
 
