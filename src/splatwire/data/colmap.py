@@ -145,9 +145,8 @@ def _are_alike(one: ColmapView, other: ColmapView) -> bool:
     """Returns True if two views have the same size and lens, and about the same intrinsics and pose."""
     if type(one.lens) is not type(other.lens) or (one.width, one.height) != (other.width, other.height):
         return False
-    lenses = [list(vars(view.lens).values()) for view in (one, other)]
-    pairs = [(one.K, other.K), (one.viewmat, other.viewmat), lenses]
-    return all(np.allclose(first, second, rtol=_SAME, atol=_SAME) for first, second in pairs)
+    first, second = (np.array([*v.K.flat, *v.viewmat.flat, *vars(v.lens).values()], np.float64) for v in (one, other))
+    return np.allclose(first, second, rtol=_SAME, atol=_SAME)
 
 
 def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
