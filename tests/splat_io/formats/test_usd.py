@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("pxr", reason="usd-core is not installed")
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
 
 from splatwire.errors import DatasetError
 from splatwire.io.formats import read_content, read_splats, write_splats
@@ -160,6 +160,18 @@ def test_damaged_and_incomplete_files_are_one_error(tmp_path, content, message):
     (tmp_path / "a.usd").write_bytes(content)
     with pytest.raises(DatasetError, match=message):
         read_splats(tmp_path / "a.usd")
+
+
+def test_errors_of_usd_core_after_opening_are_one_error(tmp_path, monkeypatch):
+    """As for the empty name of an attribute in a damaged file, which only this function asks for."""
+
+    def damaged(prim):
+        Tf.RaiseRuntimeError("the property has no name")
+
+    write_splats([some_splats()], tmp_path / "a.usdc")
+    monkeypatch.setattr("splatwire.io.formats.usd._unknown_attributes", damaged)
+    with pytest.raises(DatasetError, match="usd-core cannot read it"):
+        read_splats(tmp_path / "a.usdc")
 
 
 def test_harmonics_that_contradict_their_degree_are_refused(tmp_path):

@@ -11,6 +11,7 @@ import logging
 import math
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,10 +78,13 @@ class UsdFrames:
 
     def read(self) -> Iterator[FileContent]:
         """Reads the frames, one at a time; a frame may be empty."""
-        stage = _Stage(self.path)
-        stage.warn_of_left_out()
+        with _as_dataset_errors(self.path):
+            stage = _Stage(self.path)
+            stage.warn_of_left_out()
         for time in self.times:
-            yield stage.content(Usd.TimeCode(time), may_be_empty=True)
+            with _as_dataset_errors(self.path):
+                content = stage.content(Usd.TimeCode(time), may_be_empty=True)
+            yield content
 
 
 def read_usd(path: Path) -> FileContent:
@@ -92,10 +96,11 @@ def read_usd(path: Path) -> FileContent:
     Raises:
         DatasetError: If usd-core cannot open the file, or the Gaussians are missing, incomplete or too many.
     """
-    stage = _Stage(path)
-    stage.warn_of_left_out()
-    stage.warn_of_motion()
-    return stage.content(Usd.TimeCode.EarliestTime())
+    with _as_dataset_errors(path):
+        stage = _Stage(path)
+        stage.warn_of_left_out()
+        stage.warn_of_motion()
+        return stage.content(Usd.TimeCode.EarliestTime())
 
 
 def usd_frames(path: Path) -> UsdFrames | None:
@@ -104,7 +109,8 @@ def usd_frames(path: Path) -> UsdFrames | None:
     Raises:
         DatasetError: If usd-core cannot open the file, there are too many frames, or their rate is no number above 0.
     """
-    return _Stage(path).frames()
+    with _as_dataset_errors(path):
+        return _Stage(path).frames()
 
 
 def write_usd(
@@ -410,6 +416,15 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
             opacities=turned.opacities, sh=turned.sh,
         )  # fmt: skip
     return transform_splats(splats, signs @ placement[:3, :3], shift)
+
+
+@contextmanager
+def _as_dataset_errors(path: Path) -> Iterator[None]:
+    """Raises errors of usd-core as DatasetError: in a damaged file any function of it may fail."""
+    try:
+        yield
+    except (Tf.ErrorException, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path}: usd-core cannot read it: {_reason(error)}") from error
 
 
 def _first_line(error: BaseException) -> str:
