@@ -493,6 +493,17 @@ def test_what_changes_the_picture_and_is_not_applied_gives_a_warning(tmp_path, c
     assert warning in caplog.text
 
 
+def test_attributes_of_any_geometry_give_no_warning(tmp_path, caplog):
+    def edit(_, prim):
+        gprim = UsdGeom.Gprim(prim)
+        gprim.CreateDoubleSidedAttr(True)
+        gprim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
+        prim.CreateAttribute("semantics:labels:class", Sdf.ValueTypeNames.TokenArray).Set(["tree"])
+
+    read_splats(edited(tmp_path, edit))
+    assert not caplog.messages
+
+
 def appears(when):
     """Makes a copy of the Gaussians visible at some times only; `when` has a visibility for each time."""
 

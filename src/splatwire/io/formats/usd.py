@@ -40,8 +40,11 @@ _MAX_READ = 4
 _ARRAYS = {"positions": 3, "orientations": 4, "scales": 3, "opacities": 1, _COEFFICIENTS: 3}
 """Array attributes of a prim and the numbers of each entry; each may have the type half, with `h` after its name."""
 _PROJECTION, _PERSPECTIVE = "projectionModeHint", "perspective"
-_HARMLESS = (_PROJECTION, "sortingModeHint", "extent", "extentsHint", "visibility", "purpose", "colorSpace:name")
-_HARMLESS_SPACES = ("xformOp", "primvars:displayColor", "ui:", "userProperties:")
+_HARMLESS = (
+    *(_PROJECTION, "sortingModeHint", "extent", "extentsHint", "visibility", "purpose", "colorSpace:name"),
+    *("doubleSided", "orientation"),
+)
+_HARMLESS_SPACES = ("xformOp", "primvars:displayColor", "ui:", "userProperties:", "semantic:", "semantics:")
 """Names of other attributes that have no effect here or are read elsewhere, and beginnings of such names."""
 _OWN = "splatwire"
 """Key of the layer's custom data with metadata and axes: JSON with an `asset` object as in glTF, and `flips`."""
