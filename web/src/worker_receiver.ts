@@ -30,16 +30,12 @@ const KEPT = "kept by this browser",
 const VERIFICATION = { keptBytes: 32 << 20 };
 
 /**
- * Interval of requests for the next update, its largest value after failures, both milliseconds, and the largest number
- * of failures that double it.
+ * Interval of requests for the next update, and its largest value after failures, milliseconds.
  */
 const UPDATE_MS = 1000,
-  MAX_UPDATE_MS = 30_000,
-  MAX_FAILURES = 5;
+  MAX_UPDATE_MS = 30_000;
 /** Number of requests without an answer after which the file of the scene is compared. */
 const RELOAD_POLLS = 15;
-/** Largest size of a scene that is requested again, bytes. */
-const MAX_SCENE_BYTES = 2 ** 30;
 
 const sceneOf = ({ decoder, splats }: DecodedStream, manifest: Uint8Array): UpdatedScene => {
   const { info } = decoder.schema as GaussianSchema;
@@ -457,7 +453,7 @@ export class WorkerReceiver implements Receiver {
         failures = 0;
       } catch (error) {
         if (!failures) say({ kind: "updatemissed", reason: (error as Error).message });
-        failures = Math.min(failures + 1, MAX_FAILURES);
+        failures++;
         if (error instanceof BitstreamError) await this.#reload(file).catch(() => undefined);
       }
     }
@@ -483,7 +479,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Requests the whole scene if its file was replaced, because the next update is not there. */
   async #reload(file: string): Promise<void> {
-    const bytes = await readWhole(file, MAX_SCENE_BYTES);
+    const bytes = await readWhole(file);
     if (!bytes) return;
     const container = new ContainerReader(),
       packets = container.feed(bytes),
@@ -498,9 +494,9 @@ export class WorkerReceiver implements Receiver {
     }
     const { intake, schema: other } = received.decoder;
     if (head.manifest.codec !== "gaussians" || other.size !== schema.size || other.degree !== schema.degree)
-      throw new Error("the server has another scene; reload the page");
+      throw new Error("another scene: reload the page");
     if (!intake.complete || (await received.decoder.digest(pause)) !== head.manifest.symbolsDigest)
-      throw new Error("the changed scene did not arrive as a whole");
+      throw new Error("the scene is incomplete");
     const before = this.#updated!.count;
     this.#updated = sceneOf(received, fileManifest(bytes));
     this.#sendUpdate(null, received.splats, before, this.#updated.count);

@@ -389,7 +389,7 @@ export class Controller {
       case "update":
         return this.#update(message);
       case "updatemissed":
-        panel.setMessage(`An update is missing (${message.reason}). The scene stays as it was.`, "bad");
+        panel.setMessage(`Not updated: ${message.reason}`, "bad");
         return this.dispatch("updatemissed", { reason: message.reason });
       case "note":
         return panel.setMessage(message.text);
@@ -475,7 +475,7 @@ export class Controller {
     this.#copies = 0;
     this.#gaussians = status.gaussians = gaussians;
     panel.setRow("Gaussians", gaussians.toLocaleString());
-    panel.setMessage(`Updated: ${numRemoved.toLocaleString()} Gaussians removed, ${numNew.toLocaleString()} new.`);
+    panel.setMessage(`Updated: ${numRemoved} Gaussians removed, ${numNew} new.`);
     void stage.shown().then(() => this.dispatch("update", { removed: numRemoved, added: numNew, gaussians }));
   }
 

@@ -6,8 +6,8 @@ import { HttpError } from "./http_error.ts";
 
 /** Letters of the digest in the name of an update, as in `splatwire.codec.update.section.update_name`. */
 const NAME_LETTERS = 16;
-/** Largest size of an update, bytes. */
-const MAX_UPDATE_BYTES = 2 ** 28;
+/** Largest size of an update or of a scene that is requested again, bytes. */
+const MAX_FILE_BYTES = 2 ** 30;
 
 /** Bytes of a file before its manifest: magic number, version and size of the manifest. */
 const PREFIX_BYTES = 9;
@@ -25,27 +25,13 @@ export const manifestDigest = (file: Uint8Array): string => hex(sha256(file.suba
 export const updateUrl = (file: string, digest: string): string =>
   new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz`, file).href;
 
-/** Returns the content of a file; null if it does not exist. Throws if the server refuses or the file is too large. */
-export async function readWhole(url: string, most = MAX_UPDATE_BYTES): Promise<Uint8Array | null> {
+/**
+ * Returns the content of a file; null if it does not exist. Throws if the server refuses, or declares too large a file.
+ */
+export async function readWhole(url: string): Promise<Uint8Array | null> {
   const answer = await fetch(url, { cache: "no-store" });
   if (answer.status === 404) return null;
   if (!answer.ok) throw new HttpError(url, answer);
-  const pieces: Uint8Array[] = [],
-    reader = answer.body!.getReader();
-  let size = 0;
-  for (let piece = await reader.read(); !piece.done; piece = await reader.read()) {
-    pieces.push(piece.value);
-    size += piece.value.length;
-    if (size > most) {
-      void reader.cancel();
-      throw new Error(`${url} has more than ${most} bytes`);
-    }
-  }
-  const bytes = new Uint8Array(size);
-  let at = 0;
-  for (const piece of pieces) {
-    bytes.set(piece, at);
-    at += piece.length;
-  }
-  return bytes;
+  if (Number(answer.headers.get("content-length")) > MAX_FILE_BYTES) throw new Error("the file is too large");
+  return new Uint8Array(await answer.arrayBuffer());
 }

@@ -5,7 +5,6 @@ import { BitstreamError, ByteReader, hex } from "../../bytes.ts";
 import { RangeDecoder } from "../../entropy/decoder.ts";
 import { ANY_CAMERA } from "../../model/camera.ts";
 import { ContainerReader } from "../../packets/container.ts";
-import { MAX_WRITER_LENGTH } from "../../packets/limits.ts";
 import type { Pause } from "../../scheduler.ts";
 import { StreamDecoder } from "../decoder.ts";
 import type { Splats } from "../splats.ts";
@@ -24,14 +23,14 @@ export interface SceneUpdate {
   readonly resultDigest: string;
   /** Serialised list of the removed Gaussians. */
   readonly removed: Uint8Array;
-  /** Header of the side information, which has the quantisation steps. */
-  readonly header: Uint8Array;
+  /** Header of the side information, which has the quantisation steps, hexadecimal. */
+  readonly header: string;
   /** New Gaussians. */
   readonly splats: readonly Splats[];
 }
 
-/** Returns the header of the side information of explicit Gaussians. */
-export const headerOf = (sideInfo: Uint8Array): Uint8Array => new ByteReader(sideInfo, "side information").blob();
+/** Returns the header of the side information of explicit Gaussians, hexadecimal. */
+export const headerOf = (sideInfo: Uint8Array): string => hex(new ByteReader(sideInfo, "side information").blob());
 
 /**
  * Decodes the file of an update. Throws `BitstreamError` if it is damaged, if packets are missing, or if it is no
@@ -41,8 +40,8 @@ export async function readUpdate(file: Uint8Array, pause: Pause): Promise<SceneU
   const container = new ContainerReader(),
     packets = container.feed(file),
     { head } = container;
-  if (!head) throw new BitstreamError("the file of the update ends before its side information does");
-  if (head.manifest.codec !== "update") throw new BitstreamError("the file is a scene, it is not an update");
+  if (!head) throw new BitstreamError("the update is cut");
+  if (head.manifest.codec !== "update") throw new BitstreamError("it is not an update");
   const decoder = new StreamDecoder(head, { keptBytes: 0 }, true),
     splats: Splats[] = [];
   for (const bytes of packets) {
@@ -50,24 +49,20 @@ export async function readUpdate(file: Uint8Array, pause: Pause): Promise<SceneU
     if (part) splats.push(part.seen(ANY_CAMERA).splats);
     await pause();
   }
-  if (!decoder.intake.complete) throw new BitstreamError("packets of the update are missing or damaged");
-  if ((await decoder.digest(pause)) !== head.manifest.symbolsDigest)
-    throw new BitstreamError("the update does not decode to the encoded numbers");
+  if (!decoder.intake.complete) throw new BitstreamError("packets of the update are missing");
+  if ((await decoder.digest(pause)) !== head.manifest.symbolsDigest) throw new BitstreamError("the update is damaged");
   return { ...readFields(decoder.schema.sections.get(SECTION)), header: headerOf(head.sideInfo), splats };
 }
 
 /** Reads the named section of an update. */
 function readFields(section: Uint8Array | undefined): Pick<SceneUpdate, "baseDigest" | "resultDigest" | "removed"> {
-  if (!section) throw new BitstreamError(`the update has no section '${SECTION}', which names the scene`);
-  const reader = new ByteReader(section, `section '${SECTION}'`),
+  if (!section) throw new BitstreamError(`the update has no section '${SECTION}'`);
+  const reader = new ByteReader(section, "update"),
     version = reader.u8();
-  if (version !== VERSION)
-    throw new BitstreamError(`section '${SECTION}' has version ${version}, this version reads ${VERSION}`);
+  if (version !== VERSION) throw new BitstreamError(`the update has version ${version}, this version reads ${VERSION}`);
   const baseDigest = hex(reader.take(DIGEST_BYTES)),
-    resultDigest = hex(reader.take(DIGEST_BYTES)),
-    writer = reader.blob();
-  if (writer.length > MAX_WRITER_LENGTH || !writer.every((letter) => letter >= 32 && letter < 127))
-    throw new BitstreamError(`section '${SECTION}': the writer is not printable ASCII`);
+    resultDigest = hex(reader.take(DIGEST_BYTES));
+  reader.blob(); // the program that wrote the changed stream
   return { baseDigest, resultDigest, removed: reader.rest() };
 }
 
@@ -76,7 +71,7 @@ function readFields(section: Uint8Array | undefined): Pick<SceneUpdate, "baseDig
  * `BitstreamError` if the bytes are cut or more bytes follow.
  */
 export function readRemoved(bytes: Uint8Array, count: number): Uint8Array {
-  const reader = new ByteReader(bytes, "list of removed Gaussians"),
+  const reader = new ByteReader(bytes, "removed Gaussians"),
     larger = readBits(reader, Math.ceil(count / (GROUPS * GROUP))),
     some = readBits(reader, GROUPS * sumOf(larger)),
     full = readBits(reader, sumOf(some)),

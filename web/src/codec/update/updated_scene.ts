@@ -39,7 +39,7 @@ export class UpdatedScene {
   constructor(
     public digest: string,
     readonly info: SideInfo,
-    readonly header: Uint8Array,
+    readonly header: string,
     parts: readonly Splats[],
   ) {
     this.#append(parts);
@@ -70,8 +70,7 @@ export class UpdatedScene {
    */
   apply(update: SceneUpdate): SceneChange {
     if (update.baseDigest !== this.digest) throw new BitstreamError("the update changes another scene");
-    if (update.header.length !== this.header.length || update.header.some((byte, n) => byte !== this.header[n]))
-      throw new BitstreamError("the update has other quantisation steps than the scene that it changes");
+    if (update.header !== this.header) throw new BitstreamError("the update has other quantisation steps");
     const mask = readRemoved(update.removed, this.count),
       order = this.#curveOrder(),
       removed = new Uint8Array(this.#drawn);
@@ -103,12 +102,10 @@ export class UpdatedScene {
     return this.#parts.map((part, p) => {
       const first = at;
       while (at < this.count && this.#visible[at] < this.#firsts[p] + part.count) at++;
-      return at - first === part.count
-        ? part
-        : selectSplats(
-            part,
-            this.#visible.subarray(first, at).map((n) => n - this.#firsts[p]),
-          );
+      return selectSplats(
+        part,
+        this.#visible.subarray(first, at).map((n) => n - this.#firsts[p]),
+      );
     });
   }
 
