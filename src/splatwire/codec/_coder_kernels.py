@@ -242,14 +242,14 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_outside(words, state, half):
-    """Decodes a large residual, outside the range that has a probability of its own for each residual.
+    """Decodes a residual larger than `half` in magnitude: its sign, and its excess in Elias gamma code.
 
-    Such a residual is coded as a sign and an Elias gamma code.
+    The probability tables contain only smaller residuals.
 
     Args:
         words: The packet as overlapping seven-byte integers, from `words_of`.
         state: State of the range decoder, changed in place.
-        half: Largest magnitude of a residual that has a probability of its own.
+        half: Largest magnitude of a residual in the probability tables.
 
     Returns:
         The residual in quantisation steps, limited to the coder's range.
@@ -263,18 +263,19 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a prediction residual with a wide distribution, for which only a sparse table of probabilities exists.
+    """Decodes a prediction residual of a wide distribution, whose table contains only every `2**k`-th interval.
 
-    The table contains a bound (start of the probability interval) for every `2**k`-th residual only. Two of these
-    bounds limit the search for the residual. The bounds in between are computed.
+    A bound is the start of a residual's probability interval. The residual lies between two bounds of the table.
+    Between them, the bounds are computed.
 
     Args:
         coder: Entropy coder.
         scale: Scale of the context.
-        place: Index of the bound `start` among the tabulated bounds of this distribution.
-        start: Last tabulated bound that does not exceed `target`.
-        after: The next tabulated bound.
-        target: Position of the code, from `start` to `after` (exclusive), for which the residual is searched.
+        place: Index of the bound `start` in the table of this distribution.
+        start: Last bound of the table that does not exceed `target`.
+        after: The next bound of the table.
+        target: Value read by the range decoder, from `start` to `after` (exclusive); it lies in the interval of the
+            residual.
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -301,7 +302,7 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval, for distributions whose tables do not contain it.
+    """Computes the start of a residual's probability interval, if it is not in the tables of the distribution.
 
     Args:
         coder: Entropy coder.
@@ -318,9 +319,9 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual by computing its probability, for cases that the tables of `residual_windows` do not cover.
+    """Encodes a residual that the probability tables (`residual_windows`) do not contain, by computing its probability.
 
-    These are wide distributions with sparse tables, and residuals too large to have a probability interval.
+    The tables omit very large residuals, and most residuals of wide distributions.
 
     Args:
         coder: Entropy coder.

@@ -27,15 +27,15 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the normal distribution with which a large node of the position tree is coded, see `encode_count`.
+    """Returns the normal distribution for coding how many of n points have a zero in the next bit (see `encode_count`).
 
-    The coded integer is the number of points that have a zero in the next bit of their Morton code.
+    Used for nodes of many points.
 
     Args:
         n: Number of points of the node.
 
     Returns:
-        Mean (n / 2) with 12 fractional bits; and the scale index of a standard deviation of about n / 4.
+        Mean (n / 2) with 12 fractional bits; and the index of a standard deviation of about n / 4 in the scale table.
     """
     exponent = 0
     while n >> (exponent + 1):
@@ -78,7 +78,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         n: Number of points of the node.
         zeros: The number to encode, 0 to `n`.
         bit: Index of the bit.
-        run: Number of consecutive zeros of the node directly above `bit`, at most `RUNS - 1`; part of the context.
+        run: Number of zeros in a row that the codes have just above `bit`, at most `RUNS - 1`; part of the context.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
         table: Table of the entropy coder, see `entropy.coder.tables`.
@@ -108,9 +108,10 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes how many points of a node have a zero in `bit` of their Morton code; any bytes decode to 0 to `n`.
+    """Decodes how many points of a node have a zero in `bit` of their Morton code.
 
-    A node is a set of points whose codes agree in all bits above `bit`.
+    A node is a set of points whose codes agree in all bits above `bit`. Damaged bytes decode without an error, to a
+    number from 0 to `n`.
 
     Args:
         data: Input bytes.
@@ -119,7 +120,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
         bit: Index of the bit.
-        run: Number of consecutive zeros of the node directly above `bit`, at most `RUNS - 1`; part of the context.
+        run: Number of zeros in a row that the codes have just above `bit`, at most `RUNS - 1`; part of the context.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
         table: Table of the entropy coder, see `entropy.coder.tables`.

@@ -45,10 +45,13 @@ def residual_windows(scales, inverses, widths, normal):
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Four tables. Scale of each context, uint16. For each scale, the range of its distributions and their positions
-        in the following tables (columns `HALF` to `GUESS_BITS` of this module), int64 (scales, 6). Bounds (starts of
-        probability intervals) of all distributions, out of 2**`TOTAL_BITS`, int32. Bound at which a decoder starts its
-        search, by distribution and by the highest bits of the code's position, uint16.
+        Four tables:
+
+        * Scale of each context, uint16.
+        * For each scale, the largest residual, and the position of its distributions in the next two tables, int64
+          (scales, 6); columns `HALF` to `GUESS_BITS`.
+        * Start of each probability interval, in units of 2**-`TOTAL_BITS`, int32.
+        * Interval at which a decoder starts its search, by the highest bits of the value to decode, uint16.
     """
     # The tables are accessed at random. They are small enough for the processor's caches.
     windows = np.zeros((NUM_SCALES, 6), np.int64)

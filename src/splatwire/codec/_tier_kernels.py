@@ -19,13 +19,12 @@ STATES = 4 * COUNTS
 def tier_context(tier, count, recent):
     """Returns the context of the bit that indicates whether an anchor is in a given tier.
 
-    The context describes the preceding anchors: how many of them were in this tier or in a more important one.
+    It is chosen by how many preceding anchors were in this tier or in a more important one.
 
     Args:
         tier: Index of the tier.
-        count: Share of the preceding anchors that were in this tier or in a more important one, out of 2**16. It is a
-            decaying average.
-        recent: Two bits, 0 to 3, for the last two anchors: 1 if the anchor was in this tier or in a more important one.
+        count: Share of the preceding anchors in this tier or in a more important one, a decaying average, out of 2**16.
+        recent: The same for the last two anchors, one bit each: 0 to 3.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4

@@ -29,10 +29,8 @@ def decode_stream(
         progress: Called with the completed fraction of the work, 0 to 1.
 
     Returns:
-        The scene, the mask of received elements, and the stream's metadata. Elements are in the order in which they are
-        coded. Anchors also have a prediction from the side information (`Prior`). Packets of some streams contain only
-        some channels of a feature. The channels before the first missing packet are then decoded, but the feature
-        counts as not received.
+        The scene in coding order, the mask of received elements, and the stream's metadata. Anchors also have values
+        predicted from the side information (`Prior`).
 
     Raises:
         MissingSideInfoError: If the stream has no side information.
@@ -97,8 +95,8 @@ def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, 
         decoder: The stream's decoder, which determines the size of runs.
         manifest: The stream's manifest.
         packets: Received packets, in any order.
-        gaps: Also yield runs without packets for blocks that were lost completely, if the decoder's runs are whole
-            blocks.
+        gaps: Also yield an empty run for each block that was lost completely. Only for decoders that decode whole
+            blocks (`runs_are_blocks`).
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.

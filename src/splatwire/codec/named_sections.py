@@ -35,10 +35,12 @@ _OTHERS = (
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:
-    """Returns the named sections that loss concealers may read: content by section name.
+    """Returns the named sections of side information that loss concealers may read: content by section name.
+
+    Sections that only the codec reads are left out.
 
     Args:
         sections: All named sections.
-        own: Names of the sections that the codec schema itself uses, which are left out of the result.
+        *own: Names of the sections that only the codec schema reads.
     """
     return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

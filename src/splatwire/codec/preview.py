@@ -41,15 +41,15 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 
 @dataclass(frozen=True)
 class PreviewFrame:
-    """Ranges of a preview's positions and sizes, from which quantised values are converted back.
+    """Ranges of a preview's positions and sizes, for quantisation and its inverse.
 
     A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
 
     Attributes:
         middle: Centre of the scene, world units.
         spread: Distance up to which positions have nearly uniform precision, world units.
-        low: Minima of four values before quantisation: the three coordinates after the asinh above, and the natural
-            logarithm of a size divided by `spread`.
+        low: Minima of four values before quantisation: the three coordinates after the asinh, and the natural logarithm
+            of a size divided by `spread`.
         high: Maxima of these four values.
     """
 
@@ -131,7 +131,7 @@ class PreviewFrame:
     def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
         """Returns offset and quantisation step of each of the ten numbers that describe a Gaussian.
 
-        A number is the offset plus its quantisation level times the step.
+        A quantised integer q stands for `offset + q * step`.
         """
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]

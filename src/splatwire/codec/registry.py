@@ -91,11 +91,8 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
 
 
 def _complete(stream: StreamSchema) -> Schema:
-    """Returns the codec schema that belongs to registered stream properties.
-
-    Stream readers register the properties without the codec, to avoid importing it. The module with encoder and decoder
-    is imported here if necessary.
-    """
+    """Returns the complete codec schema (with encoder and decoder) of a kind of stream; imports it if necessary."""
+    # Stream readers register only the properties of streams, to avoid importing the codec.
     if isinstance(stream, Schema):
         return stream
     module, _, name = stream.codec.partition(":")

@@ -84,9 +84,8 @@ class Decoder(Protocol):
 
     Attributes:
         sections: Named sections of the side information.
-        order: Rank of the element at each place of the packet plan, int64 (N). The rank is the index in coding order.
-            The place is the index after sorting by importance tier and, within a tier, by rank. None if ranks and
-            places are equal.
+        order: Indices of the elements in the order of the packet plan: by importance tier, within a tier by index;
+            int64 (N). None if the indices already are in this order.
         runs_are_blocks: True if a run is one block with all of its received packets; False if runs may mix blocks.
         packets_independent: True if each packet of a run can also be decoded alone.
         redecode_on_demand: True to keep compressed packets and to decode them again on demand, because decoded integers
@@ -173,10 +172,10 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
-    """Adds the codec to registered stream properties: returns a schema that reads, encodes and decodes such streams.
+    """Creates a codec schema from the properties that stream readers need, and an encoder and decoder.
 
     Args:
         stream: Properties of the streams, such as name and format version.
-        codec: The further attributes of `Schema`, such as encoder and decoder.
+        **codec: The other attributes of `Schema`, such as encoder and decoder.
     """
     return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)

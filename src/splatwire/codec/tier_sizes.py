@@ -31,11 +31,10 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
 
 
 def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, num_tiers: int) -> np.ndarray:
-    """Returns the typical size of each tier's anchors, relative to the largest tier.
+    """Returns the typical size of each tier's anchors, relative to the tier with the largest anchors.
 
-    An anchor's footprint is the product of its two largest sizes times its number of Gaussians. The size of a tier is
-    the square root of the mean footprint. As a weight it is nearly as good as view-dependent importance, and needs no
-    views.
+    The size of a tier is the square root of the mean footprint of its anchors. An anchor's footprint is the product of
+    its two largest sizes times its number of Gaussians.
 
     Args:
         sizes: Base sizes of the anchors' Gaussians along three axes, (N, 3).

@@ -122,9 +122,7 @@ def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
 def viewpoint_section(cameras: "Cameras") -> bytes:
     """Serialises the initial view of a scene: position and viewing direction of the first camera.
 
-    The view has an orbit target on the viewing axis of the first camera. Its depth is that of the point nearest to the
-    viewing axes of all cameras (least squares). The depth is at least half the mean distance from the first camera to
-    all cameras, in case the axes do not meet in front of the camera.
+    The orbit target is on the viewing axis of this camera, at the depth where the axes of all cameras nearly meet.
 
     Args:
         cameras: The scene's cameras.
@@ -135,10 +133,11 @@ def viewpoint_section(cameras: "Cameras") -> bytes:
     centers, turns = (to_numpy(a).astype(np.float64) for a in (cameras.centers, cameras.viewmats[:, :3, :3]))
     ahead, up = turns[:, 2], -turns[:, 1].mean(axis=0)
     across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
-    # regularisation: parallel axes determine no nearest point
+    # The point nearest to all axes (least squares); regularised, because parallel axes determine no nearest point.
     system = across.sum(axis=0) + 1e-6 * len(centers) * np.eye(3)
     meeting = np.linalg.inv(system) @ ((across @ centers[:, :, None]).sum(axis=0)[:, 0] + 1e-6 * centers.sum(axis=0))
     depth = float((meeting - centers[0]) @ ahead[0])
+    # A lower bound, in case the axes do not meet in front of the camera.
     least = float(np.linalg.norm(centers - centers[0], axis=1).mean()) / 2
     target = centers[0] + max(depth, least, 1e-3) * ahead[0]
     writer = ByteWriter()

@@ -117,8 +117,7 @@ def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Estimates the standard deviations with which the integers of a matrix are coded, by row and column.
 
     Returns:
-        For each row, the index of its standard deviation in the scale table. For each column, a number that is added to
-        these indices.
+        Index in the scale table for each row, and the number to add to it for each column.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

@@ -7,11 +7,11 @@ Inputs of a layer are correlated, so the rounding of later weights can compensat
 weights. The method is successive rounding to the nearest plane (Babai, "On Lovasz' lattice reduction and the nearest
 lattice point problem", 1986; for networks: Frantar et al., "GPTQ", 2023).
 
-Let C = R R^T be the covariance of the inputs, with R upper triangular, and d the rounding errors of a row of weights.
-The output of this row then has the error variance |d R|**2. Successive rounding keeps component j of d R below half a
-step times R_jj. R_jj is the part of the spread of input j that the inputs rounded later do not explain. The step of
-column j therefore depends on R_jj instead of the full spread of the input.
+Let C = R R^T be the covariance of the inputs, with R upper triangular. R_jj is the part of the spread of input j that
+the inputs rounded later do not explain. The step of column j depends on R_jj.
 """
+# With rounding errors d of a row of weights, its output has the error variance |d R|**2. Successive rounding keeps
+# component j of d R below half a step times R_jj.
 
 from dataclasses import dataclass
 
@@ -135,20 +135,21 @@ def exact_mlp(
 
 
 def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None:
-    """Converts a layer to quantised form without rounding, such as one that was decoded; None if that is impossible.
-
-    Several combinations of steps represent the same numbers. Two of them are tried, and the one whose integers take
-    fewer bits is returned.
+    """Converts a layer to quantised form without rounding, which is possible for decoded layers.
 
     Args:
         weight: float (out, in).
         bias: float (out).
+
+    Returns:
+        The layer; None if the format cannot represent its numbers exactly.
     """
     whole, base = weight * 2.0**WEIGHT_EXPONENT, bias * 2.0**BIAS_BITS
     if not (_is_whole(whole, 2.0**48) and _is_whole(base, float(MAX_SYMBOL))):
         return None
     units = whole.astype(np.int64)
     some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # powers of 2 in each weight
+    # Several combinations of steps represent the same numbers. Two are tried, and the one with fewer bits is returned.
     found = []
     for rows_first in (True, False):
         shifts = np.zeros(units.shape[1], np.int64) if rows_first else _common_trailing_zeros(twos, some, axis=0)
@@ -164,13 +165,11 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
-    """Returns log2 of the largest power of two that divides all weights of a row or column.
-
-    Weights that are 0 are ignored.
+    """Returns log2 of the largest power of two that divides all weights in each row or column.
 
     Args:
-        twos: log2 of the largest power of two that divides each weight.
-        some: Mask of non-zero weights.
+        twos: The same for each single weight.
+        some: Mask of non-zero weights; the others are ignored.
         axis: Axis over which the minimum is taken: 0 for a result by column, 1 for a result by row.
     """
     least = np.where(some, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
@@ -191,9 +190,10 @@ def _divisor(number: int) -> int:
 
 
 def _input_statistics(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Analyses how the inputs of a network layer vary together, for rounding its weights with a small output error.
+    """Returns statistics of a layer's inputs, for rounding its weights with a small output error.
 
-    Returns the mean of the inputs, their order by decreasing variance, and the triangular factor R of their covariance.
+    They are the mean of each input, the order of the inputs by decreasing variance, and the triangular factor R of
+    their covariance.
     """
     mean = inputs.mean(axis=0)
     centred = inputs - mean

@@ -66,9 +66,9 @@ class ModelConfig(CheckedFields):
 
     @property
     def prior_dim(self) -> int:
-        """Number of outputs of the prior network.
+        """Number of outputs of the prior network, which predicts the distributions of an anchor's attributes.
 
-        The outputs are mean, standard deviation and mixture weight of each feature channel, mean and standard deviation
-        of scalings and offsets, and three factors that adapt the quantisation steps.
+        For each feature channel: mean, standard deviation and mixture weight. For each scaling and offset: mean and
+        standard deviation. In addition, three factors on the quantisation steps.
         """
         return 3 * self.layout.feature_dim + 2 * 6 + 2 * 3 * self.layout.num_offsets + 3

@@ -50,9 +50,9 @@ class Levels:
     def copied(self) -> Bool[np.ndarray, "N"]:
         """Mask of the Gaussians in coarser levels that are unchanged copies of one Gaussian of the next finer level.
 
-        All others in coarser levels were merged from several finer Gaussians. Copies are recognised by their precision
-        class: the encoder gives them a more precise class than merged Gaussians.
+        All others in coarser levels were merged from several finer Gaussians.
         """
+        # The encoder gives copies a more precise class than merged Gaussians.
         coarser = self.of > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser
 

@@ -102,15 +102,15 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Checks whether float32 is precise enough for positions relative to an origin.
+    """Returns how far a scene is from its origin, if it is too far for positions in float32.
 
     Args:
         origin: The origin that a file declares.
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        None if float32 is precise enough. Otherwise, the distance of the scene from the origin, world units: the
-        largest absolute component of the median position relative to the origin.
+        None if float32 is precise enough. Otherwise, the distance between median position and origin along the axis
+        where it is largest, world units.
     """
     apart = means - np.array(origin)
     if choose_origin(apart, wide=False) == NO_ORIGIN:

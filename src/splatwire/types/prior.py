@@ -36,13 +36,13 @@ class AttributePrior(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class Prior(CheckedFields):
-    """Predicted distributions of the attributes of N anchors, from the hash grid (HAC++, equation of `mu(x)`).
+    """Predicted distributions of the attributes of N anchors: from the hash grid, without their packets (HAC++).
 
     Attributes:
-        feature: Prior of the F feature channels.
-        scaling: Prior of the 6 scalings.
-        offset: Prior of the offsets, flattened offset-major to 3 K channels.
-        context: Interpolated hash-grid feature.
+        feature: Distributions of the F feature channels.
+        scaling: Distributions of the 6 scalings.
+        offset: Distributions of the 3 K coordinates of the K offsets.
+        context: Interpolated hash-grid features.
     """
 
     feature: AttributePrior
@@ -62,7 +62,7 @@ class Prior(CheckedFields):
         return mean_log_size(self.scaling.mean)
 
     def filled(self, elements: Anchors, loss_mask: LossMask) -> Anchors:
-        """Returns the anchors with every missing attribute replaced by the prior's mean.
+        """Returns the anchors with every missing attribute replaced by its predicted mean.
 
         If the offset mask of an anchor was lost, all of its offsets are marked as existing.
         """

@@ -156,9 +156,8 @@ class ReceivedScene(Generic[S]):
     def places(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        In some streams, the exact position of an element is lost with its packet, and the side information has only
-        approximate positions (`ExpectedPlaces`). All elements then have their approximate positions here, so that
-        received and lost ones are equally precise.
+        If the exact position of an element can be lost with its packet, these are approximate positions of all elements
+        from the side information (`ExpectedPlaces`).
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions
@@ -208,12 +207,13 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the numbers of elements that side information records describe: one number if all records agree.
-
-    Records without an entry for each element are ignored.
+    """Returns the number of elements of each side information record, to check that all records are for one scene.
 
     Args:
-        records: Side information records of a received scene.
+        records: Side information records of a received scene; those without an entry per element are ignored.
+
+    Returns:
+        The different numbers found; a single one if all records agree.
     """
     rows = set()
     for record in records:

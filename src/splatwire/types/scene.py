@@ -34,11 +34,11 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """Strength of the enlargement with which the concealer `grow` covers lost elements, for one type of scene.
+    """How strongly the concealer `grow` enlarges received elements to cover lost neighbours, for one type of scene.
 
-    A received element is enlarged more if fewer of its neighbours were received. With the share r of received
-    neighbours and the concealer's parameter `exponent` (`splatwire.concealment.Grow`), the size is multiplied by
-    `r ** -(exponent * size)`, and the opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`.
+    If the share r of an element's neighbours was received, its size is multiplied by `r ** -(exponent * size)`. Its
+    opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`. `exponent` is a parameter of the concealer
+    (`splatwire.concealment.Grow`).
 
     Attributes:
         size: Strength for sizes; 0 leaves them unchanged.

@@ -129,7 +129,7 @@ class SequenceScene:
         motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
             mask of received keyframe Gaussians, bool (T). It skips packets that need a missing keyframe Gaussian. Every
             call decodes again, so that only the motion in use takes memory.
-        count: Number of elements, N: keyframe Gaussians, and motions of one track in one group each.
+        count: Number of elements, N. An element is a keyframe Gaussian, or the motion of one track in one group.
         background: RGB of the background.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.
@@ -204,9 +204,15 @@ class SequenceScene:
         )
 
     def select(self, index: np.ndarray) -> "SequenceScene":
-        """Returns the sequence unchanged; elements cannot be removed, because motion refers to all of them by index."""
+        """Returns the sequence unchanged: the tracks of a sequence cannot be selected."""
+        # Motion refers to tracks by index.
         return self
 
     def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "SequenceScene":
-        """Returns the sequence with other keyframe Gaussians."""
+        """Returns the sequence with other keyframe Gaussians.
+
+        Args:
+            elements: The new keyframe Gaussians.
+            hints: Factors on size and opacity, and hidden Gaussians, set by loss concealment; None for no changes.
+        """
         return replace(self, tracks=replace(self.tracks, splats=elements), hints=hints)

@@ -135,11 +135,11 @@ class Splats:
         return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
 
     def with_estimates(self, loss_mask: LossMask, proposed: "Splats") -> "Splats":
-        """Combines received Gaussians of this object with estimates of lost ones.
+        """Returns the Gaussians with lost ones replaced by estimates.
 
         Args:
             loss_mask: Mask of received Gaussians.
-            proposed: All Gaussians, with estimates of lost ones.
+            proposed: All Gaussians, with estimates of the lost ones; received ones are ignored.
         """
         if proposed is self:
             return self

@@ -72,10 +72,8 @@ def validity_of_splats(splats: Splats) -> ElementValidity:
 
 
 def _valid_and_visible(some: Splats) -> tuple[np.ndarray, np.ndarray]:
-    """Checks the values of Gaussians; returns the mask of valid ones, and the mask of visible ones (opacity above 0).
-
-    Each attribute column is checked separately, which is seven times as fast as checking row by row.
-    """
+    """Returns the mask of Gaussians with valid values, and the mask of visible Gaussians (opacity above 0)."""
+    # Each attribute column is checked separately, which is seven times as fast as checking row by row.
     # Upper bound of a colour in any viewing direction.
     sizes, turns = some.scales.T, some.quats.T
     with np.errstate(invalid="ignore", over="ignore"):

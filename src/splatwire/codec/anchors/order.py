@@ -1,4 +1,4 @@
-"""Shared code of the anchor schemas: order, tiers, chunks of packets, and base classes of encoder and decoder."""
+"""Order of anchors in packets, and base classes of the encoders and decoders of both anchor schemas."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -43,8 +43,8 @@ class AnchorCoder(Protocol):
         Args:
             ranks: int64 (n), indices in coding order (ranks) of the anchors of all groups, group by group.
             counts: int64 (groups), anchors of each group.
-            packet_bytes: Maximum size of a payload; larger groups are cut into several packets. None for one packet per
-                group or, with separated packaging, one packet for each attribute of a group.
+            packet_bytes: Maximum size of a payload; larger groups are cut into several packets. None to leave groups
+                undivided.
         """
 
 
@@ -94,9 +94,8 @@ def prepare_anchor_repack(
         packetization: New split into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        own: Names of the named sections that `coder` computes again. Other sections, except the background, may depend
-            on the order of the anchors. Streams with such sections are rejected if the new packetization changes this
-            order.
+        *own: Names of the named sections that `coder` computes again. With any other section except the background, the
+            order of the anchors must not change.
 
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.

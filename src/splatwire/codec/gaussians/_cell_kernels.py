@@ -53,8 +53,6 @@ def code_cells(coder, codes, bits, stack):
 def _push(stack, top, begin, end, bit, run, prefix):
     """Stores a node of the binary tree of cell codes in row `top` of a stack of nodes.
 
-    Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.
-
     Args:
         stack: The stack, int64 (rows, 5), changed in place.
         top: Row to write.
@@ -64,6 +62,7 @@ def _push(stack, top, begin, end, bit, run, prefix):
         run: Number of preceding bits without a division of the node; part of the context.
         prefix: Higher bits that all codes of the node share.
     """
+    # Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.
     stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
 
 

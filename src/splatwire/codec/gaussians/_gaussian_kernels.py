@@ -41,7 +41,7 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def update_magnitude(running, steps):
-    """Updates the moving average of the magnitudes of a Gaussian's residuals, from which contexts are chosen.
+    """Updates the moving average of a Gaussian's residual magnitudes, which selects the context of the next residual.
 
     Args:
         running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
@@ -84,14 +84,14 @@ def code_class(coder, context, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def compand_thinness(ratio, thinness):
-    """Returns the integer with which the ratio of the second to the third scale of a Gaussian is coded.
-
-    It is the index of the nearest entry of `thinness_table`, which makes the coding non-uniform (companding). A decoded
-    ratio is an entry of the table, and gives its index exactly.
+    """Converts the ratio of the second to the third scale of a Gaussian to the integer that is coded (companding).
 
     Args:
-        ratio: Base-2 logarithm of the ratio of the second to the third scale, in fixed point.
-        thinness: The table from `thinness_table`.
+        ratio: Base-2 logarithm of the ratio, in fixed point.
+        thinness: The table from `thinness_table`, which the decoder uses for the inverse.
+
+    Returns:
+        Index of the nearest entry of the table.
     """
     low, high = 0, len(thinness) - 1
     while low < high:

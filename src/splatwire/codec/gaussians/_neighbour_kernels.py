@@ -33,8 +33,8 @@ class Near(NamedTuple):
     """Working memory for predicting Gaussians from their nearest neighbours in the packet.
 
     It contains data of all Gaussians of the packet, the neighbours of the current Gaussian, and the attributes
-    predicted from these neighbours. The neighbours are those with the smallest keys. A key is the squared distance from
-    the current Gaussian times 64, plus the number of Gaussians between the two in coding order.
+    predicted from them. The search sorts Gaussians by a key: the squared distance times 64, plus the number of
+    Gaussians in between in coding order.
 
     Attributes:
         cells: int64 (3, n), coordinates of the grid cells of the packet's Gaussians.
@@ -108,10 +108,9 @@ def find_neighbours(near, i, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _find_narrow(near, i):
-    """Finds the six nearest neighbours of a Gaussian; fast, but only for coordinates of few bits (see `Near.narrow`).
-
-    The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
-    """
+    """Finds the six nearest neighbours of Gaussian `i`: a fast search for coordinates of at most `NARROW_BITS` bits."""
+    # The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
+    #
     # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
     # so larger keys need not be sorted. The loops have few branches and compile to vector instructions. Coordinates are
     # float32, because numba computes with int32 in 64 bits.
@@ -254,10 +253,10 @@ def remember(near, row, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def deviation_context(count, deviation, shift):
-    """Returns the context of a residual: a class of how much the Gaussian's neighbours differ from each other.
+    """Returns the entropy coder's context of a residual, which grows with the differences between the neighbours.
 
-    The context is 0 without neighbours, and 1 for one or two neighbours. Otherwise it grows with the logarithm of their
-    mean deviation in quantisation steps.
+    0 means no neighbours, and 1 means one or two. From 2 on, it is the logarithm of the neighbours' mean deviation in
+    quantisation steps.
 
     Args:
         count: Number of neighbours.

@@ -64,10 +64,10 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns the slot of a grid cell, by which the Gaussians of a block are distributed to packets.
+    """Returns the slot of a grid cell: the number by which a block's Gaussians are sorted into packets.
 
-    Cells with equal slots are spread evenly over the block, and neighbouring cells have distant slots. The slot
-    consists of the lowest bits of the cell's Morton code in reverse order (see `layout.SLOT_BITS`).
+    Cells with equal slots are spread evenly over the block, so a lost packet leaves no large hole. The slot consists of
+    the lowest bits of the cell's Morton code in reverse order (see `layout.SLOT_BITS`).
 
     Args:
         code: Morton code of the cell.
@@ -84,8 +84,8 @@ def slot_of(code, bits):
 def _code_cell_codes(coder, codes, bits, spread, slots, stack):
     """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
-    The Gaussians of a packet can be spread over a whole block. The lowest bits of their codes (slots, see `slot_of`)
-    then have similar values, and are coded separately to save bits.
+    If the Gaussians of a packet are spread over a whole block, the lowest bits of their codes (slots, see `slot_of`)
+    are similar. These bits are then coded separately.
 
     Args:
         coder: Entropy coder.
@@ -125,8 +125,8 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
         place: Position relative to the block's bounding box, in lattice units; only used by an encoder.
         cells_at: log2 of the cell size of the packet's grid, in lattice units.
         shift: log2 of the quantisation step of the position, in lattice units.
-        absolute: False in streams of version 2. It matters if the step is larger than the cell: True decodes the centre
-            of a cube of the size of the step, False the centre of the cell.
+        absolute: True to decode to the centre of a cube whose side is the step, even if it is larger than the cell;
+            False (stream version 2) to decode to the centre of the cell in this case.
     """
     low = min(cells_at, shift)
     for a in range(3):

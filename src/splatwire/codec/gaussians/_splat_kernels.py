@@ -72,17 +72,15 @@ def convert(
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _rotation(row, axes, quat):
-    """Computes a Gaussian's rotation as a quaternion from its decoded axis and the rotation about this axis.
-
-    The primary axis u was decoded. The second axis v is perpendicular to it, at the decoded angle of rotation about it.
-    The third axis w is their cross product.
+    """Computes a Gaussian's rotation as a quaternion, from its decoded primary axis and the angle about this axis.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (COLUMNS).
         axes: Working array for the three axes, float64 (9).
         quat: Output, float32 (4).
     """
-    # The quaternion is computed from the largest of its components (Shepperd, 1978).
+    # The primary axis u was decoded. The second axis v is perpendicular to u, at the decoded angle. The third axis w is
+    # their cross product. The quaternion is computed from the largest of its components (Shepperd, 1978).
     ux, uy, uz = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
     norm = np.sqrt(ux * ux + uy * uy + uz * uz)
     ux, uy, uz = ux / norm, uy / norm, uz / norm

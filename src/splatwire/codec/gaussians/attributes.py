@@ -186,12 +186,12 @@ def write_splats(
     Args:
         splats: All Gaussians of the scene, changed in place.
         places: int64 (n), indices of the converted Gaussians in `splats`.
-        rows: int64 (n, COLUMNS), see `to_splats`.
-        harmonics: int32 (n, harmonics), see `to_splats`.
-        origins: int64 (n, 3), see `to_splats`.
-        unit: See `to_splats`.
-        size_log: See `to_splats`.
-        transform: int64 (K, K), see `to_splats`.
+        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics, see `layout.COLUMNS`.
+        harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
+        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice units.
+        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        size_log: log2 of the scene's size.
+        transform: int64 (K, K), transform of the harmonics with denominator `TRANSFORM_UNIT`, from `fit_transform`.
     """
     from splatwire.codec.gaussians import _splat_kernels as kernels
 

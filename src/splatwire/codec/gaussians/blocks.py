@@ -122,9 +122,9 @@ def cell_shift(places: np.ndarray, bits: int) -> int:
 
 
 def _extent_bits(places: np.ndarray) -> int:
-    """Returns the number of bits of the largest extent of lattice positions, int64 (n, 3), over the three axes.
+    """Returns the number of bits of the largest side of the positions' bounding box; outliers have limited influence.
 
-    A few Gaussians far away from the others enlarge the result only to a limited degree.
+    `places` are lattice positions, int64 (n, 3).
     """
     ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
     axes = np.ascontiguousarray(places.T)

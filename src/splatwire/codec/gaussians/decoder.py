@@ -70,11 +70,11 @@ class GaussianDecoder:
         self._records = () if copies is None else (copies,)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory needed in addition to the scene, bytes (see `Decoder.working_bytes`).
+        """Returns the working memory of a decoding thread, in addition to the scene, bytes.
 
-        The memory is for the integers of several pending blocks, the floats of `PIECE` Gaussians, and the words of the
-        largest packet.
+        It depends on the largest block of the stream and on the largest of the packets.
         """
+        # Integers of several pending blocks, floats of `PIECE` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)

@@ -41,11 +41,10 @@ def prepare_splats(
 ) -> Prepared:
     """Prepares Gaussians for encoding: sorts them into blocks and computes the side information.
 
-    The encoder chooses the order of Gaussians freely, because packets contain their positions.
+    Without a quality or precision classes in the options, a decoded scene is encoded to the same integers again.
 
     Args:
-        scene: The Gaussians; each must have a visible effect. If the options contain neither a quality nor precision
-            classes, Gaussians of a decoded scene are encoded to the same integers as in the decoded stream.
+        scene: The Gaussians; each must have a visible effect.
         options: Encoding options; the default packetization is the preset "paper".
         like: Side information of the stream from which the Gaussians were decoded; its context tables and named
             sections are reused. None to fit new tables.

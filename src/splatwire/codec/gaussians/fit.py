@@ -82,9 +82,8 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Estimates the mean magnitude of the residuals in each context, also for contexts with few residuals.
 
-    The means of one kind of value (a stream) are modelled as a product of two factors. One depends on the class
-    `spread` of the context, the other one on the class `second`. The factors are fitted so that the sum of magnitudes
-    stays unchanged for each value of `spread`, and for each value of `second`.
+    A context has three parts: kind of value (stream), deviation of the neighbours (spread), and step or preceding
+    residuals (second). For each stream, the means are modelled as a factor for `spread` times a factor for `second`.
 
     Args:
         number: Number of residuals in each context, float64 (streams, spreads, seconds).

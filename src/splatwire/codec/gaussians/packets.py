@@ -1,4 +1,4 @@
-"""Predicts which Gaussians share a packet, by encoding them."""
+"""Determines which Gaussians share a packet, by encoding them; used to simulate packet loss during fine-tuning."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from splatwire.types import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class PacketDivision:
-    """Packets of a scene, in sending order (interleaved: the first packet of each block, then the second, and so on).
+    """Division of a scene's Gaussians into packets, which are numbered in sending order.
 
     Attributes:
         packet: Packet of each Gaussian, int64 (N).

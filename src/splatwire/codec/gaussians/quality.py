@@ -27,11 +27,10 @@ class Quality:
 
     Attributes:
         level: Octaves by which all quantisation steps are finer than at level 0, -8 to 24.
-        classes: Number of precision classes, 1 to 8. Steps double from each class to the next lower class, so the
-            lowest class has `2**(classes - 1)` times the steps of the highest class. For scenes with harmonics, at most
-            4 classes are used, and all steps grow by a quarter octave for each class above 4.
-        position: Additional octaves by which positions are finer, -16 to 16, for scenes with many Gaussians in nearly
-            equal depth.
+        classes: Number of precision classes, 1 to 8. The steps of each class are twice those of the next higher class.
+            Scenes with harmonics use at most 4 classes; a larger number makes all of their steps slightly coarser.
+        position: Octaves by which only positions are finer, -16 to 16; for scenes with many Gaussians at nearly equal
+            depth.
 
     Raises:
         InvalidValueError: If an attribute is out of range.
@@ -55,7 +54,7 @@ class Quality:
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
     def bases(self, degree: int) -> np.ndarray:
-        """Returns the quantisation steps of Gaussians of the lowest precision class, one per entry of `STEPS`.
+        """Returns the quantisation steps of all attributes (`layout.STEPS`) in the lowest precision class.
 
         Args:
             degree: Degree of the scene's spherical harmonics.

@@ -94,7 +94,7 @@ class SideInfo:
         return (*residual_windows((self.scales * SCALE_UNIT).ravel(), *tables()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Returns the constants of the stream that numba kernels need, as their argument `stream`.
+        """Returns the stream's constants for the argument `stream` of numba kernels.
 
         They are `bases`, `unit`, `coarsest` and the table of `thinness_table`.
         """
@@ -248,9 +248,9 @@ def _num_contexts(degree: int) -> int:
 def _write_contexts(info: SideInfo) -> bytes:
     """Serialises the initial states of the entropy coder's contexts: probabilities of bits, and scales of residuals.
 
-    A probability is one byte. A scale is coded as the difference from the scale of the preceding context: a flag
-    whether it differs, and the difference if it is not 0.
+    Scales are coded as differences between successive contexts.
     """
+    # A probability is one byte. A difference of scales is a flag, and the number itself if it is not 0.
     writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
     writer.blob(bytes(info.bit_zero[: _num_contexts(info.degree)].astype(np.uint8)))
     changed = (steps != 0).ravel()

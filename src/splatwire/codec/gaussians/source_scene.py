@@ -174,16 +174,16 @@ class SourceScene:
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
-        """Returns the range of a block's Gaussians within `order`."""
+        """Returns the range of the attribute `order` (indices sorted by block) that belongs to a block."""
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:
-        """Returns some Gaussians of the scene; `where` selects positions in `order`."""
+        """Returns the Gaussians of the scene at `where`, counted in the sequence sorted by block (`order`)."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of some Gaussians, int64; `where` selects positions in `order`."""
+        """Returns the precision classes of the Gaussians at `where`, counted in the sequence sorted by block, int64."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:
@@ -245,7 +245,7 @@ class SourceScene:
         Args:
             block: Index of the block.
             info: Side information with the bounding boxes and the transform of spherical harmonics.
-            some: Selects Gaussians by their positions in that order; by default all.
+            some: Part of that order to return; by default all.
         """
         bits = int(info.boxes.bits[block])
         places = self.places(block) - info.boxes.corners[block]
@@ -302,8 +302,8 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
-    The smallest scale is coded as its ratio to the second scale. With a coarse quantisation step of this ratio, a flat
-    Gaussian is decoded with up to 31 % of the second scale. With the precision classes returned, it is at most 0.4 %.
+    With a coarse step, a flat Gaussian is decoded with a smallest scale of up to 31 % of the second scale. With the
+    returned precision classes, it is at most 0.4 %.
 
     Args:
         splats: The N Gaussians.

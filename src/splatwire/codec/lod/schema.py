@@ -68,7 +68,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Returns a repacketized stream with a new index of tiles, because the sizes of tiles have changed.
+    """Replaces the tile index of a repacketized stream, because the byte sizes of the tiles have changed.
 
     `stream` is the stream before repacketization, and `packed` the stream after it.
     """

@@ -242,7 +242,8 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
         headers: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder. In malformed
             packets, headers that were not found have track number -1.
         n: Number of tracks in the packet.
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); filled by a decoder.
+        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds); filled by
+            a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
             zero before.
         frames: Number of frames in the group, F.

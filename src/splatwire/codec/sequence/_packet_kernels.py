@@ -63,7 +63,7 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         frames: Number of frames in the group.
-        orders: Output: number of coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Output: number of coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
     """
     orders[:] = 0
     for i in range(len(rows)):
@@ -84,7 +84,8 @@ def _trim(quantised, orders):
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); reduced in place.
+        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds); reduced in
+            place.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:

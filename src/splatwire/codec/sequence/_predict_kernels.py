@@ -67,11 +67,10 @@ def relative_positions(places):
 @njit(error_model="numpy")
 @no_type_check
 def prediction_order(places, moving, shifts):
-    """Orders the moving tracks of a packet for prediction from each other: spatially from coarse to fine.
+    """Orders the moving tracks of a packet for prediction from earlier tracks: spatially from coarse to fine.
 
-    The first tracks are spread over the whole packet, and later tracks fill the gaps between them. Most tracks thus
-    have neighbours on all sides that are already known. This order applies among tracks with similar quantisation
-    steps. Tracks with finer steps come first, because their motion is more precise.
+    Tracks with finer quantisation steps come first. Among tracks with similar steps, the first ones are spread over the
+    whole packet, and later ones fill the gaps. Most tracks thus have known neighbours on all sides.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -248,7 +247,7 @@ def _unpack_coefficients(flat, orders, rows):
 
     Args:
         flat: The coded coefficients, (M, U) for U coded coefficients per track.
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames); entries that are not coded stay unchanged.
     """
     for i in range(len(rows)):
@@ -268,7 +267,7 @@ def pack_coefficients(values, rows, states, orders, flat):
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
         flat: Output: packed coefficients, (M, U) for U coded coefficients per track.
     """
     for i in range(len(rows)):
@@ -284,16 +283,16 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
-    """Predicts the motion of each track of a packet from neighbouring tracks, and codes the difference or decodes it.
+    """Predicts the motion of each track of a packet from neighbouring tracks.
 
-    A decoder adds the residuals to the predictions, and thus reconstructs the motion coefficients. An encoder computes
-    the residuals of given coefficients (`wanted`).
+    An encoder uses it to compute the residuals of motion coefficients (`wanted`). A decoder uses it to reconstruct the
+    coefficients from the residuals.
 
     Args:
         places: Positions of the keyframe Gaussians of the packet's M tracks, in half lattice units, int64 (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
         wanted: Coefficients before quantisation, packed by `pack_coefficients`, float64 (M, U) for U coded coefficients
             per track; of length 0 for a decoder.

@@ -10,7 +10,7 @@ def polynomials(frames: int) -> np.ndarray:
     """Returns the discrete Legendre polynomials (Gram, 1883) over equally spaced frames, float64 (frames, frames).
 
     Column k contains the polynomial of degree k, with one value per frame; columns are orthonormal. Smooth motion needs
-    few polynomials. Motion of constant velocity needs two; with a cosine basis it would need half of all functions.
+    few polynomials: motion of constant velocity needs two.
 
     Args:
         frames: Number of frames in the group.

@@ -268,8 +268,8 @@ def _combine_packets(
     Args:
         headers: Headers of the tracks of all packets, int64 (n, HEAD).
         offsets: Motion of the moving tracks of all packets.
-        covered: Mask of tracks whose number is within the range of a received packet, bool (T). A track in this range
-            that is not in the packet has ended.
+        covered: Mask of tracks in the number range of a received packet, bool (T). If such a track is missing from the
+            packet, it has ended.
         complete: True if all motion packets of the group were received.
         unchanged: True if the group contains no motion packets because nothing changes.
     """

@@ -70,7 +70,8 @@ class TracksEncoder:
         threads: Number of threads, which does not affect the result; None for one per processor.
 
     Attributes:
-        importance: Visible weight of each packet returned by the last call of `add`, by packet id.
+        importance: Importance of each packet returned by the last call of `add`, by packet id: squared opacity
+            times area, summed over its Gaussians.
 
     Raises:
         InvalidValueError: If the grouping is not "hashed".
@@ -314,8 +315,8 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            coder: Motion coder of these tracks.
-            known: Number of tracks that need no new keyframe Gaussian. These tracks are the first entries of the coder.
+            coder: Motion coder of these tracks; tracks that need no new keyframe Gaussian come first.
+            known: Number of these first tracks.
             births: Function that encodes the keyframe Gaussians of new tracks, and fills the remaining entries of the
                 coder.
 
@@ -335,13 +336,11 @@ class TracksEncoder:
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks, block by block, in packets of limited size.
 
-        `births` runs in parallel with the encoding of those blocks that contain no new tracks.
-
         Args:
-            coder: Motion coder of the tracks.
-            known: Number of tracks that need no new keyframe Gaussian. These tracks are the first entries of the coder.
+            coder: Motion coder of the tracks; tracks that need no new keyframe Gaussian come first.
+            known: Number of these first tracks.
             births: Function that encodes the keyframe Gaussians of new tracks, and fills the remaining entries of the
-                coder.
+                coder. It runs in parallel with the encoding of the first tracks.
 
         Returns:
             Packets of all tracks, block by block; and the number of bytes used for each track, float64.
@@ -375,7 +374,7 @@ class TracksEncoder:
         Args:
             packets: The packets, with blocks numbered from 0.
             num_blocks: Number of these blocks.
-            seen: Visible weight of each element of the packets.
+            seen: Visible weight of each element of the packets, see `weights_of`.
 
         Returns:
             The packets with the block numbers of the stream.

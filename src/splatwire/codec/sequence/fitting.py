@@ -73,10 +73,10 @@ class Fitting:
         Args:
             keys: Keys of all tracks of the group: first the tracks of this fit, then tracks that appeared later.
             moves: Trajectories of all tracks over the group.
-            stay: Mask of tracks present in all frames, bool (n). All other tracks are fitted again, because some of
-                their positions may have been unknown when the frames were added.
+            stay: Mask of tracks present in all frames, bool (n). All other tracks are fitted again.
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
+        # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
         again, found = np.flatnonzero(~stay), self._targets.select(slice(len(keys)))
         others = Targets.zero(len(again), moves.num_frames)
         self._add(others, moves.select(again), self.numbers[again], 0, moves.num_frames)

@@ -111,7 +111,7 @@ class KeyframeEncoder:
     def _fitted(self, splats: Splats, classes: np.ndarray | None) -> tuple[SourceScene, PacketPlan, SideInfo]:
         """Sorts Gaussians into blocks and computes their side information.
 
-        Quantisation steps and context tables are fitted only in the first call.
+        The first call fits quantisation steps and context tables, and later calls use them again.
         """
         size = span_size(splats.num_gaussians, self._packetization.block_size)
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)

@@ -23,7 +23,7 @@ class KnownTracks:
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
         rows: Decoded integers of each keyframe Gaussian, int64 (T, COLUMNS).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        weights: Visible weight of each track, from `weights_of`, float64 (T).
+        weights: Visible weight of each track (squared opacity times area), from `weights_of`, float64 (T).
         alive: Numbers of the tracks present at the end of the last group, ascending, int64.
     """
 

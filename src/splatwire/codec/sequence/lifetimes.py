@@ -77,10 +77,10 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns the entries of the `count` tracks with the largest visible weight; other entries are dropped.
+        """Returns only the entries of the `count` most visible tracks; the others are dropped.
 
         Args:
-            seen: Visible weight of each track, float64 (T).
+            seen: Visible weight of each track (squared opacity times area), float64 (T).
             count: Maximum number of tracks to keep.
         """
         some = np.union1d(self.late, self.early)

@@ -74,7 +74,7 @@ def coefficients_of(
     Args:
         headers: Headers of the n tracks of the packet, int64 (n, HEAD).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
         places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 

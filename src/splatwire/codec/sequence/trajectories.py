@@ -143,11 +143,12 @@ def add_frames(
 
 @dataclass(frozen=True, eq=False)
 class PacketMoves:
-    """Decoded motion of the m moving tracks of a packet.
+    """Decoded motion of the m moving tracks of a packet, as polynomials over time.
 
     Attributes:
-        coefficients: Polynomial coefficients, float32 (m, channels, K), for at most K coefficients per channel.
-        orders: Number of coefficients coded per channel, by kind of channel, int64 (kinds).
+        coefficients: Polynomial coefficients, float32 (m, channels, K), padded with 0 to K coefficients per channel.
+        orders: Number of coefficients that the packet contains for each channel, by kind of channel (position,
+            rotation, ...), int64 (kinds).
     """
 
     coefficients: np.ndarray

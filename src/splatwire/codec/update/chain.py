@@ -17,11 +17,12 @@ MAX_UPDATES = 256
 
 @dataclass(frozen=True, eq=False)
 class UpdateChain:
-    """Current state of a scene, and the updates that receivers of its earlier states need.
+    """Current state of a scene that a server sends, and the updates for receivers that have an earlier state.
 
     Attributes:
-        source: Stream of the current state for which updates are made: that of the file, or the result of its updates.
-        scene: The same scene in packets that fit datagrams. It is `source` if the packets of `source` fit datagrams.
+        source: The scene's stream as read from the file, with all updates applied. The next update changes this stream.
+        scene: The stream that is sent: the same scene in packets that fit datagrams. Identical to `source` if the
+            packets of `source` fit.
         updates: Updates between successive states of `scene`, the newest last.
     """
 
@@ -35,9 +36,9 @@ class UpdateChain:
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:
-        """Returns the updates by the name under which receivers request them (`update_name`).
+        """Returns all updates, by the name that receivers request (`update_name`).
 
-        The name of the next update, which does not exist yet, has the value None.
+        The last entry is for the update that receivers of the current state wait for. It does not exist yet: None.
         """
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
@@ -45,7 +46,7 @@ class UpdateChain:
         return offers | {update_name(manifest_digest(self.scene.manifest)): None}
 
     def extended(self, update: SceneStream) -> "UpdateChain":
-        """Applies an update of `source`, and returns the chain with the new state.
+        """Applies an update to the scene (`source`), and returns the chain with the new state.
 
         Raises:
             InvalidValueError: If packets are missing, or the update is for another stream.

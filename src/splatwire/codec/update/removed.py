@@ -22,13 +22,13 @@ GROUP, GROUPS = 16, 16
 def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
     """Returns the indices of decoded Gaussians along a Morton curve, int64 (N).
 
-    Gaussians in one cell are sorted by their attributes. The result thus does not depend on the order of the Gaussians,
-    which differs between receivers: a page appends the new Gaussians of an update, `apply_update` encodes the scene.
+    Gaussians in one cell are sorted by their attributes, so the sorted sequence does not depend on the input order.
 
     Args:
         splats: The decoded Gaussians.
         coding: Quantisation parameters of the scene.
     """
+    # The input order differs between receivers: a page appends new Gaussians, `apply_update` encodes the scene again.
     places = to_lattice(splats.means.astype(np.float64), coding.unit, coding.size_log)
     places -= places.min(axis=0)
     shift = max(int(places.max()).bit_length() - MAX_AXIS_BITS, 0)
@@ -46,13 +46,11 @@ def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
 def write_removed(removed: np.ndarray) -> bytes:
     """Serialises a mask of removed Gaussians; long runs of equal bits take few bits.
 
-    The mask is divided into groups of `GROUP` bits, and into large groups of `GROUPS` groups. Flags indicate the large
-    groups that contain a set bit, and, within these, the groups that contain one. Further flags indicate groups in
-    which all bits are set. Groups with set and unset bits are coded bit by bit.
-
     Args:
         removed: Mask of removed Gaussians in the order of `curve_order`, bool (N).
     """
+    # Flags for large groups with a set bit, for groups in them with a set bit, and for full groups; then the bits of
+    # groups that are neither empty nor full.
     writer, groups = ByteWriter(), _grouped(removed)
     larger = groups.reshape(-1, GROUPS, GROUP)
     some_larger = larger.any(axis=(1, 2))

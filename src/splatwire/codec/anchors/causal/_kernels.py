@@ -152,7 +152,7 @@ def encode_packets(
         scales: Scale table index of each symbol (`packet_coder.Quantised`).
         firsts: Stage s codes the columns of `symbols` from `firsts[s]` to `firsts[s + 1]` (exclusive). The last stage
             codes the offsets.
-        form: Index of the stage before which the masks are coded.
+        form: Index of the stage (scale of offsets) before which the masks are coded.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.

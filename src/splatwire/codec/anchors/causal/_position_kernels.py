@@ -1,10 +1,9 @@
 """Numba kernels that code the positions of anchors: the high bits in the side information, the low bits in the packets.
 
-Positions are sorted Morton codes. The high bits form a binary tree: a node is a range of codes that agree in all higher
-bits, and is divided by the next bit. A node with at most `leaf` codes is not divided further.
+Positions are sorted Morton codes. The high bits form a binary tree, whose leaves contain at most `leaf` codes each.
 
-The low bits of a code are divided into triples (one bit per axis). The lowest triple that is not 0 is coded by its
-index and its value, because anchors lie on grids of several widths. The bits above it are coded without a model.
+The low bits of a code are divided into triples (one bit per axis). First, the index and the value of the lowest triple
+that is not 0 are coded; this suits anchors on grids of several widths. The bits above are coded without a model.
 """
 
 from typing import no_type_check

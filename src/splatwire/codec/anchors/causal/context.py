@@ -104,11 +104,11 @@ class CodingContext:
 
 
 class Chain:
-    """Predicts the distributions of anchors' attributes in stages, each from the attributes of earlier stages.
+    """Predicts the attributes of n anchors for entropy coding, in stages; each stage uses attributes of earlier ones.
 
     Args:
         context: The coding context, which contains one network per stage.
-        place: Outputs of the first network, which depends on the positions of the n anchors only, int32 (n, context).
+        place: Outputs of the network that encodes the positions of the anchors, int32 (n, context).
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:
@@ -190,9 +190,9 @@ def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
 
 
 def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
-    """Dequantises the four logarithms from which the six scalings of an anchor are computed.
+    """Dequantises the logarithms of an anchor's sizes.
 
-    Column 0 is the scale of the anchor's offsets, equal on all axes. Columns 1 to 3 are the base sizes of its
+    Column 0 is the scale of the anchor's offsets, which is equal on all axes. Columns 1 to 3 are the base sizes of its
     Gaussians, one per axis.
 
     Args:

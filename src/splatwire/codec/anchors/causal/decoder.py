@@ -45,7 +45,7 @@ def _num_values(config: CausalConfig) -> int:
 def _anchor_bytes(info: SideInfo) -> int:
     """Returns the working memory for one anchor during decoding, bytes.
 
-    The memory is for the inputs, hidden units and outputs of the largest network, and for the quantised attributes.
+    It holds the activations of the largest network and the quantised attributes.
     """
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())

@@ -83,9 +83,8 @@ def _check_common(packetization: Packetization) -> None:
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
     """Chooses which bits of the anchors' positions are sent in side information, and which in packets.
 
-    Side information delays the first picture. Bits are therefore moved to the packets until the share of the side
-    information is at most `HEAD_SHARE` of all bytes. No more bits are moved than necessary. At most `MOST_LEAF` anchors
-    share a leaf of the position tree, even if the share is then larger.
+    Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
+    moving low bits to the packets.
 
     Args:
         info: Side information with nearly all position bits.
@@ -95,6 +94,7 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     Returns:
         The division of the position bits.
     """
+    # At most `MOST_LEAF` anchors share a leaf of the position tree, even if the side information is then larger.
     positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
     most = HEAD_SHARE * (others + len(positions.section) + packet_bytes) - others
     for leaf in range(2, MOST_LEAF + 1):

@@ -97,10 +97,9 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns the tolerated quantisation error of each output of a network, up to a common factor.
+    """Returns how large the error of each network output may be relative to the others, when weights are quantised.
 
-    An error of this size costs about the same number of bits in every output. The tolerance of a predicted mean is the
-    typical predicted standard deviation.
+    An error of the returned size costs about the same number of bits in every output.
 
     Args:
         name: Name of the network.

@@ -65,17 +65,16 @@ def _columns(stage: Stage) -> slice:
 def quantise(
     context: CodingContext, positions: AnchorPositions, masks: np.ndarray, values: np.ndarray, octaves: float
 ) -> Quantised:
-    """Quantises attributes of anchors, as differences from the predicted means in whole quantisation steps.
+    """Quantises the attributes of anchors: predicts each one, and rounds its difference from the prediction.
 
-    Offsets are relative to the scale of their anchor. They are quantised last, so that they compensate for the rounding
-    error of the scale.
+    Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
 
     Args:
         context: Coding context.
         positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
-        octaves: Quantisation step of the binary logarithm of the scale.
+        octaves: Quantisation step of the offset scale, in octaves.
     """
     values = values.copy()
     found, chain = _empty(context, positions, masks), context.start(positions.voxels)
@@ -173,7 +172,8 @@ def decode_packets(
         payloads: One payload per packet.
 
     Returns:
-        Exact Morton codes, int64 (n); masks, uint8 (n, K); and numbers, int32 (n, numbers).
+        Of all anchors: Morton codes of the positions, with all bits, int64 (n); offset masks, uint8 (n, K); and decoded
+        attributes as in `Quantised.numbers`, int32 (n, attributes).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)

@@ -45,11 +45,11 @@ class SharedPositions:
 
     Attributes:
         section: Bytes of the section of the side information.
-        known: Positions of all anchors with the high bits; the low bits are estimated.
+        known: Positions of all anchors as known from the side information; the low bits are estimated.
         chances: Probabilities for coding the low bits, in units of 1 / `CHANCES`, int64 (T + 1, T + 1). The low bits of
-            a Morton code form triples (one bit per axis), numbered from the lowest bits. Entry (u, t) is for a code
-            with u unknown triples, at most T. It is the probability that triple t is not 0, given that all lower
-            triples are 0.
+            a Morton code are divided into triples (one bit per axis); triple 0 is the lowest. Entry (u, t) applies if
+            packets contain u triples of a code, at most T: the probability that triple t is not 0 if all lower ones are
+            0.
     """
 
     section: bytes
@@ -60,12 +60,11 @@ class SharedPositions:
 def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     """Encodes the high bits of all anchors' positions as a section of the side information.
 
-    The low bits are left to the packets. Their number depends on `leaf`.
+    The packets contain the low bits. The high bits form a binary tree.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (N, 3).
-        leaf: Maximum number of anchors of a node of the position tree that is not split, 1 to 64. Larger nodes leave
-            more bits to the packets.
+        leaf: Maximum number of anchors in a leaf of the tree, 1 to 64. With larger leaves, more bits are in packets.
 
     Raises:
         ValueError: If the points span 2**21 voxels or more.
@@ -114,18 +113,18 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds the lowest non-zero bits of each anchor's Morton code, from which position probabilities are estimated.
+    """Finds the lowest non-zero triple of bits in each anchor's Morton code, for statistics of positions.
 
-    Low bits are often zero, because anchors lie on grids of several widths. The low bits of a code that the packets
-    contain are divided into triples (one bit per axis), numbered from the lowest bits.
+    A triple contains one bit per axis. Low triples are often zero, because anchors lie on grids of several widths. Only
+    the low bits of a code, which packets contain, are considered.
 
     Args:
         codes: int64 (N), the exact codes.
         unknown: int64 (N), number of low bits of each code that the packets contain.
 
     Returns:
-        Number of triples of each code, and index of its lowest non-zero triple, int64 (N) each. If all triples are 0,
-        the index equals the number of triples.
+        Number of triples of each code in packets, and index of the lowest one that is not 0, int64 (N) each. If all are
+        0, the index equals the number of triples.
     """
     triples, rest = (unknown + 2) // 3, codes & ((np.int64(1) << unknown) - 1)
     lowest = np.zeros(len(codes), dtype=np.int64)

@@ -32,7 +32,7 @@ MASK_ONES = 4
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def scale_index(scale):
-    """Returns the scale table index of a standard deviation (12 fractional bits): octave and 4 bits of mantissa."""
+    """Returns the index of a standard deviation (12 fractional bits) in the entropy coder's logarithmic scale table."""
     value = min(max(scale, 64), (1 << 26) - 1)
     exponent = 6
     while value >> (exponent + 1):
@@ -43,7 +43,7 @@ def scale_index(scale):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def step_index(q):
-    """Returns the step table index of a network output with 16 fractional bits, which is clipped to [-4, 4]."""
+    """Returns the index in the table of step factors for a network output (16 fractional bits), clipped to [-4, 4]."""
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
 

@@ -53,15 +53,16 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Probability distributions that the prior network predicts from the position alone, as table indices.
+    """Predicted distributions of n anchors' attributes for entropy coding, from the positions alone.
 
-    The second mixture component of the features is missing, because it depends on decoded features (`Mixture`).
+    The distribution of a feature is a mixture of two normals. The second one depends on decoded features and is in
+    `Mixture`.
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
-        feature: First mixture component of the features. Two arrays (n, F): means in quantisation steps with 12
-            fractional bits, int32; and scale table indices, int16.
+        feature: First normal of the features' mixtures. Two arrays (n, F): means in quantisation steps with 12
+            fractional bits, int32; and indices of the standard deviations in the scale table, int16.
         scaling: Means and scale table indices of the scalings, two arrays (n, 6).
         offset: Means and scale table indices of the offsets, two arrays (n, 3 K).
     """

@@ -161,10 +161,9 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for their common inputs, which are outputs of the prior network.
+        """First-layer weights of all channel networks, for the inputs that they share: outputs of the prior network.
 
-        The weights of all networks are side by side, so that one matrix product serves all of them: float64 (3 F, sum
-        of hidden units).
+        One matrix contains the weights of all networks side by side: float64 (3 F, total of hidden units).
         """
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(

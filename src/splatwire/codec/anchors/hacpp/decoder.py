@@ -147,8 +147,8 @@ class HacppDecoder(AnchorDecoder):
 class SeparatedDecoder(HacppDecoder):
     """Decoder of separated packets, each of which contains one attribute of a group of anchors.
 
-    Decodes the received attributes of each group. If only some channel groups of a feature are received, the channels
-    before the first missing group are decoded. The feature nevertheless counts as not received.
+    A feature is sent in several packets, one per group of channels. It counts as received only if all of them are.
+    Otherwise, the channels before the first missing packet are decoded.
 
     Args:
         manifest: The stream's manifest.

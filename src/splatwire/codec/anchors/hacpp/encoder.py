@@ -54,8 +54,8 @@ def hacpp_repack_encoder(
     """Creates the encoder that divides the anchors of a decoded stream into other packets.
 
     Returns:
-        The encoder, and the side information of the new stream. The section with the offset masks is added for
-        separated packaging, and removed for atomic packaging.
+        The encoder, and the side information of the new stream. It contains the offset masks if the new stream has
+        separate packets for each attribute.
 
     Raises:
         BitstreamError: If the side information is damaged.

@@ -61,9 +61,9 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 
 
 def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
-    """Returns the typical standard deviation of each quantised channel of an attribute.
+    """Returns the typical standard deviation of each channel of an attribute after quantisation.
 
-    It combines the median of the predicted standard deviations with that of the rounding error.
+    It is the median of the predicted standard deviations, increased by the rounding error.
 
     Args:
         scale: Predicted standard deviations for a sample of anchors, (n, D).

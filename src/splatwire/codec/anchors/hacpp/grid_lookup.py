@@ -105,7 +105,7 @@ def lookup(units: np.ndarray, signs: np.ndarray, config: HashGridConfig) -> np.n
 
 
 def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
-    """Returns the mask of table rows that the interpolation of at least one anchor reads; only these are sent.
+    """Returns the mask of the hash-table rows that at least one anchor reads; the stream contains only these rows.
 
     Args:
         units: int64 (N, 3) from `unit_coordinates`.
