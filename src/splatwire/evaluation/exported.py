@@ -1,4 +1,4 @@
-"""Comparison of exported Gaussians with the original scene."""
+"""Comparison of an exported file of explicit Gaussians with the scene of neural anchors that it was made from."""
 
 from collections.abc import Callable
 from typing import Any

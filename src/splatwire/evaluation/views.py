@@ -102,7 +102,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 def held_out_cameras(scene: Scene) -> Cameras:
     """Places test cameras around a scene, near and far.
 
-    Encoders measure with other cameras, so quality in the test views is not a result of fitting to these views.
+    They differ from the cameras by which encoders choose their settings, as test views should.
 
     Args:
         scene: The scene.

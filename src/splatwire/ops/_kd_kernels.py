@@ -10,12 +10,12 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts points into the leaves of a k-d tree, by repeatedly splitting ranges of points at the given bounds.
+    """Sorts points into the leaves of a k-d tree, given the position in the order at which each leaf ends.
 
     Args:
         points: Coordinates, float (N, 3).
-        bounds: Ends of the leaves, ascending.
-        order: Indices of the points, permuted in place (`ops.kd_order`).
+        bounds: Positions at which leaves begin and end, ascending.
+        order: Indices of the points; permuted in place.
     """
     stack = [(np.int64(0), np.int64(len(bounds) - 1))]
     while len(stack):

@@ -14,9 +14,9 @@ _CHUNK = 1 << 14
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def update_run(p, g, m, v, begin, end, step_size, inverse_root, beta1, beta2, epsilon):
-    """Updates some values of a parameter by one step of Adam, in place; single-threaded form of `update`.
+    """Updates the values from `begin` to `end` of a parameter by one step of Adam, in place, on the calling thread.
 
-    A caller may divide the values among threads that do other work as well. All factors are float32.
+    All factors are float32.
 
     Args:
         p: The parameter, flat, float32.

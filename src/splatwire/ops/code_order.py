@@ -39,13 +39,13 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
 
 
 def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | range) -> None:
-    """Sorts the elements `members` by code and writes them to `order`.
+    """Sorts elements by code, one bucket of a radix sort.
 
     Args:
         codes: Function that returns the codes of elements given by index.
-        order: Receives the sorted indices.
-        bits: Number of low bits in which the codes of these elements may differ.
-        members: Indices of the elements.
+        order: Output: the indices in sorted order.
+        bits: Number of low bits to sort by; all higher bits of the codes are equal.
+        members: Indices of the elements to sort.
     """
     shift = max(bits - DIGIT_BITS, 0)
     edges = _scatter(lambda some: codes(some) >> shift & (1 << DIGIT_BITS) - 1, order, members)
@@ -64,15 +64,16 @@ def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | rang
 
 
 def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> np.ndarray:
-    """Writes the elements `members` to `order`, sorted by one digit (`DIGIT_BITS` bits) of their codes; stable.
+    """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, one pass of a radix sort; stable.
 
     Args:
-        digits: Function that returns the digit of each element.
-        order: Receives the sorted elements.
-        members: Indices of the elements.
+        digits: Function that returns the digit of elements given by index.
+        order: Output: the indices in sorted order.
+        members: Indices of the elements to sort.
 
     Returns:
-        Position in `order` of the first element with each digit, and the end, int64, `(1 << DIGIT_BITS) + 1`.
+        Position in `order` of the first element with each digit, followed by the number of elements, int64, `(1 <<
+        DIGIT_BITS) + 1`.
     """
     edges = np.zeros((1 << DIGIT_BITS) + 1, np.int64)
     for some in _pieces(members):

@@ -55,19 +55,16 @@ CAN_BORROW = _supports_option("_nrt")
 
 
 def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
-    """`numba.njit` with a cache that works wherever the package is installed.
+    """`numba.njit` with a cache of machine code that works wherever the package is installed.
 
-    numba stores machine code in `NUMBA_CACHE_DIR`, next to the source, or in the user's home, and fails if none is
-    writable (e.g. a container with a read-only root). This function then uses a temporary folder of the user, or
-    compiles without a cache.
-
-    numba invalidates the cache only if the kernel's own file changed. Here changes of files with its callees or
-    constants invalidate it too.
+    numba fails if none of its cache folders is writable (e.g. in a container with a read-only root). This function then
+    uses a temporary folder of the user, or compiles without a cache. Also, a change of a source file that the kernel
+    depends on invalidates its cache entry.
 
     Args:
         borrows: True if the function only reads and writes its array arguments, and neither allocates nor returns
             arrays. Reference counting is then disabled; its atomic operations dominate the time of small functions.
-        options: Options of `numba.njit`; `cache` is always on.
+        **options: Options of `numba.njit`; `cache` is always on.
     """
     if borrows and CAN_BORROW:
         options["_nrt"] = False

@@ -11,13 +11,14 @@ from splatwire.ops import _kd_kernels as kernels
 def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
     """Sorts points so that consecutive points form spatially compact groups of given sizes (a k-d tree).
 
-    A range of points is split along the axis of largest variance, until each part is one group. Groups can be nested:
-    the points are first split into a few large groups, then each of these into smaller groups.
+    Ranges of points are split along the axis of largest variance. Groups can be nested: large groups, each divided into
+    smaller ones.
 
     Args:
         points: (N, 3), finite.
-        nested: Bounds of the groups of each level, coarsest level first: ascending from 0 to N, int64. A group contains
-            the sorted points from one bound to the next. Each level contains all bounds of the previous level.
+        nested: Bounds of the groups on each level, from large groups to small ones. The bounds of a level ascend from 0
+            to N, int64, and a group contains the sorted points from one bound to the next. Each level includes all
+            bounds of the previous level.
 
     Returns:
         Indices of the points in sorted order, int64 (N). The order within the smallest groups is unspecified.

@@ -15,10 +15,10 @@ _SPARE = 4
 
 
 class NeighborTree:
-    """Search tree for nearest neighbours; ties in distance go to the lower index.
+    """Search tree for nearest neighbours; distances are computed in float64.
 
-    Distances are computed in float64. If more than four points tie with the k-th neighbour, the tree's own
-    (deterministic) order decides.
+    Of points at the same distance, those with lower indices come first. If more than four points tie for the last
+    place, the choice among them is deterministic, but arbitrary.
 
     Args:
         support: The points, a numpy array or a torch tensor.

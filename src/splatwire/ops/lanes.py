@@ -1,8 +1,7 @@
-"""SIMD vectors of sixteen float32 in compiled functions; one vector contains one pixel row of a tile.
+"""SIMD vectors of sixteen float32 in numba functions; one vector contains one pixel row of a tile.
 
-A kernel that sums over the pixels of a tile is fastest if it keeps one sum for each pixel column in registers while it
-processes row after row. The compiler vectorises a plain loop over pixels, but stores such sums in memory between rows.
-`Lanes` maps to 512-bit registers if available, otherwise to several shorter ones.
+These vectors keep sums in registers across the pixel rows of a tile, which a plain loop over pixels does not. They map
+to 512-bit registers if available, otherwise to several shorter ones.
 
 Usable in numba functions only: the functions of this module, the operators + - * / on these values and float32, and the
 comparisons >=, <= and &.

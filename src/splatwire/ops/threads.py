@@ -1,4 +1,4 @@
-"""Thread control: parallel loops that do not wait for slow thread starts, and single-threaded matrix products."""
+"""Parallel loops for functions that release the interpreter lock, and limits on the number of threads."""
 
 import collections
 import functools
@@ -76,7 +76,8 @@ def use_single_thread() -> None:
 def allowed_threads() -> int:
     """Returns the maximum number of threads on which `share` distributes work.
 
-    It is the minimum of the processors, `OMP_NUM_THREADS` and numba's limit; 1 after the restriction to one thread.
+    This is the minimum of the number of processors, `OMP_NUM_THREADS` and numba's limit. It is 1 after
+    `use_single_thread`.
     """
     from numba import config
 
@@ -100,13 +101,12 @@ if hasattr(os, "register_at_fork"):
 def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Applies a function to all items in parallel, on this thread and on helper threads.
 
-    Each free thread takes the next item. Helper threads that have not started in time are not awaited, so on busy
-    processors the caller processes nearly all items.
+    Each free thread takes the next item. The function never waits for a helper thread to start.
 
     Args:
         work: Function of one item. It should release the interpreter lock most of the time. The result for an item must
             not depend on other items.
-        items: Items, each with at least some hundred microseconds of work; otherwise waking threads costs more.
+        items: Items, each with at least some hundred microseconds of work. Less work does not justify a second thread.
 
     Returns:
         The results in the order of the items.

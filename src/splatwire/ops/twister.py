@@ -26,9 +26,8 @@ class Twister:
     def normal(self, count: int) -> np.ndarray:
         """Returns standard normal random numbers, float32 (count), by the Box-Muller method.
 
-        Numbers are computed in blocks of sixteen, from sixteen uniform numbers each. If the count is above sixteen, but
-        not a multiple of it, the last sixteen numbers are replaced by an additional block. For a count below sixteen,
-        the result is the beginning of one block.
+        Sixteen uniform numbers give a block of sixteen normal ones. If `count` is not a multiple of sixteen, the last
+        sixteen results are a block of their own.
         """
         given = self.uniform(max(count, _BLOCK))
         whole = len(given) // _BLOCK * _BLOCK

@@ -41,15 +41,16 @@ class SequenceRow:
 
 @dataclass(frozen=True, eq=False)
 class SequenceScore:
-    """Quality of a sequence in one configuration, that is, for one loss and one concealer.
+    """Image quality of a sequence under one loss model and one concealer.
+
+    Means exclude the first group of pictures (GOP), in which a concealer has no earlier frames to use.
 
     Attributes:
-        row: The configuration.
-        psnr: PSNR of each frame against the render of the original, decibels, mean over views, float64 (F).
-        change: Flicker: mean of (d - r)^2 over pixels and views, where d is the change of the image from one frame to
-            the next, and r that of the reference image; float64 (F - 1).
-        later: Index of the first frame of the second group of pictures (GOP), from which means are computed; 0 if the
-            sequence has only one. The first GOP is excluded, because no earlier state exists for concealment.
+        row: The loss model and the concealer.
+        psnr: PSNR of each frame against the render of the original frame, mean over views, decibels, float64 (F).
+        change: Flicker from each frame to the next, float64 (F - 1). It is the mean squared error of the image
+            difference between the two frames, compared with the same difference of the reference images.
+        later: Index of the first frame of the second GOP, where means begin; 0 if there is only one GOP.
         num_lost: Number of packets that were lost or late.
     """
 
@@ -61,12 +62,12 @@ class SequenceScore:
 
     @property
     def mean(self) -> float:
-        """Mean PSNR from the second group of pictures on, decibels."""
+        """Mean PSNR, without the first group of pictures, decibels."""
         return float(self.psnr[self.later :].mean())
 
     @property
     def flicker(self) -> float:
-        """Mean flicker (`change`) from the second group of pictures on."""
+        """Mean flicker (`change`), without the first group of pictures."""
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
     def worst_below(self, complete: "SequenceScore") -> float:
@@ -90,9 +91,12 @@ class SequenceScore:
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns by how many decibels the PSNR is below that of the complete sequence, from frame `later` on.
+        """Returns how far the PSNR of each frame is below that of the complete sequence, decibels.
 
-        The difference of frames with equal PSNR, also infinite, is 0.
+        The first group of pictures is excluded. Frames with equal PSNR have difference 0, even if the PSNR is infinite.
+
+        Args:
+            complete: Score of the sequence without losses.
         """
         own, other = self.psnr[self.later :], complete.psnr[self.later :]
         differ = own != other

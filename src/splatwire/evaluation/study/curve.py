@@ -16,10 +16,11 @@ RATES = (0.05, 0.1, 0.3, 0.5)
 
 
 class ComparedRows(NamedTuple):
-    """Methods (table rows) that the loss curve of a report compares.
+    """Methods (table rows) that the chart of PSNR against loss rate compares.
 
     Attributes:
-        uncovered: Method with the lowest PSNR of those that draw nothing in place of lost elements (concealer `drop`).
+        uncovered: Method without concealment (lost elements are not drawn). If there are several, the one with the
+            lowest PSNR.
         baseline: Baseline of the evaluation (`Study.baseline`); may equal `uncovered`.
         best: Method with the highest PSNR of all.
     """

@@ -20,7 +20,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Checks the decoded result of another codec (a scene or pictures), and describes it like a stream of this package.
+    """Checks the decoded result of another codec (a scene or pictures), so that it can be evaluated like a stream.
 
     Args:
         row: The table row of the other codec.
@@ -28,7 +28,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
         references: The reference images of the scene.
 
     Returns:
-        Path, digest and size of the decoded result, which has no packets; None if the row has no result for the scene.
+        Description of the result, with no packets; None if the row has no result for the scene.
 
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.
@@ -60,10 +60,10 @@ def has_pictures(folder: Path) -> bool:
 
 
 def picture_paths(folder: Path, references: References) -> list[Path]:
-    """Returns the picture of each evaluated view.
+    """Returns the picture of each evaluated view, from a folder of another codec's pictures.
 
-    A picture belongs to the view whose name it has, without the suffix. Otherwise the folder must have one picture for
-    each view of the scene, in the order of the views (`00000.png`, as the code of 3DGS and HAC++ writes them).
+    Pictures are assigned by name if each view has a picture of its name. Otherwise there must be one picture for each
+    view of the scene, in the order of the views (`00000.png`, as 3DGS and HAC++ write them).
 
     Args:
         folder: Folder of PNG or JPEG files.

@@ -287,9 +287,7 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Returns words that describe a packetization: the name of a preset, and the parameters that differ from it.
-
-    They become the name of a stream.
+    """Returns words that describe a packetization, to be joined to the name of a stream.
 
     Args:
         preset: The packetization of the preset.
@@ -297,7 +295,8 @@ def _difference(preset: Packetization, other: Packetization, name: str) -> list[
         name: Name of the preset.
 
     Returns:
-        The name of the preset, then the value of each different parameter, as `NAME=VALUE` unless it is a text.
+        The name of the preset, then each parameter that differs from it, as `NAME=VALUE` for a number or as `VALUE` for
+        a text.
     """
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]

@@ -1,4 +1,4 @@
-"""Registry of execution engines by name, imported on demand."""
+"""Engines that execute the tasks of an evaluation (local, Ray, Slurm), created by name and imported on demand."""
 
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluation.study.engines import Engine, default_workers

@@ -118,10 +118,9 @@ class Source:
 
     @cached_property
     def stream(self) -> SceneStream | None:
-        """The stream that the user gave for the scene; None without a stream.
+        """The stream of the scene, if the user gave one; otherwise None.
 
-        This is `SceneEntry.sections` if it is set, because that stream also has side information. Otherwise, it is the
-        scene itself, if that is a stream.
+        If `SceneEntry.sections` names a stream with additional side information, this is the one.
         """
         path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
         if path is None:
@@ -248,17 +247,15 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
-    """Writes a cameras file with one camera for each frame of a sequence, and returns the definition with this file.
-
-    An evaluation of a sequence compares one image per frame.
+    """Defines the views for the evaluation of a sequence: one camera for each frame, stored as a cameras file.
 
     Args:
-        source: The sequence.
+        source: The sequence. Its cameras file is repeated over the frames; without one, cameras are generated.
         stamp: Digest of the original frames.
         store: Store for the cameras file.
 
     Returns:
-        Definition of the scene, in which this file replaces the user's cameras.
+        Definition of the scene with the new cameras file.
     """
     entry, stream = source.entry, source.stream
     assert stream is not None
@@ -337,10 +334,10 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides the elements of a stream into packets in another way, as a method (table row) requires.
+    """Divides the elements of a stream into other packets, as a method (table row) requires.
 
-    Quantised values and networks are not changed, and only those sections of side information are kept that the method
-    needs. The streams of all methods then differ only in packets and sections.
+    Quantised values and networks stay the same, so that the methods can be compared. Side information that the method
+    does not need is removed.
 
     Args:
         whole: The complete stream.

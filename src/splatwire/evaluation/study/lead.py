@@ -78,8 +78,8 @@ def make_lead(
     Args:
         result: Results of the evaluation.
         pictures: Images of the views with the lowest PSNR.
-        curve: Results of the same scene at other loss rates; None if these were not measured.
-        worst: Images at the highest of these rates, shown instead of `pictures`; may be empty.
+        curve: Results of the same scene at other loss rates; None to omit the loss curve.
+        worst: Images at the highest loss rate of `curve`, shown instead of `pictures`; empty to show `pictures`.
 
     Returns:
         The first part; None if the evaluation has several scenes or losses, or if no PSNR is finite.

@@ -1,4 +1,4 @@
-"""Losses for evaluations of other codecs: files that list the lost packets, and loss rates of packets."""
+"""Losses for other codecs: files that list the lost packets of a stream, and packet loss rates for datagram losses."""
 
 import io
 import statistics

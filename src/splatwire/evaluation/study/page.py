@@ -10,12 +10,14 @@ _STUDY, _FRAME = "splatwire.evaluation.study", "page.html.jinja"
 
 
 def filled_page(package: str, template: str, **values: Any) -> str:
-    """Renders a template, which extends `page.html.jinja`, to a self-contained page; undefined values are empty.
+    """Renders a template, which extends `page.html.jinja`, to a self-contained HTML page.
+
+    Variables of the template that are not given are empty.
 
     Args:
         package: Name of the Python package that contains the template.
         template: File name of the template.
-        values: Variables of the template, in addition to the style sheet and the package version.
+        **values: Variables of the template, in addition to the style sheet and the package version.
     """
     import jinja2
 

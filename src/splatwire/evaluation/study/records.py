@@ -98,7 +98,7 @@ class Record:
 
     @staticmethod
     def of(row: Mapping[str, Any]) -> "Record":
-        """Creates a record from the mapping returned by `Record.row`.
+        """Converts a table row (values by column name, as returned by `Record.row`) back to a record.
 
         Raises:
             TypeError: If a column is missing.

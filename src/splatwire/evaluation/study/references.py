@@ -85,8 +85,8 @@ def prepare_references(
         study: The evaluation.
         entry: The scene.
         background: RGB of the background.
-        drawn: Function that returns the scene to render if the scene has no photos.
-        stamp: Digest of the scene to render.
+        drawn: Function that loads the scene to render; called only if needed.
+        stamp: Digest of the scene to render, by which stored images of an earlier run are found.
         store: Store for the images.
         progress: Called with the name of the current task and its finished share, 0 to 1.
         frames: True if the references are the frames of a sequence (`entry.reference`), one for each camera.
@@ -179,7 +179,7 @@ def _camera_content(cameras: Cameras) -> dict[str, Any]:
 
 
 def digest_of(*texts: str) -> str:
-    """Returns a hash of the texts, 24 hexadecimal digits, for use in file names."""
+    """Returns a hash of one or more texts, 24 hexadecimal digits, for use in file names."""
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
 
 

@@ -39,7 +39,10 @@ class ReportImages:
     views: tuple[int, ...]
 
     def shows(self, cell: Cell) -> bool:
-        """Returns True if the images of a result are in the report; results without loss always are, for comparison."""
+        """Returns True if the report shows images of a task.
+
+        It shows those of all tasks without losses, and those of tasks with the selected loss and seed.
+        """
         return cell.loss is None or (cell.loss, cell.seed) == (self.loss, self.seed)
 
 
@@ -176,9 +179,9 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Selects the tasks whose PSNR determines the hardest views (lowest PSNR): one task per scene and loss.
+    """Selects one task per scene and loss, whose PSNR per view determines the hardest views (lowest PSNR).
 
-    The tasks are those of the baseline. Without a baseline, they are those of the first row with losses.
+    These are tasks of the baseline, or of the first row with losses if there is no baseline.
     """
     judges = []
     for scene in dict.fromkeys(cell.scene for cell in cells):
@@ -197,15 +200,15 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Chooses which images of a scene the report shows: after which packet loss, and from which views.
+    """Selects the images of a scene that the report shows: one loss model with its seed, and some views.
 
-    The finished task with the lowest PSNR determines loss model and seed, because small losses are invisible in images.
+    The task with the lowest mean PSNR determines the loss model and the seed, so that the effect of losses is visible.
     The views are those in which this task has the lowest PSNR.
 
     Args:
         study: The evaluation.
         store: Store with the results of the tasks.
-        judges: Finished tasks of one scene, from which the one with the lowest PSNR is chosen.
+        judges: Finished tasks of the scene to choose from.
     """
 
     def level(cell: Cell) -> float:
@@ -221,13 +224,11 @@ def _shown(look: ReportImages, cell: Cell) -> Unit:
 
 
 def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
-    """Sorts tasks so that tasks with the same stream and loss mask follow each other.
-
-    A received stream is then decoded once for all of them.
+    """Sorts tasks by stream and loss mask, so that each received stream is decoded only once.
 
     Args:
         cells: Tasks to sort.
-        first: Tasks whose streams and loss masks come first, in the order of these tasks.
+        first: Tasks that determine the order: their streams and loss masks come first.
     """
     place: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):

@@ -43,9 +43,9 @@ class SceneSizes:
         scene: Name of the scene.
         num_anchors: Number of anchors, equal for all encodings.
         columns: Bytes of each category, for the official files (if present) and for every packetization.
-        attribute_files: Bytes of features, scalings and offsets in each encoding. As in the publication, packets of
-            this package count completely, with headers and masks. Of the official files, only those with these
-            attributes count.
+        attribute_files: Bytes of features, scalings and offsets in each encoding. Of this package, whole packets are
+            counted, with headers and masks. Of the official code, only the files of these attributes are counted, as in
+            the publication.
     """
 
     scene: str
@@ -70,9 +70,9 @@ class SceneSizes:
         return 100 * (ours / native - 1)
 
     def file_growth(self, column: str) -> float | None:
-        """Returns how much larger the attributes in an encoding are than in the official HAC++ files, percent.
+        """Returns by how many percent the coded attributes are larger than in the official HAC++ files.
 
-        Compares the sizes in `attribute_files`. Returns None if the scene has no official files.
+        Both sizes are those of `attribute_files`. Returns None if the scene has no official files.
 
         Args:
             column: Name of the encoding in `columns`.
@@ -148,7 +148,7 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
 
 
 def native_attribute_files(entry: SceneEntry) -> int:
-    """Returns the total bytes of the official HAC++ files with features, scalings and offsets; masks do not count."""
+    """Returns the total bytes of the official HAC++ files of features, scalings and offsets, without mask files."""
     files = (entry.source / "bitstreams").iterdir()
     return sum(file.stat().st_size for file in files if file.name.startswith(_ATTRIBUTE_FILES))
 

@@ -98,7 +98,7 @@ def _submitit() -> Any:
 
 
 def _submitted(executor: Any, root: str, units: Sequence[Unit]) -> Any:
-    """Submits a job.
+    """Submits a Slurm job that executes tasks of an evaluation; returns submitit's handle of the job.
 
     Raises:
         BackendUnavailableError: If the cluster refuses it, for example because the partition does not exist.

@@ -261,7 +261,11 @@ class Ordering:
 
     @property
     def verdict(self) -> str:
-        """`holds`, `opposite`, or `undecided` if the confidence interval of the measured difference includes zero."""
+        """Result of comparing the measured order of two methods with the published one.
+
+        `holds` for the same order, and `opposite` for the reverse. `undecided` if the confidence interval of the
+        measured difference includes zero.
+        """
         margin = self.ours.half_width
         if margin is None or abs(self.ours.mean) <= margin:
             return "undecided"

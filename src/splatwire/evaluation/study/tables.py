@@ -235,10 +235,9 @@ def summary_csv(summaries: Sequence[Summary]) -> str:
 
 
 def leaderboard_csv(summaries: Sequence[Summary]) -> str:
-    """Formats the results of a scene as CSV in the leaderboard format of the field, one line per method and loss.
+    """Formats results as CSV with the columns of published 3DGS leaderboards, one line per method and loss.
 
-    The column LPIPS has the metric `lpips_unscaled`, the variant in published tables. It is empty if this metric was
-    not measured.
+    The column LPIPS has the metric `lpips_unscaled`, which published tables use; it is empty if this was not measured.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")

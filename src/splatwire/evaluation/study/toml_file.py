@@ -237,9 +237,7 @@ def _row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
 
 
 def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
-    """Parses a table row with the results of another codec: the scenes or pictures that this codec has decoded.
-
-    All other rows name a packetization instead, with which this package encodes the scene.
+    """Parses a table row of a protocol file that gives the decoded results of another codec (scenes or pictures).
 
     Args:
         location: Location of the row in the file, for error messages.

@@ -85,11 +85,12 @@ def use_one_thread() -> None:
 
 @dataclass(frozen=True, eq=False)
 class ReceivedInput:
-    """Scene as received under the loss mask of a task, with statistics of the transmission; not concealed yet.
+    """Scene of an evaluation task before concealment, as received, and statistics of the simulated transmission.
 
     Attributes:
-        scene: The decoded scene with losses marked, or a complete scene that was not sent; None for pictures.
-        loss_mask: Mask of received attributes; None for a scene that was not sent.
+        scene: Received scene with losses marked. For a scene that is evaluated without transmission, the complete
+            scene. None if the task evaluates pictures of another codec.
+        loss_mask: Mask of received attributes; None if nothing is transmitted.
         num_packets: Number of received packets.
         num_bytes: Number of received bytes.
         seconds: Decoding time in seconds.

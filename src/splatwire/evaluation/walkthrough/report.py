@@ -28,7 +28,7 @@ class Pictures:
         self.taken: list[tuple[float, str, str]] = []
 
     def add(self, seconds: float, shown: np.ndarray, reference: np.ndarray) -> None:
-        """Stores the image and the reference image at a time, RGB, uint8, if the time is one of the selected times."""
+        """Stores the image and the reference image of a time (RGB, uint8), if the report shows this time."""
         if seconds in self._wanted:
             self.taken.append((seconds, jpeg(shown), jpeg(reference)))
 

@@ -69,10 +69,7 @@ def load_torch_file(path: Path) -> Any:
 
 
 def is_plain(value: Any) -> bool:
-    """Returns True if `value` is a dense CPU tensor of finite numbers, within the size limit for tensor files.
-
-    A tensor with a stride of 0 can claim more numbers than its file has bytes, so the size is checked first.
-    """
+    """Returns True if a value from a checkpoint is a safe tensor: dense, on the CPU, finite, and not too large."""
     if not isinstance(value, Tensor) or value.layout != torch.strided or value.device.type != "cpu":
         return False
     if value.is_complex() or value.is_quantized or 4 * value.numel() > MAX_TENSOR_FILE_BYTES:

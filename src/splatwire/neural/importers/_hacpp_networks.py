@@ -48,11 +48,11 @@ def two_layer_network(
 
 
 def channel_networks(state: Mapping[str, Tensor]) -> tuple[tuple[Mlp, ...], tuple[int, ...]]:
-    """Builds the channel-context networks and derives the sizes of the feature groups.
+    """Builds the networks that predict feature channels (HAC++'s channel context) from the tensors of a checkpoint.
 
-    Each network predicts one group of feature channels from the previous groups and the prior. In HAC++'s small
-    variant, trained constants replace the network of the first group, and the other networks lack the prior as an
-    input. This variant is converted to the full networks with zero weights for the missing inputs.
+    Each network predicts one group of channels from the previous groups and the output of the prior network. HAC++'s
+    small variant lacks some inputs, and has constants in place of the first network. It is converted to full networks
+    with zero weights.
 
     Returns:
         One network per feature group, and the number of channels of each group.
@@ -130,9 +130,9 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network that returns `values` for every input; the network has `num_prior` inputs.
+    """Builds a network with `num_prior` inputs that ignores them and returns the constants `values`.
 
-    HAC++'s small variant has trained constants in place of the network of the first feature group.
+    HAC++'s small variant has such constants in place of the network of the first feature group.
     """
     bias = values.detach().float().flatten()
     nothing = Linear(torch.zeros(1, num_prior), torch.zeros(1))

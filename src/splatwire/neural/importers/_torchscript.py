@@ -192,9 +192,11 @@ class _Tensors:
         return self._storages[key]
 
     def tensor(self, function: str, arguments: tuple[Any, ...]) -> Tensor:
-        """Returns the tensor that a call of `_rebuild_tensor_v2` describes; the call is part of the pickle.
+        """Builds a tensor from a pickled call of `_rebuild_tensor_v2`, without executing the call.
 
-        The function is not called. Its arguments name the storage, the shape and the strides of the tensor.
+        Args:
+            function: Name of the called function.
+            arguments: Arguments of the call: the values of the storage, the offset, the shape and the strides.
 
         Raises:
             ValueError: If the called function is not `_rebuild_tensor_v2`, or the tensor is not a contiguous part of

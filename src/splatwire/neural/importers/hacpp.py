@@ -37,23 +37,23 @@ _MASK_THRESHOLD = 0.01
 
 @checked
 def import_hacpp(model_dir: Path) -> AnchorScene:
-    """Reads an official HAC++ model folder.
+    """Reads an official HAC++ model folder. Nothing in the files is executed.
 
     Reads the newest `point_cloud/iteration_*` (`point_cloud.ply` or `point_cloud.ply.xz`, `checkpoint.pth`) and the
     bounds `bitstreams/x_bound_{min,max}.pkl`. The voxel size is read from `bitstreams/xyz_gpcc.npz`, `metrics.json` or
-    `cfg_args`, otherwise inferred from the positions. Nothing in the files is executed.
+    `cfg_args`, otherwise inferred from the positions.
 
-    HAC++ writes two kinds of PLY files with the same header. A file written after decoding has linear scalings and
-    masks of 0 or 1; these values are used unchanged. A file written before encoding has logarithms and logits:
-    `scaling = exp(value)`, `mask = sigmoid(value) > 0.01`. A file is assumed to be decoded if every mask is 0 or 1 and
-    no scaling is negative. From both kinds, anchors without offsets and anchors that cannot be rendered are removed,
-    and masked-out offsets become zero. The anchors keep the order of the PLY file.
+    HAC++ writes two kinds of PLY files with the same header:
 
-    Positions become the float32 nearest to `index * voxel_size`, at most one unit in the last place from the official
-    float32 product.
+    * After decoding: linear scalings, and masks of 0 or 1. Recognised by masks that are all 0 or 1 and no negative
+      scaling.
+    * Before encoding: logarithms and logits, converted by `scaling = exp(value)` and `mask = sigmoid(value) > 0.01`.
 
-    In HAC++'s variant for Synthetic-NeRF, the networks of the channel context lack the prior as an input. They are
-    imported with zero weights for this input. The channel context affects only the bit rate, not decoded values.
+    Anchors without offsets and anchors that cannot be rendered are removed; masked-out offsets become zero. The anchors
+    keep the order of the PLY file. Positions become the float32 nearest to `index * voxel_size`.
+
+    HAC++'s variant for Synthetic-NeRF has smaller channel-context networks, which are extended with zero weights. These
+    networks affect only the bit rate, not decoded values.
 
     Args:
         model_dir: The folder that HAC++ calls its model path.

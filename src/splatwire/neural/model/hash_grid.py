@@ -20,10 +20,10 @@ def unit_coordinates(grid: HashGrid, positions: Float[Tensor, "N 3"]) -> Float[T
 def corner_rows(
     unit: Float[Tensor, "N dims"], resolution: int, num_rows: int
 ) -> tuple[Int64[Tensor, "N corners"], Float[Tensor, "N corners"]]:
-    """Returns the table rows of the grid points around each position, and their interpolation weights, on one level.
+    """Finds the grid points around each position on one level of the hash grid: table rows and interpolation weights.
 
-    Corners on the border of the level (coordinate 0 or resolution - 1) get weight 0. The other weights are divided by
-    their sum, so that the weights add up to 1 inside the box. Outside the box all weights are 0.
+    Corners on the border of the level get weight 0, and the other weights are divided by their sum. Outside the box all
+    weights are 0.
 
     Args:
         unit: Positions in coordinates of the bounding box, [0, 1] per axis inside the box.
@@ -61,15 +61,18 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Returns the terms from which the indices of table rows are computed: one per axis and neighbouring grid point.
+    """Computes the terms that are combined to the table row index of each grid point.
 
-    The index of a grid point's row is the sum of its terms over all axes if the level has a row for every grid point.
-    Otherwise it is a hash: the XOR of its terms, modulo the number of rows.
+    The index is the sum of the terms over the axes if the table has a row for every grid point. Otherwise it is a hash:
+    the XOR of the terms, modulo the number of rows.
 
     Args:
-        at: Coordinates of the two neighbouring grid points per axis.
+        at: Coordinates of the lower and the upper neighbouring grid point along each axis.
         resolution: Number of grid points of the level per axis.
         num_rows: Number of table rows of the level.
+
+    Returns:
+        One term for each of these coordinates.
     """
     dims = at.shape[1]
     strides = [resolution**d for d in range(dims)]

@@ -1,4 +1,4 @@
-"""Outputs of the network that predicts the prior of an anchor's attributes from its position (HAC++)."""
+"""Outputs of HAC++'s prior network, which predicts the distributions of an anchor's attributes from its position."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,15 @@ from splatwire.types.anchor_config import ModelConfig
 
 @dataclass(frozen=True, eq=False)
 class PriorOutputs:
-    """Outputs of the prior network for N anchors, before any clamping or activation.
+    """Outputs of the prior network, which predicts the distributions of an anchor's attributes from its position.
+
+    There is one row per anchor. Values are neither clamped nor activated.
 
     Attributes:
         feature_mean: Mean of each feature channel.
         feature_scale: Standard deviation of each feature channel, unclamped.
-        feature_weight: Logit of the weight that the prior's Gaussian has in the mixture of each feature channel; the
-            other Gaussian is that of the channel context.
+        feature_weight: Logit of the weight of this prediction for each feature channel. The coder mixes it with the
+            prediction from the previous channels (channel context).
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.
         offset_mean: Mean of each offset coordinate, offset-major.
@@ -38,7 +40,9 @@ class PriorOutputs:
 
 
 def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> PriorOutputs:
-    """Splits the output of the prior network by meaning; the result shares memory with `outputs`.
+    """Splits the output columns of the prior network into means, standard deviations, weights and step logits.
+
+    The result shares memory with `outputs`.
 
     Args:
         outputs: Output of the network `ContextModel.prior`, with `ModelConfig.prior_dim` columns.
@@ -51,8 +55,8 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
     """Returns a typical standard deviation of each channel of an attribute after rounding.
 
-    It is computed from the median of the predicted standard deviations. Its square is increased by `step**2 / 12`, the
-    variance of the rounding error.
+    It combines the median of the predicted standard deviations with the rounding error, whose variance is `step**2 /
+    12`.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.

@@ -89,9 +89,13 @@ def project_tensors(
 
 
 def _radii(covs2d: Float[Tensor, "N 3"], near: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
-    """Returns three standard deviations along the longest axis, rounded up to pixels.
+    """Returns three standard deviations along the longest axis of each projected Gaussian, rounded up to pixels.
 
     As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
+
+    Args:
+        covs2d: Entries xx, xy, yy of the covariances, square pixels.
+        near: Mask of the Gaussians closer than the near plane, whose result is 0.
     """
     xx, xy, yy = covs2d.unbind(dim=1)
     middle = (xx + yy) / 2

@@ -43,7 +43,14 @@ def render_differentiable(
 
 
 def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
-    """Renders one view for training; with `watched`, gradients with respect to the 2D centres are returned, too."""
+    """Renders one view for training.
+
+    Args:
+        gaussians: The Gaussians to render.
+        cameras: Camera of the view.
+        background: RGB of the background.
+        watched: True to collect the gradients with respect to the 2D centres, too.
+    """
     probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
     return Drawing(render_differentiable(gaussians, cameras, background=background, probe=probe)[0], probe)
 

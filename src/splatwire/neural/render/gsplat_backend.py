@@ -44,7 +44,14 @@ class GsplatRenderer:
         return self._rasterize(moved, cameras, background)[0].to(home)
 
     def draw(self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
-        """Renders one view for training; with `watched`, gradients with respect to the 2D centres are returned, too."""
+        """Renders one view for training.
+
+        Args:
+            gaussians: The Gaussians to render.
+            cameras: Camera of the view.
+            background: RGB of the background.
+            watched: True to collect the gradients with respect to the 2D centres, too.
+        """
         images, centers = self._rasterize(gaussians, cameras, background)
         if watched:
             centers.retain_grad()

@@ -21,10 +21,9 @@ def signs(values, out):
 @njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
-    """Sets the gradient to zero where the trained value is outside [-1, 1], in place.
+    """Sets the gradient to zero where the trained value is outside [-1, 1], in place (straight-through gradient).
 
-    The hash grid uses only the signs of trained values. Straight-through training treats the sign function as the
-    identity inside this range and as constant outside of it.
+    The hash grid uses only the signs of the trained values.
     """
     for i in prange(values.shape[0]):
         if not (-1 <= values[i] <= 1):
@@ -105,17 +104,15 @@ def _scatter_level(upstream, rows, weights, index, column, gradient):
 @njit(parallel=True)
 @no_type_check
 def scatter(upstream, rows3, weights3, rows2, weights2, index, gradient):
-    """Adds the gradient with respect to the tables of the hash grid to `gradient`: back-propagation of `interpolate`.
-
-    Levels are processed in parallel, because no two levels share rows of the tables.
+    """Computes the gradient with respect to the tables of the hash grid, and adds it to `gradient`.
 
     Args:
         upstream: Gradient with respect to the result of `interpolate`.
-        rows3: As in `interpolate`.
-        weights3: As in `interpolate`.
-        rows2: As in `interpolate`.
-        weights2: As in `interpolate`.
-        index: As in `interpolate`.
+        rows3: Table rows of the corners on the 3D levels, for all positions.
+        weights3: Interpolation weights of these corners.
+        rows2: Table rows of the corners on the levels of the planes, for all positions.
+        weights2: Interpolation weights of these corners.
+        index: Indices of the positions that were interpolated.
         gradient: Gradient with respect to the tables, changed in place.
     """
     depth, levels3 = gradient.shape[1], rows3.shape[0]

@@ -11,13 +11,12 @@ from splatwire.neural.training.state import TrainState
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
     """Returns the iteration after which the averaging of parameters begins.
 
-    Parameters are averaged over the last iterations, but not over iterations in which anchors are added and removed.
-    The fine-tuning at the end (`Milestones.tuning`) has an average of its own.
+    Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of the
+    fine-tuning. Iterations in which anchors are added and removed are excluded.
 
     Args:
         config: The configuration.
-        iteration: Current iteration. If it is part of the fine-tuning, the start of the average of the fine-tuning is
-            returned; otherwise, that of the average before it.
+        iteration: Current iteration, which selects one of the two averages.
     """
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):

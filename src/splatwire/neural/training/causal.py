@@ -1,7 +1,7 @@
-"""The causal context model in training, which adds noise in place of rounding and estimates the rate.
+"""The causal context model (each attribute is predicted from those coded before it) while it is trained.
 
-The noise is uniform and as wide as a quantisation step; steps are learnt. The rate is estimated from a random sample of
-anchors.
+In place of rounding, uniform noise as wide as a quantisation step is added to the attributes. The quantisation steps
+are trained, too. The bit rate is estimated from a random sample of anchors.
 """
 
 import math
@@ -35,7 +35,7 @@ NARROW = 0.5
 
 
 class TrainedCausal:
-    """The causal model in training; implements `splatwire.neural.training.models.TrainedModel`.
+    """The causal context model while it is trained; implements `splatwire.neural.training.models.TrainedModel`.
 
     Args:
         config: The configuration.
@@ -50,9 +50,9 @@ class TrainedCausal:
         self._inputs: Tensor | None = None
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration of the context phase; otherwise does nothing.
+        """Initialises the networks before the first iteration whose loss includes the bit rate (context phase).
 
-        In the context phase, the loss includes the rate.
+        Does nothing before all other iterations.
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)
@@ -78,8 +78,8 @@ class TrainedCausal:
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
-            masks; and the rate of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
+            offset masks. The estimated bits of the sample, None before the context phase.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         masks = straight_through_masks(state, config, visible)[0]
@@ -147,9 +147,8 @@ def noisy_numbers(
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 4"], Float[Tensor, "M O"]]:
     """Returns features, logarithms of scale and sizes, and offsets of anchors, with noise in place of rounding.
 
-    The noise is uniform and as wide as the quantisation steps. A Gaussian's position is its offset times the anchor's
-    scale. Noise on the scale would move all Gaussians of the anchor, so the offsets are first multiplied by the ratio
-    of the scales without and with noise. An encoder does the same with the rounded scale.
+    The noise is uniform and as wide as the quantisation steps. Offsets are multiplied by the anchor's scale, so they
+    are first corrected for the noise of the scale. An encoder does the same with the rounded scale.
 
     Args:
         state: State of the training.
@@ -195,7 +194,7 @@ def anchor_bits(
     Args:
         state: State of the training.
         config: Shapes of anchors and networks.
-        place: Inputs of the position network.
+        place: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_numbers`).
         steps: Quantisation steps of these values (`channel_steps`).
         masks: Straight-through masks of offsets and of anchors.
@@ -237,7 +236,11 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns the code length of each offset's mask bit, in bits, if the offset exists and if it does not."""
+    """Returns the bits that code whether each offset exists: one array if it exists, one if it does not.
+
+    Args:
+        predicted: Predictions of the causal model.
+    """
     softplus = torch.nn.functional.softplus
     return softplus(-predicted.exists) / math.log(2), softplus(predicted.exists) / math.log(2)
 
@@ -260,12 +263,12 @@ def number_bits(
 
 @torch.no_grad()
 def calibrate_causal(state: TrainState, config: TrainConfig, place: Float[Tensor, "N P"]) -> None:
-    """Initialises the networks' outputs with the current mean and standard deviation of each channel.
+    """Initialises the causal model so that it predicts the present mean and standard deviation of each channel.
 
     Args:
         state: State of the training; the networks are changed in place.
         config: The configuration.
-        place: Inputs of the position network for all anchors.
+        place: Positions of all anchors and their positional encoding, as inputs of the position network.
     """
     model, parameters = config.causal, state.parameters
     alive = state.masks(config.mask_threshold).any(dim=1)

@@ -1,7 +1,7 @@
-"""The causal context model in training on a GPU: results as in `splatwire.neural.training.causal`, in fewer operations.
+"""The causal context model while it is trained on a GPU; same results as `splatwire.neural.training.causal`.
 
-Visible and sampled anchors are processed together (gathering, noise, masks). All networks are packed into one network,
-because in training, unlike in decoding, the inputs of every network are known from the start.
+The code needs fewer GPU operations. Visible and sampled anchors are processed together, and all networks are packed
+into one.
 """
 
 import math
@@ -29,7 +29,7 @@ _CHUNK = 1 << 16
 
 
 class DeviceCausal(TrainedCausal):
-    """The causal context model in training on a GPU; see `TrainedCausal` for the arguments."""
+    """The causal context model while it is trained on a GPU; see `TrainedCausal` for the arguments."""
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
         """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
@@ -41,8 +41,8 @@ class DeviceCausal(TrainedCausal):
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
-            masks; and the rate of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
+            offset masks. The estimated bits of the sample, None before the context phase.
         """
         config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
         widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)
@@ -123,7 +123,12 @@ class DeviceCausal(TrainedCausal):
 
 
 def column_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
-    """Returns the quantisation step of each attribute value of an anchor: features, logarithms of sizes, offsets."""
+    """Returns the quantisation step of each attribute value of an anchor: features, logarithms of sizes, offsets.
+
+    Args:
+        logs: Logarithms of the trained quantisation steps.
+        config: Shapes of anchors and networks.
+    """
     return logs.exp().index_select(0, _step_of_column(config, logs.device))
 
 
@@ -141,13 +146,13 @@ def sample_bits(
     values: Float[Tensor, "M D"],
     offset_mask: Float[Tensor, "M K"],
 ) -> Float[Tensor, "M"]:
-    """Estimates the bits of each anchor: attribute values, offset mask and, approximately, position.
+    """Estimates the bits of each anchor: attribute values, offset mask and approximate bits of the position.
 
     Args:
         networks: The networks by name.
         config: Shapes of anchors and networks.
-        place: Inputs of the position network.
-        values: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
+        place: Positions of the anchors and their positional encoding, as inputs of the position network.
+        values: Features, logarithms of sizes, and offsets, in quantisation steps, with noise in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     layout, order = config.layout, _output_order(config)
@@ -195,11 +200,11 @@ class _NumberBits(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class _OutputOrder:
-    """Order of the packed networks' outputs: all means, all standard deviations, then the logits of the offset masks.
+    """Order of the packed networks' outputs: all means, then all standard deviations, then the logits of offset masks.
 
     Attributes:
-        outputs: Indices into the concatenated outputs of all networks except the position network.
-        numbers: Number of values per anchor.
+        outputs: For each output in this order, its index when the outputs of the networks are simply concatenated.
+        numbers: Number of means (as of standard deviations): attribute values per anchor.
     """
 
     outputs: tuple[int, ...]

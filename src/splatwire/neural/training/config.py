@@ -116,21 +116,19 @@ class GrowthRules:
     Attributes:
         gradient_threshold: Threshold on the mean length of the gradient of a Gaussian's 2D centre, in coordinates
             relative to half of the image size. An anchor is added near a Gaussian above the threshold. This value is
-            for the coarsest grid (see `levels`); the threshold doubles from each grid to the next finer one.
-        seen_share: Share of the iterations between two changes of the set of anchors. An anchor is only removed if it
-            was visible in a larger share. Anchors are only added near offsets that were drawn in more than half of this
-            share.
+            for the coarsest grid; the threshold doubles for each finer grid.
+        seen_share: Minimum share of the iterations between two changes in which an anchor must be visible to be
+            removed. Half of this share is the minimum for an offset near which an anchor is added.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, on average
             over the views that saw it.
-        levels: Number of grids (levels), from coarse to fine. At each change, a grid cell without an anchor gets at
-            most one.
+        levels: Number of grids whose cells receive new anchors, from coarse to fine. At each change, a cell without an
+            anchor gets at most one.
         coarsest_cell: Cell size of the coarsest grid, in voxels.
         cell_ratio: Ratio of the cell sizes of consecutive grids; grids with cells below one voxel are skipped.
         max_log_size: Upper bound on the logarithm of an anchor's base size, world units.
         max_anchors: Maximum number of anchors.
         first_pruning: First iteration in which anchors may be removed, for any length of the run. Random initial points
-            are mostly transparent until the networks are trained. On 200x200 views of Lego, 19 of 20 anchors were
-            transparent at iteration 150, and with more points all anchors were removed.
+            are mostly transparent until the networks are trained.
     """
 
     gradient_threshold: float = 0.0002
@@ -141,6 +139,8 @@ class GrowthRules:
     cell_ratio: int = 4
     max_log_size: float = 0.05
     max_anchors: int = 4_000_000
+    # On 200x200 views of Lego, 19 of 20 anchors were transparent at iteration 150, and with more points all anchors
+    # were removed.
     first_pruning: int = 0
 
 
@@ -178,12 +178,12 @@ class RefineConfig:
         batch: Number of anchors per Adam step.
         network_rate: Initial learning rate of the networks. Network outputs are scaled by the predicted standard
             deviations, so that one learning rate suits all outputs.
-        grid_rate: Initial learning rate of the latent values behind the grid's signs.
-        latent: Initial magnitude of these latent values.
-        step_weight: Penalty in bits per squared change of a quantisation step's logit. Coarser quantisation steps would
-            save bits, but change the scene.
+        grid_rate: Initial learning rate of the real numbers whose signs are the entries of the hash grid.
+        latent: Initial magnitude of these real numbers.
+        step_weight: Penalty in bits per squared change of a quantisation step's logit. Without a penalty, steps would
+            become coarser, which saves bits but changes the scene.
         grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors. It is above 1 because the grid
-            is side information, which also needs bytes for protection against loss.
+            also needs bytes for protection against loss.
         seed: Seed of the random choice of anchors.
     """
 
@@ -210,19 +210,19 @@ class LossTraining:
     Attributes:
         models: Loss models in the syntax of `splatwire.channel.parse_loss`. An iteration with packet loss uses one of
             them at random. Empty for no packet loss.
-        first: Shares of the anchors (most important first) that arrive while all other anchors are lost. This simulates
-            a receiver that has only the first quality tiers of a stream. An iteration with packet loss uses one of
+        first: Shares of the anchors that are received, the most important ones, while all others are lost. This
+            simulates receivers with only the first quality tiers of a stream. An iteration with packet loss uses one of
             these shares or one of `models` at random.
         packets: Names of packetizations (`packetization_named`); an iteration with packet loss uses one of them at
-            random. The losses of the paper's packetization are concentrated in some regions. Training with it instead
-            of `spread` makes snowmiku_small 0.2 to 0.4 dB better, with and without loss (two trainings), and lego 0.1
-            dB worse.
+            random.
         share: Share of iterations with packet loss, in the fine-tuning. Without fine-tuning, in the iterations after
             the phase in which anchors are added and removed.
     """
 
     models: tuple[str, ...] = ()
     first: tuple[float, ...] = ()
+    # The losses of the packetization `paper` are concentrated in some regions. Training with it instead of `spread`
+    # makes snowmiku_small 0.2 to 0.4 dB better, with and without loss (two trainings), and lego 0.1 dB worse.
     packets: tuple[str, ...] = ("paper", "datagram")
     share: float = 0.5
 

@@ -82,7 +82,7 @@ class AnchorCache:
 
 
 class TrainedContext:
-    """The HAC++ context model in training; implements `splatwire.neural.training.models.TrainedModel`.
+    """The HAC++ context model while it is trained; implements `splatwire.neural.training.models.TrainedModel`.
 
     Args:
         config: The configuration.
@@ -94,24 +94,24 @@ class TrainedContext:
         self._config, self._kernels, self._cache = config, kernels, cache
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration of the context phase; otherwise does nothing.
+        """Initialises the networks before the first iteration whose loss includes the bit rate (context phase).
 
-        In the context phase, the loss includes the rate.
+        Does nothing before all other iterations.
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
             calibrate_prior(state, self._config)
 
     def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleBits | None]:
-        """Determines the quantisation steps of the visible anchors, and estimates the rate of a sample of all anchors.
+        """Determines the quantisation steps of the visible anchors, and estimates the bits of a sample of all anchors.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
 
         Returns:
-            The steps, None in the first phase of the training, in which attributes get no noise; and the rate, None
-            before the context phase, from which on the rate is part of the loss.
+            Quantisation steps; None in the first phase of the training, which has no noise. Estimated bits of the
+            sample; None unless the loss includes the bit rate (context phase).
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         if phase is Phase.PLAIN:
@@ -136,8 +136,8 @@ class TrainedContext:
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
-            masks; and the rate of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
+            offset masks. The estimated bits of the sample, None before the context phase.
         """
         steps, rate = self.quantise(state, visible)
         drawn = (
@@ -196,7 +196,7 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
 
 
 def step_columns(prior: Mlp) -> Mlp:
-    """Reduces the prior network to its last three outputs, the logits of the quantisation steps."""
+    """Returns a smaller network: the prior network with only its last three outputs, the quantisation-step logits."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 
@@ -294,9 +294,9 @@ def _channel_likelihood(
     outputs: PriorOutputs,
     step: Float[Tensor, "M 1"],
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
-    """Returns the probability of each feature according to the channel-context networks.
+    """Returns the probability of each feature as predicted by the channel networks.
 
-    The networks predict a group of feature channels from the groups before it and from the prior.
+    Each network predicts a group of feature channels from the previous groups and the output of the prior network.
 
     Args:
         channels: Channel networks, one per group.
@@ -306,8 +306,8 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        Probability of each feature; and, as a logit, the weight of this probability in the mixture with the one that
-        the prior network predicts.
+        Probability of each feature, and the logit of its weight. The coder mixes it with the probability that the prior
+        network predicts.
     """
     shared = torch.cat([outputs.feature_mean, outputs.feature_scale, outputs.feature_weight], dim=1)
     parts, before = [], 0
@@ -320,10 +320,9 @@ def _channel_likelihood(
 
 @torch.no_grad()
 def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
-    """Initialises the context networks' outputs with the current mean and standard deviation of the attributes.
+    """Initialises the context networks so that they predict the present mean and standard deviation of each attribute.
 
-    With random outputs, the standard deviations of half of the channels would be negative, and would improve only
-    slowly.
+    From random outputs, training would improve the predictions only slowly.
     """
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:
@@ -331,6 +330,7 @@ def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
     columns = []
     for values, base in zip(state.attributes(alive), config.hacpp.base_steps, strict=True):
         columns.append((values.mean(dim=0), values.std(dim=0).clamp(min=0.5 * base)))
+    # With random outputs, the standard deviations of half of the channels would be negative.
     weight, bias = state.networks.context_prior.output.weight, state.networks.context_prior.output.bias
     (f_mean, f_spread), (s_mean, s_spread), (o_mean, o_spread) = columns
     zeros = torch.zeros_like(f_mean)

@@ -1,7 +1,6 @@
-"""Visible anchors and Gaussians of a view on a GPU, with few operations and a single synchronisation.
+"""Visible anchors of a view, their Gaussians and growth statistics, computed on a GPU with little synchronisation.
 
-The host waits for the GPU when it reads a count, so only the visible anchors are counted. All offsets of these anchors
-become Gaussians. Those of offsets that do not exist have opacity 0, and the renderer skips them.
+All offsets of visible anchors become Gaussians. Those of offsets that do not exist have opacity 0 and are not drawn.
 """
 
 from dataclasses import dataclass

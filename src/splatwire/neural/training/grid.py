@@ -68,14 +68,14 @@ def interpolate_signs(
     corners: GridCorners,
     index: Int64[Tensor, "M"],
 ) -> Float[Tensor, "M H"]:
-    """Interpolates the signs of the hash grid's tables at positions; compiled, on the CPU.
+    """Interpolates the hash grid at positions, with the signs of the trained tables as entries; compiled, on the CPU.
 
-    The gradient of a table value is that of its sign if the value is within [-1, 1], else 0 (straight-through).
+    Gradients are straight-through: the sign function counts as the identity within [-1, 1] and as constant outside.
 
     Args:
-        volume: The 3D table, all levels.
-        planes: The tables of the planes.
-        corners: Table rows and weights of all positions.
+        volume: The trained 3D table, all levels.
+        planes: The trained tables of the planes xy, xz and yz.
+        corners: Table rows and interpolation weights of all positions.
         index: Indices of the positions at which to interpolate.
     """
     tables = torch.cat([volume, planes.flatten(0, 1)])
@@ -95,9 +95,13 @@ def hard_sign(values: Tensor) -> Tensor:
 
 
 def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D"]) -> Float[Tensor, ""]:
-    """Returns the code length of all signs of the hash grid in bits, with a straight-through gradient.
+    """Estimates the bits of all signs of the hash grid in the stream, with a straight-through gradient.
 
-    The coder is assumed to know the share of +1 among all signs.
+    This is the entropy, given the share of +1 among all signs.
+
+    Args:
+        volume: The trained 3D table, whose signs are coded.
+        planes: The trained tables of the planes xy, xz and yz.
     """
     count = volume.numel() + planes.numel()
     signs = (straight_through_sign(volume).sum() + straight_through_sign(planes).sum()) / count
@@ -106,9 +110,9 @@ def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D
 
 
 class _InterpolateSigns(torch.autograd.Function):
-    """Interpolates the hash grid of signs with compiled kernels, as a differentiable function.
+    """Autograd function that interpolates the hash grid of signs with compiled kernels.
 
-    A single thread sums the gradient of a level in the order of `index`, so results are reproducible.
+    Gradients are summed in a fixed order, so results are reproducible.
     """
 
     @staticmethod

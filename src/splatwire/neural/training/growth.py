@@ -113,8 +113,8 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
     Args:
         state: State of the training; changed in place.
         config: The configuration.
-        gradients: Mean gradient length of each offset's 2D centre; negative for offsets that too few views have drawn.
-        uniform: Draws the random numbers that select a share of the candidate Gaussians.
+        gradients: Mean gradient length of each offset's 2D centre; negative for offsets drawn in too few views.
+        uniform: Draws the random numbers by which candidates are skipped.
     """
     rules, first = config.growth, state.num_anchors
     for level in range(rules.levels):
@@ -133,8 +133,8 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     Args:
         state: State of the training; changed in place.
         config: The configuration.
-        chosen: Mask of the chosen Gaussians, by anchor and offset. It covers the first M anchors only, without those
-            that were added for coarser grids.
+        chosen: Mask of the chosen Gaussians, by anchor and offset, for the M anchors that existed before this round of
+            additions.
         cell: Cell size in voxels.
     """
     anchor_index, offset_index = chosen.nonzero().unbind(dim=1)

@@ -223,9 +223,9 @@ def _voxels(points: Float[Tensor, "P 3"], voxel_size: float) -> Int64[Tensor, "N
 
 
 def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
-    """Derives a voxel size from the spacing of points.
+    """Derives a voxel size from the spacing of points: the median of the mean squared distance to three neighbours.
 
-    It is the median over points of the mean squared distance to three neighbours. As in HAC++, no square root is taken.
+    As in HAC++, the squared distance is used as a length, without a square root.
     """
     size = float(mean_squared_distance(torch.unique(points, dim=0)).median())
     if not (math.isfinite(size) and size > 0):

@@ -59,7 +59,14 @@ def noise_from_host(
 def noise_on_device(
     rows: int, widths: Sequence[int], generator: torch.Generator, device: torch.device
 ) -> Float[Tensor, "rows width"]:
-    """Draws a matrix of uniform random numbers in [0, 1) on a device; see `noise_from_host` for the arguments."""
+    """Draws a matrix of uniform random numbers in [0, 1) on a device.
+
+    Args:
+        rows: Number of rows.
+        widths: Numbers of columns of consecutive groups of columns; only their sum matters here.
+        generator: Random generator, on the CPU, that gives the seed.
+        device: Device of the result.
+    """
     return uniform_on_device(torch.Size([rows, sum(widths)]), generator, device)
 
 
@@ -108,7 +115,7 @@ DEVICE_RANDOMNESS = Randomness(uniform_on_device, noise_on_device, sample_on_dev
 
 @dataclass(frozen=True)
 class Kernels:
-    """Functions for the expensive operations of a training iteration, in implementations for one kind of device.
+    """Expensive operations of a training iteration, implemented for one kind of device.
 
     Attributes:
         draw: Renders a view.
@@ -117,9 +124,9 @@ class Kernels:
         photometric_loss: Compares a rendered picture with a photo (`neural.training.losses`).
         adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
         random: Functions that draw random numbers.
-        asynchronous: True if the host only queues operations for a device. Few large operations without
-            synchronisation are then faster, even if they compute unused values.
-        report_interval: Number of iterations between two readings of the loss by the host.
+        asynchronous: True if the host queues operations for a GPU. Few large operations are then faster, even if they
+            compute unused values.
+        report_interval: Number of iterations between two readings of the loss by the host, which waits for the device.
     """
 
     draw: TrainingRenderer

@@ -19,9 +19,10 @@ class TrainedModel(Protocol):
     """Protocol of a context model in training, which adds noise in place of quantisation and estimates the rate."""
 
     def begin(self, state: TrainState) -> None:
-        """Prepares the model before an iteration; for instance, initialises its networks before the context phase.
+        """Prepares the model before an iteration.
 
-        In the context phase, the loss includes the rate.
+        An implementation initialises its networks before the first iteration whose loss includes the bit rate (context
+        phase).
         """
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
@@ -34,8 +35,8 @@ class TrainedModel(Protocol):
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase); their
-            masks; and the rate of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
+            offset masks. The estimated bits of the sample, None before the context phase.
         """
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:

@@ -45,12 +45,11 @@ class PackedNetworks:
 
 
 def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetworks:
-    """Combines several two-layer networks into one network; differentiable in the weights and biases.
+    """Combines several two-layer networks into one, which a GPU evaluates faster; differentiable in weights and biases.
 
     Args:
-        networks: The networks; all have the same slope for negative inputs of the ReLU.
-        order: For each output of the combined network, the index of this output in the concatenated outputs of all
-            networks.
+        networks: The networks; all have the same slope for negative inputs of the (leaky) ReLU.
+        order: Order of the outputs of the combined network, as indices into the concatenated outputs of all networks.
     """
     tensors = [
         tensor
@@ -75,8 +74,8 @@ def _copy_indices(
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
     """Computes where each weight of several networks is in the combined network, and the reverse.
 
-    The weights of the networks are numbered as one list, followed by a zero. Entries of the combined weight matrices
-    that belong to no network are copies of this zero.
+    All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to no
+    network are copies of this zero.
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
@@ -85,7 +84,7 @@ def _copy_indices(
 
     Returns:
         For each weight of the combined network, its index in the list; for each weight in the list, its index in the
-        combined network; and the zero to append.
+        combined network; and the zero.
     """
     numbers = sum(hidden * (inputs + 1 + outputs) + outputs for inputs, hidden, outputs in shapes)
     num_hidden, num_outputs = sum(shape[1] for shape in shapes), sum(shape[2] for shape in shapes)
@@ -110,9 +109,9 @@ def _copy_indices(
 
 
 class _Packed(torch.autograd.Function):
-    """Autograd function that gathers the weights of several networks in one tensor, by index.
+    """Autograd function that copies the weights of several networks to their places in one combined tensor.
 
-    Its gradient is also computed by index, because each weight is used exactly once.
+    Each weight is used once, so its gradient is copied back by index.
     """
 
     @staticmethod

@@ -52,14 +52,14 @@ class Loss:
     size_gain: Float[Tensor, "N"]
 
     def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
-        """Selects those visible anchors that were received.
+        """Selects the received ones of the visible anchors, for rendering.
 
         Args:
             visible: Indices of the visible anchors.
-            seen: Attributes and masks of the visible anchors.
+            seen: Attributes and offset masks of the visible anchors.
 
         Returns:
-            Indices of the received visible anchors, their attributes and masks, and factors on the sizes of their
+            Indices, attributes and masks of the selected anchors, and the factor by which concealment enlarges their
             Gaussians.
         """
         kept = self.known[visible]
@@ -90,13 +90,13 @@ class PacketLosses:
 
     @property
     def _last_lossless(self) -> int:
-        """Last iteration without simulated packet loss.
+        """Last iteration before packet loss is simulated.
 
-        Packet loss is simulated only late in the training: from the end of the growth phase, in which anchors are added
-        and removed. With fine-tuning, it is simulated only in the fine-tuning. Earlier packet loss reduces the quality
-        of short trainings, measured with and without packet loss (lego, 600 iterations). With `LossTraining.first`, it
-        always starts at the end of the growth phase, because the order of anchors by importance still changes after it.
+        Packet loss is simulated only in the fine-tuning, or, without fine-tuning, after the set of anchors is fixed.
+        With `LossTraining.first`, it always starts when the set of anchors is fixed.
         """
+        # Earlier packet loss reduces the quality of short trainings, measured with and without packet loss (lego, 600
+        # iterations). With `LossTraining.first`, the order of anchors by importance still changes after the growth.
         milestones = self._config.milestones
         return (
             milestones.fine_tuning_start
@@ -109,10 +109,10 @@ class PacketLosses:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Prepares the state for iterations with packet loss, at fixed intervals: removes anchors without offsets.
+        """Removes anchors without offsets, which no packet contains, before an iteration with packet loss.
 
-        If the training simulates receivers that have only the most important anchors (`LossTraining.first`), the
-        anchors are also sorted by importance. Does nothing before the first iteration with packet loss.
+        This is done at fixed intervals, as it takes time. If only the most important anchors are received in some
+        iterations (`LossTraining.first`), the anchors are also sorted by importance now and then.
 
         Args:
             state: State of the training before an iteration; changed in place.
@@ -148,7 +148,12 @@ class PacketLosses:
 
     @torch.no_grad()
     def keep_first(self, state: TrainState, share: float) -> Loss | None:
-        """Simulates that only the first `share` of the anchors is received; `begin` sorts them by importance."""
+        """Simulates that only the most important anchors are received, a given share of all anchors.
+
+        Args:
+            state: State of the training, with anchors sorted by importance (`begin`).
+            share: Share of the anchors, 0 to 1.
+        """
         self._update_order(state)
         return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
 
@@ -167,7 +172,8 @@ class PacketLosses:
                 by a hash.
 
         Returns:
-            The received anchors and their enlargement; None if all anchors or no anchors are received.
+            Received anchors, and factors by which their Gaussians are enlarged to cover gaps. None if all or no anchors
+            are received.
         """
         self._update_order(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
@@ -180,10 +186,10 @@ class PacketLosses:
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
-            cut_off: True if the received anchors are exactly the first quality tier of the stream.
+            cut_off: True if exactly the most important anchors, the first quality tier, are received.
 
         Returns:
-            The loss, with anchors in the order of the state.
+            Received anchors and enlargement factors, in the order of the state.
         """
         if bool(known.all()) or not bool(known.any()):
             return None
@@ -203,18 +209,18 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the anchor sizes from which a receiver with only the first importance tier conceals the other tiers.
+        """Returns the typical size of an anchor in each anchor's quality tier, for concealment.
 
-        Such a receiver does not know the size of each lost anchor, but one typical size per tier. In this simulation,
-        the received anchors are the first tier and the lost anchors the second. Sizes are relative to the larger of the
-        two.
+        A receiver does not know the sizes of lost anchors, so it uses one typical size per tier. Here the received
+        anchors are the first tier, and the lost anchors the second.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
 
         Returns:
-            Typical size of each anchor's tier, above 0 and at most 1, in coding order.
+            Typical size for each anchor in coding order, relative to the larger of the two tiers, above 0 and at most
+            1.
         """
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
@@ -222,7 +228,7 @@ class PacketLosses:
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
     def _update_order(self, state: TrainState) -> None:
-        """Recomputes the coding order and the neighbours of the anchors if anchors were added or removed."""
+        """Recomputes the coding order of the anchors and their nearest neighbours, if anchors were added or removed."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")
@@ -234,17 +240,15 @@ class PacketLosses:
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
-    """Returns the index of the packet that contains each anchor, for anchors in coding order.
+    """Returns the index of each anchor's packet, for anchors in coding order.
 
-    Packets are numbered in sending order. Packets that are sent one after another are from different parts of the
-    scene.
+    Packets are numbered in sending order. Consecutive packets contain different parts of the scene.
 
     Args:
         packetization: Rule by which anchors are split into packets.
         num_anchors: Number of anchors, N.
-        packet_anchors: Estimated number of anchors per packet; only used if the packetization distributes anchors to
-            packets by a hash. These packets are filled up to a size in bytes, so the exact number is known only after
-            coding.
+        packet_anchors: Estimated number of anchors per packet; only used with hashed grouping, where packets are filled
+            up to a size in bytes.
 
     Returns:
         Packet indices, int64 (N).
@@ -263,10 +267,10 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 
 
 def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
-    """Estimates how many anchors a packet contains, from the current bits per anchor.
+    """Estimates how many anchors a packet contains, from the estimated bits per anchor.
 
-    This is only needed for packetizations that distribute anchors to packets by a hash, and fill packets up to a size
-    in bytes. Returns 1 for all others, or if the rate is None.
+    Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number. Returns 1 for all
+    others, or if the rate is None.
     """
     if rate is None or not packetization.hashed:
         return 1

@@ -81,7 +81,7 @@ class _ScaledMlp:
         self.parameters = [tensor.detach().clone().requires_grad_() for tensor in start]
 
     def mlp(self) -> Mlp:
-        """Returns the network with outputs in their original units; differentiable."""
+        """Returns the network with its outputs scaled back to their original units; differentiable."""
         weight, bias, output, output_bias = self.parameters
         return Mlp(Linear(weight, bias), Linear(output * self._unit[:, None], output_bias * self._unit), self._slope)
 
@@ -117,7 +117,11 @@ class _BinaryGrid:
         return (each * self._read[:, None]).sum()
 
     def grid(self, grid: HashGrid) -> HashGrid:
-        """Returns `grid` with the current signs as its entries."""
+        """Returns the refined hash grid: the current signs, in the bounding box of `grid`.
+
+        Args:
+            grid: The hash grid before the refinement.
+        """
         volume, planes = (hard_sign(table.detach()).to(torch.int8) for table in (self.volume, self.planes))
         return HashGrid(volume, planes, grid.bounds_min, grid.bounds_max)
 
@@ -173,13 +177,13 @@ def _loss(
     index: Int64[Tensor, "M"],
     config: RefineConfig,
 ) -> Float[Tensor, ""]:
-    """Returns the estimated bits per anchor of the whole scene, plus the penalty for changed quantisation steps.
+    """Returns the loss of the refinement: estimated bits per anchor, plus a penalty for changed quantisation steps.
 
     Args:
         fixed: Data of the scene that does not change.
         prior: The prior network in training.
         channels: The channel networks in training.
-        signs: The hash grid in training.
+        signs: The hash grid in training, whose entries are signs.
         index: Indices of the sampled anchors.
         config: Weights of the penalty and of the grid's bits.
     """
@@ -203,7 +207,12 @@ def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Te
 
 @torch.no_grad()
 def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData, PriorOutputs]:
-    """Returns the data that the refinement does not change, and the initial outputs of the prior network."""
+    """Computes the data that stays constant during the refinement, and the initial outputs of the prior network.
+
+    Args:
+        scene: The scene.
+        anchors: Anchors to use.
+    """
     corners = find_corners(unit_coordinates(scene.hacpp.context.grid, anchors.positions), scene.hacpp.config.grid)
     volume, planes = scene.hacpp.context.grid.volume.float(), scene.hacpp.context.grid.planes.float()
     parts = [
@@ -223,10 +232,10 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns a typical value of each network output; outputs are divided by it so that one learning rate suits all.
+    """Returns the magnitude of each network output, by which outputs are divided so that one learning rate suits all.
 
-    It is the typical standard deviation that the networks predict for the attribute channel of the output. The first
-    entry is for the prior network, the others for the channel networks.
+    It is the typical predicted standard deviation of the attribute channel. The first list entry is for the prior
+    network, the others are for the channel networks.
     """
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (

@@ -55,7 +55,7 @@ def refine_causal(
 
 
 def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
-    """Returns the data of the anchors that does not change when the networks are refined.
+    """Computes the data that stays constant while the networks are refined.
 
     Args:
         scene: The scene.

@@ -53,9 +53,10 @@ def half_cosine(share: float) -> float:
 
 
 def second_half(rates: LearningRates) -> LearningRates:
-    """Returns the learning rates for fine-tuning: the published rates (HAC++) in the second half of a training.
+    """Returns learning rates for fine-tuning: those that HAC++ uses in the second half of a training.
 
-    Only the learning rate of the masks is derived from `rates`.
+    Args:
+        rates: Learning rates of the training; only the rate of the masks is used.
     """
     published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)
     halves = {name: LearningRate(math.sqrt(r.initial * r.final), r.final) for name, r in vars(published).items()}

@@ -53,13 +53,18 @@ def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState
 def _measure_size(
     state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None
 ) -> tuple[float, float | None]:
-    """Measures the size of the stream that a training state would give, in bytes.
+    """Measures the size in bytes of the stream that a training would give if it ended now.
 
-    With `estimate`, the scene is encoded only at some of the measurements. In between, the estimate is multiplied by
-    the last known ratio of encoded to estimated size.
+    Encoding is expensive, so with `estimate` the scene is encoded only every few measurements. The other measurements
+    scale the estimate by the last ratio of encoded to estimated size.
+
+    Args:
+        state: State of the training.
+        config: The configuration.
+        estimate: Function that estimates the size; None to encode the scene at every measurement.
 
     Returns:
-        The size in bytes, and this ratio; the ratio is None if `estimate` is None.
+        Size in bytes, and the ratio of encoded to estimated size; the ratio is None if `estimate` is None.
     """
     if estimate is None:
         return float(stream_bytes(export_scene(state, config))), None
@@ -102,10 +107,12 @@ def headroom(milestones: Milestones, iteration: int) -> float:
 
 
 def steered(before: Steering, miss: float) -> Steering:
-    """Returns the next state of the size control, which adjusts lambda, after a measurement of the stream's size.
+    """Computes the next state of the size controller after a measurement of the stream's size.
+
+    The controller adjusts lambda, the weight of the bit rate in the loss, so that the stream reaches its target size.
 
     Args:
-        before: The state before the measurement.
+        before: State before the measurement.
         miss: Natural logarithm of the ratio of measured size to target size.
     """
     change = INTEGRAL * miss + PROPORTIONAL * (miss - (miss if before.miss is None else before.miss))

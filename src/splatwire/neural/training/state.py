@@ -80,7 +80,7 @@ class Networks:
 
     @property
     def context_prior(self) -> Mlp:
-        """The prior network of the HAC++ model; an error with the causal model, which has no such network."""
+        """The prior network of the HAC++ model; the causal model has no such network."""
         assert self.prior is not None
         return self.prior
 
@@ -127,9 +127,9 @@ class TrainState:
             `channel.*`.
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         statistics: Statistics for adding and removing anchors.
-        bounds_min: Lower end of the range by which positions are normalised: a corner of the hash grid's box, or, with
-            the causal model, the middle of the anchors minus their spread, in voxels.
-        bounds_max: Upper end of this range: the opposite corner, or the middle plus the spread.
+        bounds_min: Lower end of the range by which the context model normalises positions. A corner of the hash grid's
+            bounding box; with the causal model, the middle of the anchors minus their spread, in voxels.
+        bounds_max: Upper end of this range.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
@@ -157,7 +157,11 @@ class TrainState:
         self.networks = Networks.of(self.parameters)
 
     def rate(self, weights: LossWeights) -> float:
-        """Returns lambda, the current weight of the rate in the loss."""
+        """Returns lambda, the weight of the bit rate in the loss, as currently set by the size controller.
+
+        Args:
+            weights: Weights of the terms of the loss, with the initial lambda.
+        """
         return weights.rate * math.exp(self.steering.log_rate)
 
     @property

@@ -63,7 +63,7 @@ class StepReport:
 
     @property
     def bits_per_anchor(self) -> float | None:
-        """Estimated mean bits per anchor of features, scalings and offsets; None before the context phase."""
+        """Estimated mean bits per anchor of features, scalings and offsets; None if the loss excludes the bit rate."""
         return None if self.sample_bits is None else float(self.sample_bits) / max(self.num_sampled, 1)
 
     @property
@@ -136,10 +136,7 @@ class TrainingStep:
 
     @property
     def size_estimate(self) -> Callable[[TrainState], float] | None:
-        """Function that estimates the bytes of a state's stream up to a constant factor.
-
-        None if no such estimate is available.
-        """
+        """Function that estimates the size of the encoded scene, up to a constant factor; None if there is none."""
         return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
 
     def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:
@@ -161,7 +158,7 @@ class TrainingStep:
     def _drawn_anchors(
         self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
     ) -> Anchors:
-        """Returns the visible anchors with attributes that have noise in place of quantisation, for rendering.
+        """Builds the anchors to render from the attributes of the visible anchors.
 
         Args:
             state: State of the training.

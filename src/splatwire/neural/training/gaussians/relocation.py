@@ -1,7 +1,8 @@
 """Moving, adding and disturbing Gaussians during training (3DGS-MCMC, arXiv 2404.09591, formulas of the paper).
 
-A Gaussian of opacity near 0 is moved to the place of a visible one, which is then replaced by several Gaussians that
-together look like it. Additional Gaussians are made in the same way, until the budget is reached.
+A nearly transparent Gaussian is useless, so it is moved to the place of a visible one. The visible one and its copies
+get new opacities and sizes, so that together they look as before. Gaussians are added in the same way, until the budget
+is reached.
 """
 
 import math
@@ -24,18 +25,17 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Computes opacity and size of several equal Gaussians at one place that together look like a given Gaussian.
+    """Computes opacity and size of several equal Gaussians at one place that together look like one given Gaussian.
 
-    Both have the same opacity at the centre, and the same integral of the opacity along a line through the centre
-    (paper, section on relocation).
+    Together they have the same opacity at the centre as the given Gaussian, and the same integral of the opacity along
+    a line through the centre (arXiv 2404.09591, section on relocation).
 
     Args:
         opacities: Opacity of each given Gaussian, in (0, 1).
         copies: Number of equal Gaussians that replace each given one, 1 to `MAX_COPIES`.
 
     Returns:
-        Opacity of the equal Gaussians; and the factor by which their standard deviations differ from those of the given
-        one.
+        Opacity of each equal Gaussian, and the factor from the given standard deviations to theirs.
     """
     exact = opacities.double()
     shared = 1 - (1 - exact) ** (1 / copies)
@@ -97,10 +97,10 @@ def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
 
 @torch.no_grad()
 def add_noise(state: GaussianState, size: float, uniform: Uniform) -> None:
-    """Adds random displacements to the centres of nearly transparent Gaussians, so that they find useful places.
+    """Moves the centres of nearly transparent Gaussians at random, so that they find useful places.
 
-    A displacement is the covariance of the Gaussian times a random vector of the standard normal distribution, times
-    `size` (as in the paper). Its weight falls to 0 for Gaussians of higher opacity.
+    A displacement is the Gaussian's covariance times a standard normal vector, times `size`. It falls to 0 for
+    Gaussians of higher opacity.
 
     Args:
         state: State of the training; changed in place.

@@ -87,7 +87,7 @@ class GaussianStep:
         """Updates every parameter that has a gradient by one step of Adam.
 
         Returns:
-            The learning rate of the centres, without the factor for the extent of the cameras.
+            Learning rate of the centres, before multiplication by the extent of the cameras.
         """
         share = state.iteration / self._config.iterations
         rates = {name: learning_rate_at(rate, share) for name, rate in vars(self._config.rates).items()}

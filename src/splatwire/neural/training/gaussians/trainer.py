@@ -29,11 +29,11 @@ from splatwire.types import Cameras, SplatScene
 
 @dataclass(frozen=True, eq=False)
 class GaussianResult:
-    """Result of a training.
+    """Result of a training of explicit Gaussians.
 
     Attributes:
-        scene: The trained Gaussians, on the CPU. After the fine-tuning, their values are rounded to quantisation steps,
-            which the scene contains. Encoding it without a quality keeps these steps and is lossless.
+        scene: The trained Gaussians, on the CPU. After the fine-tuning, their values are multiples of quantisation
+            steps that the scene stores. Encoding without a quality setting uses these steps and is lossless.
         state: State before the fine-tuning, on the training device.
         test: Quality in the last test, of `scene`; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
@@ -62,9 +62,9 @@ def train_gaussians(
     listener: Listener | None = None,
     device: str = "cpu",
 ) -> GaussianResult:
-    """Trains explicit Gaussians, or resumes a training.
+    """Trains explicit Gaussians on photos, or resumes a training.
 
-    The fine-tuning runs on the CPU. If it is stopped, it starts again from its beginning when the training is resumed.
+    The training ends with a fine-tuning on the CPU. A fine-tuning that was stopped is repeated from its beginning.
 
     Args:
         train: Training views and points.
