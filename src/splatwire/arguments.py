@@ -34,12 +34,9 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator that checks arguments as `checked` does, except those that the function checks itself.
+    """Returns a decorator that checks arguments as `checked` does, except those of the named parameters.
 
-    A function checks an argument itself, for example, to raise a more specific error.
-
-    Args:
-        own: Names of the parameters that are not checked.
+    The function checks these parameters itself, for example, to raise a more specific error.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -51,10 +48,10 @@ def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
-        """Returns the names of the decorated function's parameters, and by name the rules that check their values.
+        """Returns the parameter names of the decorated function, and the checks of their values by name.
 
-        Rules are built at the first call of the function, because its annotations may name classes that are defined
-        after it.
+        The checks are built at the first call of the function, because annotations may name classes that are defined
+        later.
         """
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]

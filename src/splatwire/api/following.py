@@ -22,14 +22,15 @@ RETRY_S = 1.0
 
 
 class FollowingStoppedError(Exception):
-    """The caller has stopped a transfer."""
+    """Raised by `updates_after` when the caller has stopped the transfer."""
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields a scene when it has arrived, and after each of its updates; ends when the caller stops a transfer.
+    """Yields a scene when it has arrived, and again after each of its updates; ends when the caller stops a transfer.
 
-    Only whole scenes are yielded. If an update does not arrive or cannot be applied, the last scene remains, and `warn`
-    is called. The update is requested again; if the server no longer has it, the whole scene is requested.
+    Only complete scenes are yielded. If an update does not arrive or cannot be applied, `warn` is called, and the
+    update or
+    the whole scene is requested again.
 
     Args:
         fetch: Receives the stream of a given name.

@@ -55,11 +55,10 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
 
 
 def without_flags(options: Any) -> Any:
-    """Returns a copy of options in which all flags (boolean options) are off.
+    """Returns a copy of the options in a configuration file in which all flags (boolean options) are off.
 
-    The values of a configuration file are the defaults when the command line is parsed. A flag with the default True
-    would be named `--no-NAME` by the parser, instead of `--NAME`. Flags are therefore removed before parsing, and
-    `with_flags` adds them again.
+    The copy provides the defaults for parsing the command line. A flag that is on by default would be named `--no-NAME`
+    there, instead of `--NAME`. After parsing, `with_flags` sets the flags of the file again.
 
     Args:
         options: Options as set by the configuration file; may contain nested dataclasses.
@@ -74,14 +73,14 @@ def without_flags(options: Any) -> Any:
 
 
 def with_flags(options: Any, configured: Any) -> Any:
-    """Adds the flags of a configuration file to the options from the command line; see `without_flags`.
+    """Combines flags (boolean options): a flag is on if the command line or the configuration file sets it.
 
     Args:
-        options: Options after parsing the command line.
-        configured: Options as set by the configuration file, of which only flags are read.
+        options: Options from the command line, with other values already taken from the file.
+        configured: Options from the configuration file.
 
     Returns:
-        The options, in which a flag is on if it is on in `options` or in `configured`.
+        The options with the combined flags.
     """
     on = {field.name: True for field in dataclasses.fields(options) if getattr(configured, field.name) is True}
     nested = {

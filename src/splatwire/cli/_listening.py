@@ -75,7 +75,7 @@ def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", wha
         port: Port on which the server receives.
         facts: Names and values to print, such as the fingerprint of the certificate.
         what: Description of what is served, at the beginning of the text.
-        more: Further values, for JSON output only.
+        **more: Further values, for JSON output only.
     """
     if listening.json:
         print_json({"host": listening.host, "port": port, **more, **facts})

@@ -35,14 +35,14 @@ def viewpoint_of_options(command: Receive) -> Viewpoint | None:
 
 
 def keep_preview(command: Receive, preview: bytes) -> str:
-    """Writes a received preview as a PLY, for a transfer in which the scene itself did not arrive.
+    """Writes the received preview of a scene as a PLY, after a transfer in which the scene itself did not arrive.
 
     Args:
         command: Options of `splatwire receive`.
         preview: The received bytes of the preview.
 
     Returns:
-        Text about the preview, with which the error message of the transfer ends.
+        End of the error message about the transfer, which states what became of the preview.
     """
     try:
         shown = preview_scene(preview)

@@ -14,7 +14,8 @@ from splatwire.cli._terminal import PrintableStream, one_line, printable, printa
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Returns a rich console: control sequences of rich are printed, and texts are not parsed as markup."""
+    """Returns a rich console that prints texts literally, without parsing them as markup."""
+    # A `PrintableStream` would escape the control sequences of rich, too.
     stream = sys.stderr if stderr else sys.stdout
     while isinstance(stream, PrintableStream):
         stream = stream.target

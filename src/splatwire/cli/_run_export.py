@@ -140,9 +140,9 @@ def _read_back(options: Export, scene: Scene) -> Scene:
 
 
 def _views(options: Export, scene: Scene) -> "_Views | None":
-    """Returns the cameras in which exported Gaussians are fitted to the scene, and those in which errors are measured.
+    """Returns the cameras to which exported Gaussians are fitted, and the cameras in which the export is measured.
 
-    Explicit Gaussians need no fitting; the result is None for them if no measurement is requested either.
+    Returns None if neither is needed: for explicit Gaussians without options that request a measurement.
     """
     if options.data is not None:
         test = open_dataset(options.data, split="test", background=scene.background)

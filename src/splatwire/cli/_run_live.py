@@ -67,10 +67,10 @@ def _protection(command: Live) -> Protection:
 
 
 async def _serve(command: Live, options: SequenceOptions, protection: Protection) -> int | None:
-    """Serves until a signal, or the end of the frames.
+    """Encodes and serves the frames, until a signal or the last frame.
 
     Returns:
-        None if the encoder has ended; otherwise the exit status, with which the process should end at once.
+        None if the encoder has ended. Otherwise the process should end at once, with the exit status returned.
     """
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
@@ -119,9 +119,12 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end; returns True at once if it compiles a kernel instead, which may take too long.
+    """Waits for the encoder to end, after a request to stop.
 
-    Returns False if the encoder has ended, or when `STOP_S` has passed since the request to stop.
+    Returns:
+        True as soon as the encoder is compiling a kernel, which takes too long to wait for. False if the encoder has
+        ended,
+        or `STOP_S` after the request.
     """
     end = time.monotonic() + STOP_S - COMPILING_S
     while not encoding.done():

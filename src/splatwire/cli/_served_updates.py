@@ -24,10 +24,11 @@ Signature = tuple[int, int]
 
 
 def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[str, UpdateChain]:
-    """Returns the scenes that can be updated, by name.
+    """Returns the scenes that can be updated, by name, each as a chain of the scene and its updates.
 
     Args:
-        streams: Two streams of each scene, by name of the scene: as in its file, and with packets that fit into
+        streams: Two streams of each scene, by name: the content of its file, and the same scene in packets that fit
+            into
             datagrams.
 
     Raises:
@@ -47,10 +48,11 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 
 
 class UpdateFolder:
-    """Served scenes that change when update files appear in a folder.
+    """Applies updates to served scenes when update files appear in a folder.
 
-    An update applies to one version of a scene. Its file waits until the scene has reached this version, so the order
-    of the files does not matter. An object of this class must not be used by several threads at once.
+    An update changes one version of a scene. Its file waits until the scene has reached this version, so the order of
+    the
+    files does not matter. An object of this class must not be used by several threads at once.
 
     Args:
         folder: Folder with the updates: `.swz` files, each written by `encode --update`. It may be missing at first.
@@ -58,8 +60,8 @@ class UpdateFolder:
         prepare: Prepares a stream for sending.
 
     Attributes:
-        updates: Prepared updates by the name under which receivers request them. The value is None for the next update,
-            which does not exist yet.
+        updates: Prepared updates by the name under which receivers request them; None for an update that is still
+            expected.
     """
 
     def __init__(

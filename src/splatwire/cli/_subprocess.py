@@ -41,17 +41,17 @@ def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
 
 @contextmanager
 def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Runs a verb in a separate process, which is terminated at the end of the block if it still runs.
+    """Runs a verb in a separate process, which ends with the `with` block at the latest.
 
     Args:
         verb: Name of the verb.
-        arguments: Command-line arguments of the verb.
+        *arguments: Command-line arguments of the verb.
 
     Yields:
         Function that waits for the process, prints its warnings, and returns the JSON object printed by the verb.
 
     Raises:
-        SplatwireError: By what is yielded, if the process failed; the message is its own.
+        SplatwireError: From the yielded function, if the process failed; with the error message of the process.
     """
     command = [sys.executable, "-m", "splatwire", verb, *map(str, arguments), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

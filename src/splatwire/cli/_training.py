@@ -87,7 +87,11 @@ def changed_options(command: Train) -> list[str]:
 
 
 def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
-    """Returns a function that writes the picture of a test to a file; it does nothing without a path."""
+    """Returns a callback that writes the preview picture of each test during training to a file.
+
+    Args:
+        path: Path of the image file; None for a callback that does nothing.
+    """
 
     def save(report: QualityReport) -> None:
         if path:
@@ -134,10 +138,10 @@ def check_same_recipe(
     """Raises an error if options would change the training settings (recipe) of a run resumed from a checkpoint.
 
     Args:
-        given: Options set by the user.
-        asked: Recipe that results from the options.
-        kept: Recipe of the checkpoint.
-        recipe: Options of the recipe, with functions that return their values.
+        given: Names of the options set by the user.
+        asked: Training settings that result from the options.
+        kept: Training settings in the checkpoint.
+        recipe: For each option that must not change, a function that reads its value from the training settings.
 
     Raises:
         InvalidValueError: If such an option differs from the recipe of the checkpoint.
@@ -154,7 +158,7 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
 
     Args:
         on_test: Called with the quality report of each test during the training.
-        last_task: Description of the part of the training after the last iteration.
+        last_task: Name of the final task, after the last iteration, for the progress display.
 
     Yields:
         Callbacks for the training.
@@ -238,7 +242,7 @@ def checked_size(scene: AnchorScene, wanted: int) -> int | None:
 
     Args:
         scene: The scene.
-        wanted: Target size, bytes; 0 for none, then None is returned and nothing is encoded.
+        wanted: Target size, bytes; 0 for no target. The result is then None.
     """
     if not wanted:
         return None

@@ -11,7 +11,7 @@ from splatwire.cli._options import BackgroundOption, JsonFlag
 
 @dataclass(frozen=True)
 class LookFrom:
-    """Views in which calibration compares pictures with references; default: the complete scene from a sphere."""
+    """Reference pictures for calibration. Default: pictures of the complete scene from views around it."""
 
     data: Path | None = None
     """Photos with poses; the training views are used."""
@@ -82,7 +82,7 @@ class CalibrateGnn:
 
 @dataclass(frozen=True)
 class CalibrateSketch(StreamCalibration):
-    """Add coarse copies of the most important elements to the stream (--conceal sketch)."""
+    """Add coarse copies of the most important elements to the stream, to conceal losses (--conceal sketch)."""
 
     share: float = 0.04
     """Bytes of the sketch relative to the bytes of the stream."""

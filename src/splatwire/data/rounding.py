@@ -1,4 +1,4 @@
-"""Conversion of cameras with map coordinates to positions relative to (0, 0, 0), which training requires."""
+"""Conversion of cameras to world coordinates in float32 for training, with a warning about rounding."""
 
 import logging
 from pathlib import Path
@@ -12,13 +12,13 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Returns cameras whose positions are relative to (0, 0, 0) instead of an origin.
+    """Converts cameras to plain world coordinates, as training requires: positions are not relative to an origin.
 
-    Logs a warning if float32 rounds the positions noticeably.
+    Logs a warning if the cameras have an origin: they are then so far from 0 that float32 rounds positions noticeably.
 
     Args:
         source: Source folder or file, for the message.
-        cameras: The cameras, with their origin.
+        cameras: The cameras.
     """
     if cameras.origin != NO_ORIGIN:
         step = float(np.spacing(np.float32(np.abs(cameras.origin).max())))

@@ -21,7 +21,7 @@ def import_model(kind: str, folder: Path, **options: Any) -> AnchorScene:
     Args:
         kind: Name of the importer: `hacpp`, `scaffold`, or that of another package.
         folder: The model folder.
-        options: Options of the importer.
+        **options: Options of the importer.
 
     Raises:
         UnknownNameError: If no importer has that name.

@@ -42,7 +42,9 @@ class SceneFile(CheckedFields):
     Attributes:
         kind: Format of the file.
         loaded: The scene; a `ReceivedScene` if parts were lost in transmission and not concealed.
-        loss_mask: Loss mask of the transmission, including losses concealed since; None for a scene that was not sent.
+        loss_mask: Mask of the elements that were lost in transmission, even if they were concealed later; None for a
+            scene
+            that was not sent.
     """
 
     kind: Kind

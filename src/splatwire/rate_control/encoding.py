@@ -73,16 +73,15 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False)
 class EncodedScene:
-    """Stream that reaches a target size, PSNR or quality setting.
+    """Result of encoding a scene to a target size, PSNR or quality setting.
 
     Attributes:
         stream: The stream.
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
-        held_out: Pictures of the source, without Gaussians that draw nothing, for measuring the PSNR. Their views were
-            not used to rank Gaussians, to choose their precision classes, or to fine-tune them. They were used in two
-            cases: to correct the search for a target PSNR, and, with the effort `best`, to choose between the streams
-            with and without fine-tuning.
+        held_out: Pictures of the source for measuring the PSNR, without Gaussians that draw nothing. Their views were
+            not
+            used to measure or fine-tune Gaussians (`ViewSets`).
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
@@ -110,19 +109,19 @@ def encode_controlled(
 ) -> EncodedScene:
     """Encodes Gaussians to a size, a PSNR or a quality setting.
 
-    A target size is a maximum. The stream is at most 3 % smaller, unless even the finest setting needs fewer bytes. A
-    target PSNR is reached within 0.2 dB, unless even the coarsest setting exceeds it, or no setting gives a PSNR in
-    between. A fine-tuned stream may exceed it if it has fewer bytes than without fine-tuning. For both kinds of target,
-    the scene is encoded several times.
+    A target size is a maximum; the stream is usually at most 3 % smaller. A target PSNR is usually reached within 0.2
+    dB.
+    For both, the scene is encoded several times.
 
     Args:
         scene: The scene to encode. Gaussians that draw nothing or cannot be drawn are skipped, which is logged.
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes; `best` prunes
-            more, and fine-tunes the remaining Gaussians once or twice before the search.
+            more,
+            and fine-tunes the remaining Gaussians once or twice before the search.
         cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
-        tuning: Options of the fine-tuning; ignored by other efforts.
+        tuning: Options of the fine-tuning, which only the effort `best` uses.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Raises:
@@ -169,16 +168,15 @@ def _prune_and_tune(
     tuning: Tuning,
     progress: Progress,
 ) -> "_Plan":
-    """Prunes and fine-tunes a scene, with different shares of Gaussians, until its stream reaches a target.
+    """Prunes and fine-tunes a scene so that its stream has a target size or PSNR, or slightly more.
 
-    Fine-tuning adapts Gaussians to certain quantisation steps. Coarser steps can still be used afterwards to save
-    bytes, but finer steps bring no gain. The share is therefore chosen so that the stream with these steps has the size
-    or PSNR of the target, or a little more.
+    Different shares of the Gaussians are fine-tuned, one after another, until one of them gives this result. All of
+    them
+    are fine-tuned for the same quantisation steps.
 
     Args:
         plan: The scene before pruning.
-        start: A pruned stream. The first fine-tuning keeps the same share of Gaussians; every fine-tuning uses its
-            quality setting.
+        start: Stream of the pruned scene without fine-tuning. It gives the quantisation steps, and the first share.
         target: Size, PSNR or quality setting. With a quality setting, the scene is fine-tuned once.
         encode: Function that encodes a scene.
         pictures: Pictures of the complete scene.
@@ -186,8 +184,10 @@ def _prune_and_tune(
         progress: Called with the name of the current task and its finished share.
 
     Returns:
-        The plan for the fine-tuned Gaussians.
+        The fine-tuned Gaussians, ready to be encoded.
     """
+    # Fine-tuned Gaussians are adapted to the steps of `start`: coarser steps still save bytes, finer ones gain nothing.
+    # The share is therefore chosen so that these steps give the target or a little more.
     tuned: list[_Plan] = []
     packetization = start.stream.manifest.packetization
 
@@ -209,10 +209,10 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates by how many decibels the PSNR in the held-out views rises per decibel in the search views, 0.5 to 2.
+    """Estimates the gain of PSNR in the held-out views per decibel of gain in the search views, 0.5 to 2.
 
     Args:
-        pairs: PSNR in the search views and in the held-out views of each stream found so far, decibels.
+        pairs: PSNR in the search views and in the held-out views of each stream encoded so far, decibels.
     """
     if len(pairs) < 2:
         return 1.0
@@ -230,14 +230,12 @@ def decoded_finest(stream: SceneStream) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """Measurements of a scene that do not depend on the quantisation level.
-
-    With these measurements, the scene can be encoded at any level.
+    """A scene to encode, with the measurements that choose its Gaussians and their precision at any quantisation level.
 
     Attributes:
         source: The scene to encode.
         measured_views: Cameras in which the effect of each Gaussian is measured; None for views around the scene.
-        search: Pictures of the source with which the search compares.
+        search: Pictures of the source with which decoded scenes are compared while the quantisation level is chosen.
         held_out: Pictures of the source for the reported PSNR.
         classes: Precision class of each Gaussian.
         curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians of `scene`.
@@ -265,19 +263,21 @@ class _Plan:
         return cls(source, views.measured, search, held_out, measured.classes, curve, source)
 
     def with_more_pruning(self) -> "_Plan":
-        """Returns a plan that keeps fewer Gaussians at each level, because fine-tuning makes up for removed ones."""
+        """Returns a plan for fine-tuning, which keeps fewer Gaussians at each level.
+
+        Fine-tuning compensates for part of the error of pruning.
+        """
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
     def pruned(self, share: float, tuned: Sequence["_Plan"]) -> tuple[SplatScene, np.ndarray]:
-        """Removes Gaussians before fine-tuning; starts from the result of an earlier fine-tuning if possible.
+        """Selects the most important Gaussians, as the input of a fine-tuning.
 
-        If more Gaussians than needed were fine-tuned before, their effect is measured again, because fine-tuning has
-        changed it, and the least important ones are removed. Otherwise, Gaussians of `source` are removed.
+        They are chosen from the result of an earlier fine-tuning if one has enough Gaussians, otherwise from `source`.
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
-            tuned: Plans of the Gaussians of earlier fine-tunings.
+            tuned: Results of earlier fine-tunings.
 
         Returns:
             The kept Gaussians, and the precision class of each.
@@ -288,22 +288,21 @@ class _Plan:
         if not larger:
             return self.source.select(kept), self.classes[kept]
         before = min(larger, key=lambda each: each.scene.num_elements)
+        # Fine-tuning has changed the effect of each Gaussian.
         removal = measure_gaussians(before.scene, self.measured_views).removal
         best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
         return before.scene.select(best), before.classes[best]
 
     def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
-        """Removes a few of the fine-tuned Gaussians, so that a stream exceeds a PSNR by less.
-
-        Coarser steps would cost more: fine-tuned Gaussians are adapted to their cells of the position lattice.
+        """Removes some fine-tuned Gaussians to save bytes, if their stream exceeds the wanted PSNR.
 
         Args:
             found: Stream of all Gaussians of this plan.
-            psnr: PSNR to reach in the held-out views, decibels.
+            psnr: Wanted PSNR in the held-out views, decibels.
             encode: Function that encodes a scene.
 
         Returns:
-            The stream with the PSNR closest to `psnr`, of `found` and those tried.
+            The stream with the PSNR closest to `psnr`: `found`, or one with fewer Gaussians.
         """
         count = self.scene.num_elements
         order = np.argsort(-measure_gaussians(self.scene, self.measured_views).removal, kind="stable")
@@ -315,21 +314,24 @@ class _Plan:
             tried.append(EncodedScene(stream, found.quality, found.kept * len(kept) / count, self.held_out, True))
             return tried[-1].psnr
 
+        # Coarser steps would cost more: fine-tuned Gaussians are adapted to their cells of the position lattice.
         permitted = Interval(psnr - PSNR_TOLERANCE, psnr, psnr + PSNR_TOLERANCE)
         slope = TRIMMED_SHARE_DB
         search(reached, permitted, 1 + (psnr - found.psnr) / slope, slope, (LEAST_TRIMMED_SHARE, 1.0))
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def measured(self, encoded: EncodedScene) -> float:
-        """Returns the mean PSNR of a decoded stream, decibels, in the views with which the search compares."""
+        """Returns the mean PSNR of an encoded scene, decibels, in the views for choosing the quantisation level."""
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates the share of Gaussians to keep so that fine-tuning gives a stream with the PSNR of a given stream.
+        """Estimates the share of Gaussians that gives the PSNR of a stream if they are fine-tuned.
+
+        Fine-tuning raises the PSNR, so fewer Gaussians suffice.
 
         Args:
-            untuned: The given stream, of pruned Gaussians that were not fine-tuned. Both streams have the same
-                quantisation steps.
+            untuned: The stream, of Gaussians that were pruned and not fine-tuned. The quantisation steps remain the
+                same.
         """
         assert self.curve is not None
         error = 10 ** (-self.measured(untuned) / 10)
@@ -341,14 +343,19 @@ class _Plan:
     def better_of(
         tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target, *, for_loss: bool
     ) -> EncodedScene:
-        """Chooses between the streams with and without fine-tuning; returns the one that serves a target better.
+        """Chooses the better of two streams with the same target, with or without fine-tuning.
+
+        For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream; the
+        fine-tuned
+        one must reach the PSNR.
 
         Args:
             tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
             untuned: The stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
-            for_loss: True if fine-tuning was for packet loss. Its gain is then not visible in complete streams, so the
-                fine-tuned stream is chosen if it reaches the target.
+            for_loss: True if Gaussians were fine-tuned for packet loss, which raises quality only if packets are lost.
+                The
+                fine-tuned stream is then chosen if it reaches the target.
         """
         if tuned is None or untuned is None:
             found = tuned or untuned
@@ -366,9 +373,9 @@ class _Plan:
         Args:
             quality: Quality setting.
             encode: Function that encodes a scene.
-            share: Share of the Gaussians to keep, 0 to 1. With None, the share is chosen: of all shares that reach the
-                same error in the pictures, the one that takes the fewest bytes. A plan without a `curve` does not
-                prune: it keeps all Gaussians and ignores this argument.
+            share: Share of the Gaussians to keep, 0 to 1; None for the best share at this setting. Ignored by a plan
+                without a
+                `curve`, which keeps all Gaussians.
         """
         if self.curve is None:
             scene, classes = self.scene, self.classes
@@ -381,14 +388,15 @@ class _Plan:
 
 
 class _Trials:
-    """Encodes a scene at several quantisation levels until a target is reached.
+    """Encodes a scene at several quantisation levels until a target size or PSNR is reached.
 
     Args:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
-        tuned_level: Level for which the Gaussians were fine-tuned; None without fine-tuning. The search starts at this
-            level and tries no finer ones, because these do not improve fine-tuned Gaussians.
+        tuned_level: Quantisation level for which the Gaussians were fine-tuned, which is the first and the finest one
+            to
+            try; None without fine-tuning.
     """
 
     def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:
@@ -398,7 +406,7 @@ class _Trials:
         self._found: list[tuple[float, EncodedScene]] = []
 
     def of_size(self, size: int) -> EncodedScene | None:
-        """Searches for a quantisation level; returns the largest stream found that has at most `size` bytes, if any."""
+        """Searches for a quantisation level; returns the largest stream found with at most `size` bytes, or None."""
         permitted = Interval(
             math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
         )
@@ -439,10 +447,11 @@ class _Trials:
         return self.of_psnr(target.psnr)
 
     def of_psnr(self, psnr: float) -> EncodedScene:
-        """Searches for a quantisation level; returns the stream with a PSNR in the held-out views closest to `psnr`.
+        """Encodes the scene so that its PSNR in the held-out views is as close as possible to `psnr`.
 
-        The search measures the PSNR in other views (`ViewSets.search`). If the PSNR in the held-out views of its result
-        differs from `psnr`, the search is repeated with a corrected target.
+        The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the held-out
+        views then
+        differs from `psnr`, the level is chosen again with a corrected target.
 
         Raises:
             InvalidValueError: If all views of the search equal those of the source at every level.
@@ -475,19 +484,18 @@ class _Trials:
     def _search(
         self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
     ) -> bool:
-        """Searches for a quantisation level at which the measured value of the stream is permitted.
+        """Searches for the quantisation level at which a property of the stream, such as its PSNR, is in a given range.
 
-        The value can jump over the permitted values between two neighbouring levels. The search then uses the finer of
-        these levels, and reduces the share of Gaussians that are kept.
+        If no level gives such a value, the next finer one is used, with fewer Gaussians.
 
         Args:
-            measure: Function that returns the value of an encoded scene, such as its PSNR.
-            permitted: Permitted values.
-            start: First level.
+            measure: Returns the property of an encoded scene.
+            permitted: The range of values.
+            start: First level to try.
             slope: Expected increase of the value per level.
 
         Returns:
-            True if the share of Gaussians was searched, too.
+            True if different numbers of Gaussians were tried, too.
         """
         first = len(self._found)
         found = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)
@@ -507,13 +515,15 @@ class _Trials:
         known: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
-        """Searches for a share of kept Gaussians with a permitted value.
+        """Searches for the share of Gaussians to keep, so that a property of the stream is in a given range.
 
         Args:
-            measure: Function that returns the value of an encoded scene.
-            permitted: Permitted values.
-            known: A stream at the level to use, and its measured value.
-            slope: Expected increase of the value per level.
+            measure: Returns the property of an encoded scene, such as its PSNR.
+            permitted: The range of values.
+            known: Value of the property and encoded scene at one share, from which the search starts. The quantisation
+                level is
+                that of this scene.
+            slope: Expected increase of the value per quantisation level.
         """
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
@@ -530,7 +540,13 @@ class _Trials:
     def _encode_and_measure(
         self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None
     ) -> float:
-        """Encodes a share of the Gaussians at a quantisation level; returns the measured value of the result."""
+        """Encodes a share of the Gaussians at a quantisation level; returns a property of the result, such as its PSNR.
+
+        Args:
+            measure: Returns the property of an encoded scene.
+            level: Quantisation level.
+            share: Share of the Gaussians to keep, 0 to 1; None for the best share at this level.
+        """
         encoded = self._plan.encoded(Quality(level), self._encode, share)
         self._found.append((measure(encoded), encoded))
         self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))

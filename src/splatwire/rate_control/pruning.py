@@ -51,15 +51,13 @@ class PruningCurve:
         pictures: SourcePictures,
         progress: Callable[[float], None] = lambda share: None,
     ) -> "PruningCurve":
-        """Measures the image error for each share of kept Gaussians in `SHARES`, and interpolates between them.
+        """Measures how the image error of a scene grows if its least important Gaussians are removed.
 
-        The error of removing several Gaussians is not the sum of their single errors: Gaussians that cover each other
-        have an effect only if all of them are removed. This differs between scenes. The error is therefore interpolated
-        as a power of the sum of the single errors, fitted to the measurements.
+        The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them.
 
         Args:
             scene: The scene.
-            removal: Image error of removing each single Gaussian, from `measure_gaussians`.
+            removal: Image error of removing each single Gaussian, from `measure_gaussians`; it ranks the Gaussians.
             pictures: Renderings of the complete scene, as references.
             progress: Called with the finished share of the work.
         """
@@ -75,6 +73,8 @@ class PruningCurve:
             progress((place + 1) / len(SHARES))
         shares = np.linspace(LEAST_SHARE, 1.0, STEPS)
         at = np.log(sums[[_number(share, count) for share in shares]])
+        # The error of removing several Gaussians is not the sum of their single errors: Gaussians that cover each other
+        # have an effect only if all of them are removed. The error is a power of the sum, fitted to the measurements.
         errors = np.exp(_fitted(at, np.array(known), np.array(logs)))
         errors[-1] = 0.0
         return PruningCurve(order, shares, errors)
@@ -93,23 +93,23 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level so that the stream is smallest for its error.
+        """Returns the share of Gaussians to keep at a quantisation level, for the smallest stream of equal quality.
 
-        At this share, saving a byte costs the same error by more pruning as by coarser quantisation. The share never
-        decreases with the level, so that size and quality of the stream increase with the level.
+        The share never decreases with the level.
 
         Args:
             level: Quantisation level (`Quality.level`).
         """
         quantised = 10 ** (-(QUANTISED_PSNR + OCTAVE_DB * (LEVELS - QUANTISED_LEVEL)) / 10)
         costs = self.errors + TRADE * quantised[:, None] * np.log(self.shares)
+        # At the best share, saving a byte costs the same error by more pruning as by coarser quantisation.
         best = self.shares[np.argmin(costs, axis=1)]
         around = np.concatenate([best[:1], best, best[-1:]])
         smooth = (around[:-2] + around[1:-1] + around[2:]) / 3
         return float(np.interp(level, LEVELS, np.maximum.accumulate(smooth)))
 
     def kept(self, share: float) -> Int64[np.ndarray, "M"]:
-        """Returns the indices of the kept Gaussians, ascending."""
+        """Returns the indices of the Gaussians to keep, ascending, given their share."""
         return np.sort(self.order[: _number(share, len(self.order))])
 
 

@@ -1,4 +1,4 @@
-"""Search for an argument at which an increasing function has a permitted value, with few calls of the function."""
+"""Search for the argument at which an increasing function, expensive to compute, has a wanted value."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,21 +34,20 @@ def search(
     ends: tuple[float, float],
     least: float = 0.0,
 ) -> float | None:
-    """Searches for an argument at which an increasing function has a permitted value, with few calls of the function.
+    """Searches for an argument at which an increasing function has a value in a given range.
 
-    The secant method is used within an interval of arguments (bracket) that shrinks with each call.
+    Each call of the function may be expensive, such as encoding a scene. There are at most `TRIALS` calls.
 
     Args:
-        function: Increasing function.
-        permitted: Permitted values.
-        start: First argument.
-        slope: Expected increase of the function per unit, above 0.
+        function: The increasing function.
+        permitted: Range of values that ends the search.
+        start: First argument to try.
+        slope: Expected increase of the function per unit of its argument, above 0.
         ends: Smallest and largest argument to try.
-        least: The search ends without a result if the bracket is narrower than this: the function then jumps over the
-            permitted values.
+        least: Minimum width of the interval that is searched. The search gives up when the interval is narrower.
 
     Returns:
-        The argument of the last call, which is permitted; None if no permitted value was found.
+        The argument that was found, with which the function was called last; None if none was found.
     """
     low, high, at = *ends, min(max(start, ends[0]), ends[1])
     below: tuple[float, float] | None = None

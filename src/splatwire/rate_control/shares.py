@@ -1,4 +1,4 @@
-"""Search for the share of Gaussians to keep before fine-tuning, from the results of the fine-tunings so far."""
+"""Search for the share of Gaussians to keep before fine-tuning, so that the fine-tuned scene reaches a target."""
 
 import math
 from collections.abc import Callable
@@ -14,17 +14,17 @@ LARGEST_CHANGE = 0.5
 
 
 def search_share(tune: Callable[[float], float], aim: Interval, start: float, slope: float) -> int:
-    """Fine-tunes a scene with different shares of its Gaussians, until the result has a permitted value.
+    """Fine-tunes a scene with different shares of its Gaussians, until the result has a wanted size or PSNR.
 
     Args:
-        tune: Function that fine-tunes a share of the Gaussians, and returns a value that grows with the share.
-        aim: Permitted values.
+        tune: Fine-tunes the given share of the Gaussians. Returns the size or PSNR, which grows with the share.
+        aim: Range of values to reach.
         start: First share, above 0 and at most 1.
         slope: Expected increase of the value per unit of the logarithm of the share, above 0.
 
     Returns:
-        Index of the best call of `tune`, counted from 0. Of the calls with at least the smallest permitted value, it is
-        the one with the smallest share. If there are none, it is the call with the largest value.
+        Index of the best fine-tuning, counted from 0: the smallest share that reaches the range or exceeds it. If all
+        values are below the range, the one with the largest value.
     """
     logs, values, at = [], [], math.log(start)
     while True:

@@ -102,19 +102,19 @@ def tuned_to_pictures(
     tuning: Tuning,
     progress: Callable[[str, float], None],
 ) -> SplatScene:
-    """Fine-tunes Gaussians so that their renderings match pictures, despite the rounding at a quality setting.
+    """Fine-tunes Gaussians so that they match pictures after quantisation at a quality setting.
 
     Args:
         pruned: The Gaussians to fine-tune.
         classes: Precision class of each Gaussian, 0 for the finest.
         pictures: Pictures of the complete scene.
-        quality: Quality setting whose rounding is part of the fine-tuning.
-        packetization: Split of the stream into packets, which the losses of `tuning` apply to.
+        quality: Quality setting, which determines the quantisation steps.
+        packetization: Split of the stream into packets, for simulating the packet losses of `tuning`.
         tuning: The options.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:
-        The Gaussians before rounding.
+        The fine-tuned Gaussians, not yet quantised.
     """
     options = FineTuning(quality, tuning.iterations, loss=tuning.loss, packetization=packetization, seed=tuning.seed)
 

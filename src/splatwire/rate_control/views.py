@@ -1,4 +1,4 @@
-"""Views for encoding to a target: one set for measuring Gaussians, one for the search, one for the reported PSNR."""
+"""Choice of the views in which an encoder measures Gaussians, compares trial encodings, and reports the PSNR."""
 
 import functools
 import math
@@ -30,13 +30,14 @@ _HELD_OUT = 2
 
 @dataclass(frozen=True, eq=False)
 class ViewSets:
-    """Three disjoint sets of views of a scene, for different tasks of an encoder.
+    """Three disjoint sets of views of a scene, used by an encoder that aims at a target size or PSNR.
 
     Attributes:
         measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
-        search: Views in which pruned and decoded scenes are compared with the source.
-        held_out: Views for the reported PSNR. The encoder uses them only to correct the search for a given PSNR, and,
-            with the effort `best`, to choose between the streams with and without fine-tuning.
+        search: Views in which encoded scenes are compared with the source while the quantisation is chosen.
+        held_out: Views for the reported PSNR. Gaussians are neither measured nor fitted in them. They only serve to
+            compare
+            finished streams.
     """
 
     measured: Cameras | None
@@ -49,9 +50,10 @@ class ViewSets:
 
         Args:
             scene: The scene.
-            cameras: Cameras at typical viewing positions, which are divided evenly among the three sets. Fewer than
-                `LEAST_CAMERAS` cameras are only used as `measured`; the other sets are then views around the scene.
-                None for views around the scene in all sets: near, far and outwards.
+            cameras: Cameras at typical viewing positions, which are divided evenly among the three sets. If there are
+                fewer
+                than `LEAST_CAMERAS`, they are only used to measure Gaussians. None for views around the scene in all
+                sets.
         """
         if cameras is None or cameras.num_views < LEAST_CAMERAS:
             return ViewSets(
@@ -69,11 +71,13 @@ class ViewSets:
 
 
 def not_held_out(cameras: Cameras, count: int) -> Cameras:
-    """Returns at most `count` of the given cameras, evenly spread, without those that `ViewSets.of` holds out.
+    """Selects cameras for fine-tuning, evenly spread, without those that are reserved for the reported PSNR.
+
+    `ViewSets.of` reserves a third of the cameras.
 
     Args:
         cameras: At least `LEAST_CAMERAS` cameras.
-        count: Maximum number of cameras.
+        count: Maximum number of cameras to return.
     """
     views = [view for view in range(cameras.num_views) if view % 3 != _HELD_OUT]
     return cameras.select([views[place] for place in spread(len(views), count)])

@@ -23,7 +23,11 @@ _CLASS = 8.0
 
 
 def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
-    """Divides Gaussians into chunks; only chunks with visible rounding are sorted again and cut.
+    """Arranges the Gaussians of a compressed PLY in chunks, so that few positions are rounded visibly.
+
+    Chunks without visible rounding remain as they are. The Gaussians of all others are sorted again and divided into
+    new
+    chunks.
 
     Args:
         splats: The Gaussians, sorted along a space-filling curve.
@@ -69,8 +73,7 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
     Args:
         splats: All Gaussians.
         rows: Indices of the Gaussians to sort and cut, int64 (n).
-        most_filled: Maximum number of padding Gaussians. The limit on rounding errors is raised until this number
-            suffices.
+        most_filled: Maximum number of padding Gaussians; larger errors are accepted if it does not suffice.
 
     Returns:
         Index into `splats` at each file position, int64 (m), and mask of the padding Gaussians, bool (m).

@@ -127,14 +127,14 @@ _MAX_BETWEEN = 4
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
-    """Logs a warning about PLY comments that may change the meaning of the file's values and are not applied.
+    """Logs a warning about PLY comments that are ignored although they may change the meaning of the values.
 
-    An example is a shift of positions.
+    An example is a comment that states a shift of positions.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
-        keyword: First word of the comment that this format applies as its origin: `ORIGIN` or `OFFSET`.
+        keyword: First word of comments that state the origin, which are not ignored: `ORIGIN` or `OFFSET`.
     """
     known = tuple(comments)
     used = stated_origin(keyword, known)

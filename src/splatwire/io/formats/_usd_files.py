@@ -25,12 +25,12 @@ _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
     """Opens the files of an OpenUSD scene, and checks that all of them are in the folder of the scene.
 
-    A scene file may name further files (layers). Logs a warning about each of them that is missing or that usd-core
-    cannot read.
+    Logs a warning about each file that is missing or that usd-core cannot read.
 
     Returns:
-        The opened files, and the paths of files that are missing or that usd-core cannot read. While the caller refers
-        to the opened files, usd-core uses them and does not read them again.
+        The opened files (layers), and the paths of files that are missing or that usd-core cannot read. The caller
+        keeps
+        the opened files until usd-core has composed the scene, so that they are not read again.
 
     Raises:
         DatasetError: If a file is outside of the folder of the scene (`is_in_folder_of`), is named by an expression, or

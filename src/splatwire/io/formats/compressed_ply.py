@@ -260,7 +260,10 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _without_far(splats: Splats, path: Path) -> Splats:
-    """Removes distant Gaussians that would cause visible rounding of the others; at most half of all Gaussians."""
+    """Removes distant Gaussians that would cause visible rounding of the others.
+
+    At least half of the Gaussians are kept.
+    """
 
     def errors(column: Column) -> np.ndarray:
         means = column.others
@@ -299,19 +302,18 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
 
 
 def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
-    """Finds a few extreme scales or colours (outliers) without which the rounding of all others would be invisible.
+    """Finds extreme scales or colours (outliers) that would cause visible rounding of the other values in their chunks.
 
-    An outlier enlarges the range of its chunk, and so the quantisation steps of all values in the chunk. The smallest
-    sufficient share of `SHARES` is marked as outliers; the first share if none suffices.
+    An outlier enlarges the range of its chunk, and so the quantisation steps of all values in the chunk.
 
     Args:
         values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).
         top: Largest quantised value; the step is the range of a chunk divided by it.
 
     Returns:
-        The values with their outliers marked. The values with the outliers clipped to the range of all others. Three
-        quantisation steps, the largest in the affected chunks: with the outliers, with clipped outliers, and without
-        the outliers; 0 if there are no outliers.
+        Three values. First, the values with their outliers marked. Second, the values with the outliers clipped to the
+        range of all others. Third, the largest quantisation step with the outliers, with clipped outliers, and without
+        outliers; 0 if there are no outliers.
     """
     found = []
     for share in SHARES:
@@ -329,11 +331,11 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
 
 
 def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
-    """Returns a copy of Gaussians with new scales or new colours for some of them.
+    """Returns a copy of the Gaussians in which some have new scales or new colours.
 
     Args:
         splats: All Gaussians.
-        what: `scales`, or otherwise the colours.
+        what: `scales` or `colours`.
         rows: Mask of the Gaussians to change, bool (N).
         values: New values, (N, 3), used in the rows of the mask: logarithms of scales, or colours minus 0.5.
     """

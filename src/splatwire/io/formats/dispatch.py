@@ -282,8 +282,9 @@ def write_splats(
             formats log a warning.
         origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates;
             formats that cannot do so log a warning.
-        outliers: Treatment of a few Gaussians that would reduce the precision of all others, in formats with steps
-            relative to the range of all values.
+        outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in formats
+            that
+            quantise values: `clamp` moves them towards the others, `prune` removes them, `keep` leaves them unchanged.
         metadata: Metadata of the scene, relative to `origin`. Formats that cannot store it log a warning.
 
     Returns:
@@ -312,7 +313,7 @@ def write_with(form: FileFormat, content: Any, path: Path, **facts: Any) -> int:
         form: The format.
         content: Batches of explicit Gaussians, or a scene of the format's type.
         path: The file.
-        facts: Keyword arguments of the writer with scene properties (`kept_facts`).
+        **facts: Scene properties for the writer, from `kept_facts`.
 
     Returns:
         Number of Gaussians written, as returned by the writer.

@@ -1,8 +1,7 @@
 """`.4dgs` files: Gaussians, each with the time interval in which it exists; read and written by the package fourdgs.
 
-Such a file has no frames. To write a sequence, each Gaussian becomes one record for every run of frames in which its
-values are constant; motion and fading of the format are not used. To read frames, the Gaussians are evaluated at the
-middle of each frame.
+Such a file has no frames. When a sequence is written, a Gaussian whose values change ends, and a new one begins; motion
+and fading of the format are not used. When a file is read, the Gaussians are evaluated at the middle of each frame.
 """
 
 import logging
@@ -162,10 +161,11 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _ConstantIntervals:
-    """Converts the frames of a sequence to the intervals in which a Gaussian keeps all its values.
+    """Finds the time intervals of a sequence in which a Gaussian keeps all its values, for writing a `.4dgs` file.
 
-    The format stores one Gaussian with start and end time for each interval. Consecutive frames with equally many
-    Gaussians contain the same Gaussians in the same order. If the number changes, all intervals end.
+    The file stores one Gaussian with start and end time for each interval. Row i is the same Gaussian in consecutive
+    frames
+    of equal size. If the number of Gaussians changes, all intervals end.
 
     Attributes:
         num_frames: Number of frames so far.
@@ -193,11 +193,10 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Ends all intervals after the last frame; returns the Gaussians of the whole sequence.
+        """Returns one Gaussian for each time interval with constant values, after the last frame was added.
 
         Returns:
-            One Gaussian for each of the N intervals; start times and end times of the intervals, seconds, float64 (N)
-            each.
+            The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.
         """
         if self._open is not None:
             self._end_intervals(np.ones(self._open.num_gaussians, bool))

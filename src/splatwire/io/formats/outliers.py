@@ -111,14 +111,14 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
     """Finds the distant Gaussians (outliers) that would cause visible rounding of all other positions in a file.
 
-    The shares of outliers in `SHARES` are tried in ascending order, until the position errors of nearly all other
-    Gaussians are invisible. If no share suffices, the smallest one is used.
+    As few Gaussians as necessary are marked as outliers.
 
     Args:
         splats: The Gaussians.
         errors: Function that computes position errors in a file without the outliers. Its argument is the positions
-            with outliers marked. It returns the largest error along an axis of each of the n other Gaussians, world
-            units, float64 (n).
+            with
+            outliers marked. It returns the largest error along an axis of each of the n other Gaussians, world units,
+            float64 (n).
 
     Returns:
         The positions of all Gaussians with the outliers marked.
@@ -132,6 +132,7 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
         known[:] = known or [local_scales(splats, np.arange(splats.num_gaussians))]
         return _are_visible(found, known[0][inside])
 
+    # Tries the shares in ascending order; if none suffices, the smallest one is used.
     first = find_outliers(splats.means)
     if not is_costly(first):
         return first
@@ -275,14 +276,12 @@ def morton_order(means: np.ndarray) -> np.ndarray:
 
 
 def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray) -> Splats:
-    """Moves some Gaussians towards a point until their centres are within a box, scaling them by the same factor.
-
-    The view from that point does not change.
+    """Moves distant Gaussians into a box, and shrinks them so that they look the same from a point within the box.
 
     Args:
         splats: All Gaussians.
         index: Indices of the Gaussians to move, int64 (n).
-        middle: Target point within the box, (3).
+        middle: The point, towards which Gaussians are moved, (3).
         low: Minimum coordinates of the box, (3).
         high: Maximum coordinates of the box, (3).
     """

@@ -239,7 +239,7 @@ class _Sog:
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
 
     def _rotations(self) -> np.ndarray:
-        """Returns quaternions (N, 4); logs a warning if the image has those of more Gaussians than `count`."""
+        """Returns the rotations as quaternions (N, 4); logs a warning if the image has more than N rotations."""
         picture = self._picture("quats", 0, pixels=self._count)
         pixels, padding = picture[: self._count], picture[self._count :]
         # Colours of transparent pixels are arbitrary: WebP changes them unless it is told to keep them.
@@ -390,8 +390,11 @@ def _reason(error: Exception) -> str:
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the largest accepted size, in pixels, of an image that has values in `pixels` of its pixels.
+    """Returns the maximum accepted size of an image, pixels.
 
-    Some excess is accepted, because writers pad images in different ways.
+    Images may be larger than necessary, because writers pad them in different ways.
+
+    Args:
+        pixels: Necessary number of pixels.
     """
     return 2 * pixels + _SPARE_PIXELS

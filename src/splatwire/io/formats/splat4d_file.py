@@ -114,7 +114,7 @@ def _run(path: Path, *words: str) -> None:
 
     Args:
         path: The file, for messages.
-        words: Command-line arguments.
+        *words: Command-line arguments.
 
     Raises:
         BackendUnavailableError: If the program is not installed.

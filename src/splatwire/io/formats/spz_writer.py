@@ -136,9 +136,13 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_step(farthest: float) -> float:
-    """Returns the quantisation step of fixed-point positions whose largest absolute coordinate is `farthest`.
+    """Returns the distance between neighbouring fixed-point positions, world units.
 
-    The format has steps of 1 and below. A larger result means that the coordinate exceeds the range of the format.
+    Args:
+        farthest: Largest absolute coordinate of a position.
+
+    Returns:
+        The distance; above 1 if the coordinate is too large for the format.
     """
     return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MOST)))
 
@@ -162,10 +166,17 @@ def _write_plain(
 
 
 def _fraction_bits(farthest: float) -> int:
-    """Returns the number of fraction bits of fixed-point positions, given the largest absolute coordinate.
+    """Returns the number of fraction bits for storing positions as fixed-point numbers of 24 bits.
 
-    It is 12, as in files of all other writers. Large scenes get fewer bits, so that positions fit 24 bits. Scenes
-    smaller than one unit get more, because their Gaussians would otherwise share few steps.
+    It is usually 12, as in files of all other writers. Large scenes get fewer bits, so that all positions fit. Scenes
+    of
+    less than one unit get more bits, for smaller rounding errors.
+
+    Args:
+        farthest: Largest absolute coordinate of a position.
+
+    Raises:
+        InvalidValueError: If the coordinate is too large for the format.
     """
     bits = _FRACTION_BITS
     while bits < _MAX_FRACTION_BITS and 0 < farthest * 2**bits < _FEWEST_STEPS:

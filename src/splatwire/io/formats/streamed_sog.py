@@ -124,9 +124,14 @@ def _file_of(chunk: Path) -> Path:
 
 
 def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
-    """Returns, for each chunk, the index of the first chunk in the list that is the same file.
+    """Finds chunks that are listed several times, under different names or links of the same file.
 
-    A file may be listed under several names or links. `here` is False for missing files, which only equal themselves.
+    Args:
+        chunks: Path of each chunk.
+        here: False for chunks that are missing.
+
+    Returns:
+        For each chunk, the index of the first chunk that is the same file. A missing chunk has its own index.
     """
     first: dict[tuple[int, int], int] = {}
     found = []
@@ -154,9 +159,9 @@ def _finest(
         chunks: Paths of the chunks (`_chunks`).
 
     Returns:
-        The ranges of Gaussians to read, by index of the chunk; a count of -1 stands for all Gaussians of a chunk (the
-        environment). All ranges that the tree names, by index of the chunk, also those that are not read. The names of
-        missing chunks. The number of leaves whose finest level is missing.
+        Four values. First, the ranges of Gaussians to read, by index of the chunk; the range of the environment has the
+        count -1 for all its Gaussians. Second, the ranges of all levels in the tree, by index of the chunk. Third, the
+        names of missing chunks. Fourth, the number of leaves whose finest level is missing.
     """
     here = [_is_here(chunk) for chunk in chunks]
     same = _first_of_same(chunks, here)
@@ -224,8 +229,7 @@ def _read_pieces(
 ) -> Splats:
     """Reads the selected ranges of Gaussians from all chunks, and concatenates them.
 
-    Chunks are read one after another to save memory; only the environment (Gaussians outside the tree) is read before.
-    Logs a warning if chunks have Gaussians that no leaf of the tree names.
+    Logs a warning if chunks have Gaussians that no level of the tree contains.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
@@ -280,10 +284,10 @@ def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]
         index: Path of the `lod-meta.json`, for messages.
         folder: Path of the chunk.
         runs: Ranges to read, which must not overlap.
-        named: All ranges in this chunk that the tree names, including coarser levels, which are not read.
+        named: Ranges of all levels of the tree in this chunk.
 
     Returns:
-        The Gaussians that were read, and the number of Gaussians of the chunk that are in none of the ranges.
+        The Gaussians in `runs`, and the number of Gaussians of the chunk that no level of the tree contains.
 
     Raises:
         DatasetError: If ranges overlap or end after the chunk.

@@ -289,10 +289,11 @@ class _Stage:
         return FileContent(splats, origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
-        """Returns the signs of x, y and z that convert positions to PLY axes, and the JSON object of this package.
+        """Returns the signs of x, y and z that convert positions to PLY axes, and a JSON object with metadata.
 
-        A file written by this package contains a JSON object with the signs and the metadata of the scene. For other
-        files, the object is empty, and the up axis of the stage determines the signs.
+        Only files written by this package contain the object, which also states the signs. For other files, the object
+        is
+        empty, and the up axis of the stage determines the signs.
         """
         try:
             data = self._stage.GetRootLayer().customLayerData.get(_OWN)
@@ -361,9 +362,9 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def _unknown_attributes(prim: Usd.Prim) -> list[str]:
-    """Returns the names of attributes that have values and are not read, without those known to be harmless.
+    """Returns the names of attributes that are ignored although they may change how a prim looks, for a warning.
 
-    The attribute of the projection is among them only if its value is not that of the perspective projection.
+    Among them is the projection, unless it is the usual perspective projection.
     """
     names = [one.GetName() for one in prim.GetAuthoredAttributes() if one.HasAuthoredValue()]
     known = {*_ARRAYS, *(f"{name}h" for name in _ARRAYS), _DEGREE, *_HARMLESS}
