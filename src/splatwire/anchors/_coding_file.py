@@ -29,7 +29,7 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 
 
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the header fields of a scene file that name the codec schema and its configuration."""
+    """Returns the header fields of a scene file for entropy coding: codec schema, and configuration of its model."""
     config = coding.config
     if isinstance(config, CausalConfig):
         return {"model": CAUSAL, "config": {"layout": vars(config.layout), "context_dim": config.context_dim}}
@@ -38,7 +38,7 @@ def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
 
 
 def coding_tensors(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the tensors of the context model that are not network weights, by name."""
+    """Returns the tensors of a scene file that describe the context model, except network weights, by name."""
     if isinstance(coding, CausalCoding):
         return {f"causal.{name}": getattr(coding, name) for name in _CAUSAL_TENSORS}
     grid = coding.context.grid

@@ -250,10 +250,9 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
         camera: See the common arguments of the module.
         num_hidden: Number of hidden units of each network.
         opacity_layers: Hidden layer and output layer of the opacity network, in the layout of `_layer`.
-        other_layers: Three arrays. The first is the hidden layer of the covariance network, the second that of the
-            colour network, both in the layout of `_layer`. The third combines the output layers of both networks. It
-            has one table per offset: a row of sixteen biases, then a row of sixteen weights for each hidden unit,
-            zero-padded to a multiple of four hidden units.
+        other_layers: Three arrays: hidden layer of the covariance network and hidden layer of the colour network, both
+            in the layout of `_layer`; and the output layers of both, combined for each offset
+            (`compiled_heads._by_offset`).
         slopes: Factors on negative hidden units (leaky ReLU) of the opacity, covariance and colour networks.
 
     Returns:

@@ -1,4 +1,7 @@
-"""The context model of schema `causal` in floating point, for numpy arrays and for torch tensors."""
+"""Predicts the distributions of anchor attributes for entropy coding: context model of the codec schema `causal`.
+
+The predictions are in floating point, from numpy arrays or torch tensors.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -61,19 +64,19 @@ def predict_causal(
 ) -> CausalPrediction:
     """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
 
-    The first network reads an anchor's position. Each further network also reads the attributes for which the networks
-    before it have made predictions. The result is differentiable if the networks and `join` are functions of torch.
+    The first network reads an anchor's position. Each further network also reads the attributes that were predicted
+    before. The result is differentiable if the networks and `join` are functions of torch.
 
     Args:
         networks: The networks by name.
         config: Configuration of the context model.
-        inputs: Result of `position_inputs`.
+        inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features in units of their quantisation steps.
         form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
             steps.
-        quantised: Function that converts attributes to the values that a decoder reconstructs; these are the inputs of
-            the further networks. Its arguments are the name of a network, the means that it predicts, and the
-            attributes. None if the further networks read `feature` and `form` unchanged.
+        quantised: Function that rounds attributes as a decoder reconstructs them, for the inputs of the further
+            networks. Called with the name of a network, the means that it predicts, and the attributes. None to use
+            `feature` and `form` unchanged.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)

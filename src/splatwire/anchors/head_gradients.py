@@ -18,8 +18,9 @@ _LEAST_NORM = 1e-12
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[np.ndarray, "N"]:
     """Returns the mask of the anchors that camera `view` may see (HAC++ pre-filter).
 
-    An anchor is projected as an axis-aligned Gaussian with standard deviations of its first three scalings. The anchor
-    is visible if the depth exceeds 0.2 and the square of three standard deviations overlaps a tile of the image.
+    An anchor is projected as an axis-aligned Gaussian whose standard deviations are the anchor's first three scalings.
+    It is visible if its depth exceeds 0.2 and a square around its centre overlaps a tile of the image. Half the side of
+    the square is three standard deviations.
     """
     projected = project(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)

@@ -107,9 +107,10 @@ def project(
 
 
 def _radii(covs2d: Float[np.ndarray, "N 3"], near: Bool[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
-    """Returns radii of three standard deviations along the longest axis in whole pixels; 0 for too near Gaussians.
+    """Returns the radius of each Gaussian: three standard deviations of its longest axis, in whole pixels.
 
-    As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
+    The radius is 0 if the Gaussian is too near. The longest axis follows from the eigenvalues of the covariance. As in
+    3DGS, the term under the square root of their formula is at least 0.1.
     """
     xx, xy, yy = covs2d.T
     middle = (xx + yy) / 2

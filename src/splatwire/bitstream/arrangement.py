@@ -20,9 +20,9 @@ class Arrangement(NamedTuple):
 
     Attributes:
         groups: Indices of the elements in coding order (ranks), group after group; every rank occurs once.
-        packets: The packet that contains each group; None if the packet is missing. With separated packaging (one
-            packet per attribute), `len(plan.parts)` entries per group. With hashed grouping, one None may stand for
-            several lost packets, because the receiver does not know their number.
+        packets: The packet that contains each group; None for missing packets. If each packet contains a single
+            attribute (separated packaging), each group has `len(plan.parts)` entries. With hashed grouping, the number
+            of lost packets is unknown, so one None may stand for several.
     """
 
     groups: PacketGroups

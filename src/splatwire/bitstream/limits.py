@@ -83,19 +83,19 @@ MAX_COPIES = (1 << 16) - 1
 
 @dataclass(frozen=True)
 class StreamSchema:
-    """Properties of one codec schema, the part that manifests and packet plans depend on.
+    """Properties of a codec schema (coding method) that manifests and packet plans depend on.
 
     Attributes:
         name: Name in the manifest.
         format_version: Version of the stream format that introduced it.
         elements: Plural name of the elements (`anchors`, `Gaussians`), for messages.
         sections: Fixed sections of the side information, in order; their names are not stored in the bytes.
-        elements_per_byte: Maximum number of elements per byte of side information. Real streams have far fewer; the
-            limit keeps a small manifest from announcing billions.
+        elements_per_byte: Maximum number of elements per byte of side information; keeps a small forged manifest from
+            announcing billions of elements.
         layout: True if the manifest contains the attribute sizes of an anchor (feature channels, offsets).
         separable: True if packets may contain single attributes (separated packaging).
-        spread: True if each packet contains elements from all over the scene by default. False if packets contain the
-            positions of their elements: for Gaussians, packets spread over the scene would take 1 to 9 % more bytes.
+        spread: True if each packet contains elements from all over the scene by default; False if neighbouring elements
+            share packets. For Gaussians, whose packets contain positions, spreading would take 1 to 9 % more bytes.
         explicit: True if all views render the same Gaussians, so that the decoded scene can be saved as a file.
         page: True if the web decoder supports it.
         timed: True for sequences: elements belong to groups of frames, with two tiers per group (keyframe, then

@@ -226,11 +226,9 @@ def packetization_to_json(packetization: Packetization) -> bytes:
 
 
 def _packetization_content(packetization: Packetization) -> dict[str, Any]:
-    """Returns the JSON fields of a packetization.
-
-    `packet_bytes` is left out unless grouping is hashed, so that older manifests stay unchanged.
-    """
+    """Returns the JSON fields of a packetization; `packet_bytes` only with hashed grouping, which alone uses it."""
     content = asdict(packetization)
+    # Manifests without hashed grouping stay as they were before it was introduced.
     if not packetization.hashed:
         del content["packet_bytes"]
     return content

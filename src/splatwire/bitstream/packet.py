@@ -1,4 +1,4 @@
-"""The packet: the unit of loss, independently decodable.
+"""Packet of a stream: the unit of loss, decodable without any other packet.
 
 A packet is a 16-byte header and its payload; its length is that of the file or datagram that contains it.
 
@@ -6,8 +6,8 @@ A packet is a 16-byte header and its payload; its length is that of the file or 
 |---|---|
 | 0 | format version, 1 |
 | 1-4 | id of the stream (`Manifest.stream_id`) |
-| 5 | for whole elements: low 2 bits 0, high 6 bits are bits 8 to 13 of the lane; for one attribute: `part_byte` |
-| 6 | bits 0 to 7 of the lane (`PacketId.lane`; with hashed grouping a position) |
+| 5 | packet of whole elements: bits 8 to 13 of `PacketId.lane`, times 4; packet of one attribute: `part_byte` |
+| 6 | bits 0 to 7 of `PacketId.lane`: index of the packet within its block; a position with hashed grouping |
 | 7-9 | block |
 | 10-11 | number of elements |
 | 12-15 | CRC-32 of bytes 0-11 and the payload |

@@ -40,18 +40,18 @@ def check_range(what: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Packetization:
-    """Parameters of the split of elements into packets (paper 3.2.2 and 4.1, "Packetization Parameters").
+    """Parameters of the split of elements (Gaussians or anchors) into packets (paper 3.2.2 and 4.1).
 
     Attributes:
         block_size: Maximum number of elements of a spatial block.
-        lanes: Packets per block.
-        seed: Seed of the lane hash, 64 bits.
-        order: Coding order of the anchors: `morton` (true Z-order) or `raster` (z-major, as in HAC++).
-        grouping: `stratified` (lane of each element by hash), `contiguous` (each lane contains consecutive elements) or
-            `hashed` (the block's elements in hash order, each packet filled up to `packet_bytes`; `lanes` is 1).
-        packaging: `atomic` (a packet contains whole anchors) or `separated` (one packet per feature group, one for
-            scalings, one for offsets, as in HAC++; the baseline of the ablation).
-        packet_bytes: Maximum packet size with hashed grouping, header included; 0 with any other grouping.
+        lanes: Number of packets (lanes) of each block.
+        seed: Seed of the hash that assigns the elements of a block to packets, 64 bits.
+        order: Coding order of the anchors: `morton` (true Z-order) or `raster` (z, then y, then x, as in HAC++).
+        grouping: Assignment of the elements of a block to packets: `stratified` (by hash), `contiguous` (consecutive
+            elements) or `hashed` (in the order of a hash, each packet filled up to `packet_bytes`; `lanes` is 1).
+        packaging: `atomic` (a packet contains whole anchors) or `separated` (separate packets for each feature group,
+            for scalings and for offsets, as in HAC++).
+        packet_bytes: Maximum packet size with grouping `hashed`, header included; 0 with any other grouping.
 
     Raises:
         UnknownNameError: If order, grouping or packaging is not one of the above.
@@ -101,7 +101,7 @@ class Packetization:
 
     @property
     def unit(self) -> str:
-        """Unit in which packets are lost: `datagram` for packets that fit one datagram each, else `pak` (a packet)."""
+        """Unit of simulated losses: `datagram` if every packet fits one datagram, else `pak` (a whole packet)."""
         return "datagram" if self.hashed else "pak"
 
     @property
@@ -135,10 +135,9 @@ _PACKET_ELEMENTS, _FEWEST_LANES = 375, 8
 def spread_packetization(num_elements: int) -> Packetization:
     """Returns a packetization with about 375 elements per packet, each spread over as much of the scene as possible.
 
-    The usual blocks of 3000 elements in 8 lanes (packets) are less robust: a lost packet removes an eighth of the
-    elements of a region. Consecutive packets are often lost together, and two lost packets remove a quarter. At equal
-    bytes and 20 % loss, lego gains 0.30 to 0.44 dB with spread packets, and 0.6 dB for the worst of 16 loss patterns.
-    snowmiku_small gains 0.0 to 0.06 dB (`benchmarks/results/spread.json`).
+    A lost packet then removes few elements of any region. With the usual blocks of 3000 elements in 8 packets, it
+    removes an eighth of the elements of a region. At equal bytes and 20 % loss, spread packets gain up to 0.44 dB
+    (`benchmarks/results/spread.json`).
 
     Args:
         num_elements: Elements to encode.

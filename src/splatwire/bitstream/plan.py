@@ -17,13 +17,13 @@ from splatwire.errors import InvalidValueError
 
 
 class PacketGroups(NamedTuple):
-    """Lists the elements of every packet, in one array for all packets; the elements of one packet form a group.
+    """Lists the elements of every packet in one array; the elements of a packet form a group.
 
-    An element is identified by its index in coding order, called rank. In a stream with importance tiers, it is
-    identified by its index after sorting by tier and then by rank, called place.
+    An element is identified by its rank (index in coding order). In a stream with importance tiers, it is identified by
+    its place (index after sorting by tier, then by rank).
 
-    If packets contain whole elements, group g is the packet `PacketPlan.ids[g]`. If each packet contains one attribute,
-    a group has `len(parts)` packets, from `ids[g * len(parts)]` on.
+    If packets contain whole elements, group g is the packet `PacketPlan.ids[g]`. If each packet contains a single
+    attribute, `len(parts)` packets have the same elements; group g stands for those from `ids[g * len(parts)]` on.
 
     Attributes:
         ranks: Ranks (or places) of all elements, group after group, int64 (N). Group g has the elements
@@ -39,9 +39,9 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their rank: the index in coding order. In a stream with importance tiers, an element is
-    identified by its index after sorting by tier and then by rank, called place. The methods then take and return
-    places instead of ranks; `bitstream.tiers.tier_order` converts places to ranks.
+    Elements are identified by their rank: the index in coding order. In a stream with importance tiers, elements are
+    sorted by tier first, and by rank within a tier. The methods then take and return places (indices in this order)
+    instead of ranks; `bitstream.tiers.tier_order` converts places to ranks.
 
     Names and sizes of packets depend on the plan alone. Construction is cheap: all tables are computed on demand.
 
@@ -49,8 +49,8 @@ class PacketPlan:
         packetization: Parameters of the split into packets.
         num_elements: Elements of the scene, N.
         tiers: Sizes of the tiers; empty for a single tier.
-        feature_groups: Number of channel groups of the anchor feature, each in a separate packet with separated
-            packaging; 0 with atomic packaging.
+        feature_groups: Number of channel groups of the anchor feature if each has packets of its own (separated
+            packaging); otherwise 0.
 
     Raises:
         InvalidValueError: If the scene exceeds a limit of the format, or the tiers are inconsistent.
@@ -154,10 +154,10 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet, as ranks (indices in coding order).
+        """Lists the elements of every packet by rank (index in coding order).
 
-        With hashed grouping, the plan does not determine where packets begin. The groups are then whole blocks, and the
-        elements of a block are sorted by hash.
+        With hashed grouping, the plan does not determine which elements a packet contains. The groups are then whole
+        blocks, with their elements in the order of the hash.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
@@ -167,7 +167,7 @@ class PacketPlan:
         return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
 
     def group_counts(self) -> np.ndarray:
-        """Returns the number of elements of each group of `groups`, int64 (G).
+        """Returns the number of elements of each group of packets listed by `groups`, int64 (G).
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -242,10 +242,11 @@ class PacketPlan:
         return self._span(block).block_elements(block)
 
     def name_hashed(self, place: int) -> PacketId:
-        """Returns the id of the packet that begins with a given element; only for hashed grouping.
+        """Returns the id of the packet whose first element is given; only for hashed grouping.
 
         Args:
-            place: Index of the element in `groups().ranks`.
+            place: Index of the element in `groups().ranks`, which lists the elements of all blocks in the order of
+                their hash.
         """
         span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
         block, position = divmod(place - span.first, span.block_size)

@@ -127,7 +127,11 @@ def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
 
 @checked
 def without_concealment(stream: SceneStream, name: str) -> SceneStream:
-    """Removes a named section from a stream's side information.
+    """Removes a concealer's section from a stream's side information; the reverse of `add_concealment`.
+
+    Args:
+        stream: The stream, complete or not.
+        name: Name of the section.
 
     Returns:
         The stream without the section; an equal stream if the section is absent.

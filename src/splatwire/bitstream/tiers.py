@@ -112,10 +112,9 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks that a sequence has pairs of tiers, or that a static scene has no empty tier.
+    """Checks that the importance tiers of a sequence come in pairs, and that no tier of a static scene is empty.
 
-    A sequence has a pair of tiers for each group of pictures, one for keyframe Gaussians and one for motion. Both may
-    be empty.
+    A sequence has two tiers for each group of pictures: one for keyframe Gaussians, one for motion. Both may be empty.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.

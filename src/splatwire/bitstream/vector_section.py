@@ -16,7 +16,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class VectorSection:
-    """Named section of the side information with three numbers, such as the origin of a scene: reads and writes it.
+    """Reads and writes a section of the side information that contains three numbers, such as the origin of a scene.
 
     The section is omitted if the numbers have their default values.
 
@@ -33,7 +33,11 @@ class VectorSection:
     wide: bool = False
 
     def sections(self, values: Vector) -> dict[str, bytes]:
-        """Serialises three numbers; returns a dict from section name to bytes, empty if the numbers are the default."""
+        """Serialises three numbers, such as an origin or a colour, as a section of the side information.
+
+        Returns:
+            Content of the section by its name; empty if the numbers are the default.
+        """
         if values == self.usual:
             return {}
         writer = ByteWriter()
@@ -42,7 +46,9 @@ class VectorSection:
         return {self.name: writer.bytes()}
 
     def of_stream(self, stream: SceneStream) -> Vector:
-        """Reads the three numbers from the section in a stream; the default numbers if the section is absent.
+        """Reads the three numbers of the section, such as an origin or a colour, from a stream's side information.
+
+        Returns the default numbers if the section is absent.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.
@@ -50,7 +56,9 @@ class VectorSection:
         return self.read(sections_of(stream))
 
     def of_side_info(self, side_info: bytes, codec: str) -> Vector:
-        """Reads the three numbers from serialised side information; the default numbers if the section is absent.
+        """Reads the three numbers of the section, such as an origin or a colour, from serialised side information.
+
+        Returns the default numbers if the section is absent.
 
         Args:
             side_info: The side information.
@@ -62,7 +70,9 @@ class VectorSection:
         return self.read(split_sections(side_info, codec)[1])
 
     def read(self, sections: Mapping[str, bytes]) -> Vector:
-        """Returns the three numbers that the section contains, or the default numbers if the section is absent.
+        """Reads the three numbers of the section, such as an origin or a colour, from the sections of a stream.
+
+        Returns the default numbers if the section is absent.
 
         Args:
             sections: All named sections of a stream's side information, by name.

@@ -25,14 +25,14 @@ _PAIRS = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint(CheckedFields):
-    """Viewpoint: camera pose, focal length and picture size.
+    """Camera for which tiles of a scene with levels of detail are selected.
 
     Attributes:
-        viewmat: World to camera, x right, y down, z ahead, float64 (4, 4).
+        viewmat: World-to-camera transform; x right, y down, z ahead; float64 (4, 4).
         focal: Focal length, pixels.
         width: Picture width, pixels.
         height: Picture height, pixels.
-        origin: World coordinates that `viewmat` is relative to.
+        origin: Origin of the coordinates that `viewmat` transforms, world coordinates.
     """
 
     viewmat: np.ndarray
@@ -69,11 +69,11 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns the error in the picture that a viewer sees while a tile is missing, pixels, float64 (B).
+    """Returns for each tile the error in the rendered picture while the tile is missing, pixels, float64 (B).
 
-    The coarser tile that the missing tile refines is then drawn instead. Errors of tiles outside the picture are
-    multiplied by `BEHIND`. Without a viewpoint, errors are in world units. The error of tiles of the coarsest level is
-    infinite, because nothing can be drawn instead.
+    A viewer then draws a coarser tile instead. In the coarsest level there is none, and the error is infinite. Errors
+    of tiles outside the picture are multiplied by a small factor (`BEHIND`). Without a viewpoint, errors are in world
+    units.
     """
     return _errors_and_usefulness(tiles, viewpoint)[0]
 
@@ -175,15 +175,15 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
 
 
 def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
-    """Finds the finer tile that replaces each Gaussian of a tile: the child with the nearest bounding box.
+    """Finds for each Gaussian of a coarser tile the finer tile that replaces it: the one with the nearest bounding box.
 
     Args:
         tiles: The tiles.
         tile: Index of the coarser tile.
-        means: Centres of some of its Gaussians, float64 (N, 3).
+        means: Centres of some Gaussians of this tile, float64 (N, 3).
 
     Returns:
-        Tiles, int64 (N); -1 for Gaussians of the finest level.
+        Index of the finer tile for each Gaussian, int64 (N); -1 if the tile is of the finest level.
     """
     finer = np.flatnonzero(tiles.parents == tile)
     if not len(finer):

@@ -39,8 +39,8 @@ class Coarse:
 
     Attributes:
         exponent: Exponent of the factor by which received Gaussians are enlarged, see `Grow.exponent`.
-        trust: Upper limit of the factor on the opacity of merged Gaussians, as a multiple of the lost share of the
-            finest level. The factor is at most 1 in any case.
+        trust: Limits the opacity of merged Gaussians: the factor on it is at most `trust` times the lost share of the
+            finest level, and at most 1.
     """
 
     exponent: float = 0.35

@@ -112,10 +112,10 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the enlargement of received anchors, by raising their shares of received neighbours to a minimum.
+        """Limits the enlargement of received anchors that have few received neighbours.
 
-        The fewer of an anchor's neighbours were received, the more it is enlarged. The factor is limited to `max_gain`,
-        and to `max_excess` times the factor for the average loss of the scene.
+        The fewer of an anchor's neighbours were received, the more it is enlarged. The factor must not exceed
+        `max_gain`, nor `max_excess` times the factor for the average loss of the scene.
 
         Args:
             received: Share of each anchor's neighbours that was received, 0 to 1.
@@ -123,7 +123,7 @@ class Grow:
             tier_sizes: Weight of each anchor in the average loss; None for equal weights.
 
         Returns:
-            The shares, each at least as large as the share at which the factor reaches its limit.
+            The shares `received`, raised where the factor would exceed the limit.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0

@@ -50,13 +50,14 @@ def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
 
 
 def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
-    """Returns a zero-mean normal distribution for each entry of a matrix, in row-major order.
+    """Returns zero-mean normal distributions for coding the entries of a matrix, in row-major order.
 
-    The scale index of entry (i, j) is `rows[i] + columns[j]`, clipped to the range of the scale table.
+    Entry (i, j) has the scale index `rows[i] + columns[j]`, clipped to the range of the scale table (the list of
+    standard deviations).
 
     Args:
         rows: Scale index of each row.
-        columns: For each column, the number that is added to the scale index of the row.
+        columns: Number to add to the scale index, for each column.
     """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())

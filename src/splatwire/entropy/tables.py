@@ -59,7 +59,10 @@ def normal_table() -> np.ndarray:
 
 
 def _half_plus_integral(z: decimal.Decimal, norm: decimal.Decimal) -> decimal.Decimal:
-    """Returns the normal CDF Phi(z) for z >= 0, computed by the series 1/2 + phi(z) (z + z^3/3 + z^5/15 + ...)."""
+    """Returns the CDF of the standard normal distribution at z >= 0, computed by a series.
+
+    The series is `1/2 + norm * exp(-z^2 / 2) * (z + z^3/3 + z^5/15 + ...)`, where `norm` is `1 / sqrt(2 pi)`.
+    """
     term = total = z
     square, k = z * z, 1
     while term > decimal.Decimal("1e-20"):
@@ -105,12 +108,12 @@ def inverse_scale_table() -> np.ndarray:
 
 @functools.cache
 def half_width_table() -> np.ndarray:
-    """Returns the half width of the window of integers that are coded without escape code, by scale index.
+    """Tabulates how far from the mean integers are coded without an escape code, for each scale index.
 
-    It is ten standard deviations plus 16, at most 8191.
+    The distance is ten standard deviations plus 16, at most 8191.
 
     Returns:
-        int64 of length `NUM_SCALES`, symbols.
+        int64 of length `NUM_SCALES`, in quantisation steps.
     """
     inverse = inverse_scale_table()
     return frozen_table([min(8191, ((10 << INVERSE_BITS) // int(v)) + 16) for v in inverse])
@@ -118,9 +121,9 @@ def half_width_table() -> np.ndarray:
 
 @functools.cache
 def weight_table() -> np.ndarray:
-    """Returns the weight of a mixture's first component by logit difference, in units of 2**-16.
+    """Tabulates the logistic function, which converts a logit to the weight of a mixture's first component.
 
-    The index is the logit difference, -8 to 8 (exclusive) in steps of 1/16.
+    Entry i is the weight, in units of 2**-16, for the logit `i / 16 - 8`.
 
     Returns:
         int64 of length `NUM_WEIGHTS`.
@@ -130,7 +133,7 @@ def weight_table() -> np.ndarray:
 
 @functools.cache
 def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
-    """Tabulates the factor `1 + tanh(q)` by which HAC++ adapts an anchor's quantisation steps; a network predicts q.
+    """Tabulates `1 + tanh(q)`, the factor on an anchor's quantisation steps for the network output q (as in HAC++).
 
     Args:
         cells_per_unit: Table entries per unit of q.

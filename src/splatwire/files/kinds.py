@@ -39,7 +39,7 @@ class Kind:
     Attributes:
         key: Short identifier.
         what: Description with its article, such as `a PLY file`, for messages.
-        use: Hint for error messages: the operations available for this format, as the end of a sentence; may be empty.
+        use: Operations available for this format, as the end of a sentence in error messages; may be empty.
     """
 
     key: str
@@ -201,10 +201,10 @@ def file_kind(path: Path) -> Kind:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Path]:
-    """Yields a path of an opened file; format detection and all readers that get this path then use the open file.
+    """Opens a file once for format detection and all readers; yields a path that refers to the open file.
 
-    Never raises and does not block: readers report a path that cannot be read, and open files within folders
-    themselves. A path that is already open is yielded unchanged.
+    Never raises and does not block: a path that cannot be opened is yielded too, and the reader reports the error. A
+    path that is already open is yielded unchanged.
     """
     if isinstance(path, OpenedFile) and path.kind is not None:
         yield path
@@ -286,11 +286,11 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:
-    """Returns a hint for an error message: a model folder above or below a path; empty if there is none.
+    """Returns a hint for an error message: an accepted model folder above or below a rejected path; may be empty.
 
     Args:
         path: A file or folder that was rejected.
-        kinds: Kinds of model folders that are accepted.
+        *kinds: Any number of kinds of model folders that are accepted.
     """
     found = folder_nearby(path, lambda folder: folder != path and file_kind(folder) in kinds)
     return "" if found is None else f"; {found} looks like {file_kind(found).what}"

@@ -251,7 +251,7 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
         key: Name of the storage's data in the archive.
         place: Device of the storage; ignored.
         count: Number of elements.
-        views: Description of a view of another storage, which current releases of PyTorch do not write.
+        *views: Further items, which current releases of PyTorch do not write: description of a view of another storage.
 
     Raises:
         ValueError: If the dtype is unknown, or the items describe a view of another storage.

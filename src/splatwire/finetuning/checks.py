@@ -18,14 +18,16 @@ CHECK_VIEWS = 16
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """Fixed sample of the loss of a fine-tuning: equal views and equal lost Gaussians for all states.
+    """Measures the loss of a fine-tuning on a fixed sample of views and simulated packet losses.
 
     Attributes:
         scene: Background, origin and antialiasing of the scene; its Gaussians are ignored.
         pictures: Views of the sample.
-        receptions: Simulated losses, each applied to all views. Half of the weight is without losses, if there are any.
-        least: Smallest divisor of a mean squared error.
-        first: Mean squared errors of the first state, by reception (the first row without losses) and view.
+        receptions: Simulated packet losses, each applied to all views. The loss is the mean of the loss without packet
+            loss and the mean loss with packet losses.
+        least: Lower limit of the first state's error, by which later errors are divided.
+        first: Mean squared errors of the first state of the Gaussians. Rows: no packet loss, then each simulated one;
+            columns: views.
     """
 
     scene: SplatScene
@@ -43,14 +45,14 @@ class Check:
         least: float,
         rng: np.random.Generator,
     ) -> "Check":
-        """Chooses views at random, and measures the state that others are compared with.
+        """Prepares a check: chooses views at random, and measures the errors of the first state of the Gaussians.
 
         Args:
             scene: The scene.
-            splats: Rounded Gaussians of the first state.
+            splats: First state of the Gaussians, rounded.
             pictures: All fitted pictures.
-            receptions: Simulated losses; empty without losses.
-            least: Smallest mean squared error by which errors are divided.
+            receptions: Simulated packet losses; empty for none.
+            least: Lower limit of the error by which later errors are divided.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views

@@ -194,13 +194,13 @@ def gradients_of(
 def harmonic_gradient(
     basis: Float[np.ndarray, "N D"], seen: Gaussians, colors: Float[np.ndarray, "N 3"]
 ) -> Float[np.ndarray, "N D 3"]:
-    """Returns the gradient with respect to spherical harmonics, given the gradient with respect to colours of a view.
+    """Converts the gradient with respect to a view's colours to the gradient with respect to spherical harmonics.
 
-    The viewing direction counts as a constant, because centres move by fractions of a Gaussian's size only.
+    Viewing directions are treated as constants, because fine-tuning hardly moves the centres of Gaussians.
 
     Args:
         basis: Values of the harmonic functions in the viewing directions.
-        seen: The Gaussians of the view; colours clipped at 0 have no gradient.
+        seen: The Gaussians as seen in the view. Colours clipped at 0 have no gradient.
         colors: Gradient with respect to the colours.
     """
     return basis[:, :, None] * np.where(seen.colors > 0, colors, np.float32(0))[:, None, :]

@@ -202,8 +202,8 @@ def picture_gradients(
 ) -> tuple[float, Gradients]:
     """Renders a view; returns its mean squared error, and the gradients of this error divided by `scale`.
 
-    For antialiased scenes, rendering reduces the opacities of small Gaussians by factors. These factors and the viewing
-    directions of the harmonics count as constants.
+    For antialiased scenes, small Gaussians are drawn with reduced opacity. The gradients treat this reduction, and the
+    viewing directions of the spherical harmonics, as constants.
 
     Args:
         scene: The Gaussians.
@@ -212,8 +212,8 @@ def picture_gradients(
         target: RGB in [0, 1] of the reference picture. The rendering is clamped to this range before the comparison, as
             in `render_scene`.
         mask: True for pixels that are compared; None for all. The error is the mean over all pixels of the view.
-        scale: Divisor of the gradients. None divides by the error itself, which gives the gradients of the error's
-            logarithm. If the divisor is below `LEAST_SCALE`, this is used instead.
+        scale: Divisor of the gradients, at least `LEAST_SCALE`. None divides by the error itself, which gives the
+            gradients of the error's logarithm.
     """
     splats = scene.splats
     plain = seen = splats.seen_from(cameras.centers[view])
@@ -285,9 +285,10 @@ def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
 
 
 def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
-    """Chooses fitted views in which precision classes are measured.
+    """Chooses views, out of those of the fine-tuning, in which precision classes are measured.
 
-    Views around the Gaussians that only look inwards would give the surroundings of a scene the coarsest classes.
+    The default views for this measurement only look inwards. They would give the surroundings of a scene the coarsest
+    quantisation.
     """
     views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]
     chosen = cameras.select(sorted(views.tolist()))

@@ -83,10 +83,13 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns which original Gaussians each tile represents, for each level, coarsest level first.
+    """Returns where the run of original Gaussians begins that each tile represents.
 
-    Each tile represents a run of consecutive Gaussians of the finest level. A level's array has the index of the first
-    of these for each tile, and at its end the number of Gaussians.
+    Each tile represents a run of consecutive Gaussians of the finest level.
+
+    Returns:
+        An array for each level, coarsest level first: index of the first Gaussian of each tile's run, then the number
+        of all Gaussians.
     """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
@@ -97,7 +100,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides for each tile by how many Gaussians it is represented in the next coarser level.
+    """Decides how many Gaussians represent each tile of a level in the next coarser level.
 
     Args:
         level: Gaussians of the finer level.
@@ -106,7 +109,7 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
     Yields:
         For each finer tile: index of the coarser tile that replaces it, index of the finer tile, number of Gaussians
-        that represent it there, and area times opacity of each of its own Gaussians (`footprints`).
+        that represent it, and area times opacity of each of its own Gaussians (`footprints`).
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

@@ -47,8 +47,8 @@ def encode_levels(
     Args:
         scene: Gaussians; invisible and invalid ones are removed, which is logged.
         packetization: Division of the Gaussians of a tile into packets; None for the preset `paper`.
-        quality: Quantisation quality, see `splatwire.codec.encode_scene`. None for the default quality. For Gaussians
-            with precision classes and without harmonics, this is the constant `WALKED` of this module.
+        quality: Quantisation quality, see `splatwire.codec.encode_scene`. None for the default quality, or for `WALKED`
+            if the Gaussians have precision classes and no harmonics.
         classes: Precision classes of the scene's Gaussians (see `encode_scene`), or a function that returns them. The
             function runs while another thread builds the levels.
         threads: Number of threads, without effect on the output; None for one per processor.

@@ -1,7 +1,7 @@
-"""Streamed SOG (PlayCanvas, version 1): `lod-meta.json`, and SOG folders with the Gaussians of each level of detail.
+"""Writer of streamed SOG (PlayCanvas, version 1): `lod-meta.json`, and SOG folders for the levels of detail.
 
-The format is specified at developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog. Its reader is
-`splatwire.io.formats.streamed_sog`.
+The format is specified at developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog. The module
+`splatwire.io.formats.streamed_sog` reads it.
 """
 
 import itertools
@@ -40,7 +40,7 @@ _REACH = 3.0
 
 @dataclass(frozen=True)
 class SogLevelsReport:
-    """Numbers of a written streamed SOG.
+    """Size of a streamed SOG data set that was written: numbers of levels, folders, Gaussians and bytes.
 
     Attributes:
         num_levels: Number of levels.
@@ -201,11 +201,12 @@ def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
 
 
 def _tree(nodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Joins the leaves of the k-d tree to a binary tree for streamed SOG, and returns its root.
+    """Builds the binary tree of a streamed SOG from the leaves of the k-d tree; returns its root as a JSON object.
+
+    Each inner node has a bounding box around those of its two children.
 
     Args:
-        nodes: JSON objects of the leaves, in the order of the k-d tree. A node of the tree has a bounding box around
-            those of its two children.
+        nodes: JSON objects of the leaves, in the order of the k-d tree.
     """
     if len(nodes) == 1:
         return nodes[0]

@@ -42,7 +42,7 @@ _TO_TILES = _Z_UP @ np.diag(GLTF_FLIPS)
 
 @dataclass(frozen=True)
 class TilesetReport:
-    """Numbers of a written tileset.
+    """Size of a tileset that was written, and whether it is placed on the Earth.
 
     Attributes:
         num_tiles: Number of tiles with content.

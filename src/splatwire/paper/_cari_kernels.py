@@ -65,13 +65,13 @@ def _score_query(context, signature, reliability, query, candidates, distance, e
     """Scores the candidates of one lost anchor (query); keeps the best ones for each attribute group.
 
     Args:
-        context: As in `score_and_keep`.
-        signature: As in `score_and_keep`.
-        reliability: As in `score_and_keep`.
+        context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
+        signature: Residual signature of each anchor, a unit vector, float32 (N, S).
+        reliability: Factor of the score that depends on the candidate and the attribute group only, float32 (N, G).
         query: Index of the lost anchor.
         candidates: Indices of its candidate anchors, int64 (L).
         distance: Distances of the candidates, float32 (L).
-        exponents: As in `score_and_keep`.
+        exponents: Three exponents of the score and epsilon, see `score_and_keep`.
         index: Output: indices of the best candidates, int64 (G, keep).
         strength: Output: their scores, float32 (G, keep).
     """

@@ -15,13 +15,13 @@ from splatwire.ops.compiled import njit
 def _distance_bound(x, low, high, reach):
     """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
-    The search skips a block whose bound is too large.
+    The nearest-neighbour search skips a block whose bound is too large.
 
     Args:
         x: Query position, float64 (3).
         low: Lower corner of the block's bounding box.
         high: Upper corner of the block's bounding box.
-        reach: Largest size of the block's points along each axis, by which distances are divided.
+        reach: Largest standard deviation among the block's points along each axis.
     """
     total = 0.0
     for axis in range(3):

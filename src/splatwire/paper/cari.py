@@ -147,11 +147,12 @@ class _ConstantData:
 
 @dataclass(frozen=True, eq=False)
 class _Estimate:
-    """Estimate of the scene before the first pass of `_refine`, or after one of the passes.
+    """Attributes of all anchors as estimated so far by CARI, which refines them in several passes.
 
     Attributes:
-        residuals: Received or interpolated differences of all attributes from the prior's mean; 0 if still unknown.
-        mask: Received or interpolated offset masks of all anchors; True if still unknown.
+        residuals: Differences of all attributes from the mean that the prior predicts; 0 for lost attributes before the
+            first pass.
+        mask: Offset masks of all anchors; True for lost masks before the first pass.
     """
 
     residuals: Residuals
@@ -257,9 +258,16 @@ def _estimate_masks(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors)
 def _interpolate(
     settings: Cari, fixed: _ConstantData, group: AttributeGroup, residuals: Residuals, near: _Neighbors
 ) -> Float[Tensor, "Q D"]:
-    """Estimates the residuals of one attribute group of lost anchors as the weighted sum of the neighbours' residuals.
+    """Estimates residuals of lost anchors as weighted sums of their neighbours' residuals, for one attribute group.
 
     For features, the optional ridge refinement is added.
+
+    Args:
+        settings: Settings of the concealer.
+        fixed: Data that does not change between the passes.
+        group: The attribute group.
+        residuals: Residuals of all anchors.
+        near: Neighbours of the lost anchors, with weights.
     """
     values = residuals.parts[group.part]
     if group.attribute is Attribute.OFFSET:
@@ -273,10 +281,10 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns which offsets have a residual after a pass, so that the next pass can interpolate others from them.
+    """Returns the mask of the offsets whose residual is known after a pass; the next pass interpolates from them.
 
-    Lost offsets have an interpolated residual. A received offset has one only if the mask of its anchor was received,
-    because the mask determines which offsets exist.
+    Each lost offset that exists has an interpolated residual. The residual of a received offset is unknown if the
+    offset mask of its anchor was lost.
 
     Args:
         context: The received scene.

@@ -62,13 +62,10 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups attributes that are missing in the same anchors, so that one neighbour search serves the whole group.
-
-    If each packet contains all attributes of its anchors, all attributes are in one group. Attributes without losses
-    are omitted.
+    """Groups attributes that are missing in the same anchors, so that their neighbours are searched only once.
 
     Returns:
-        For each group, the mask of the anchors whose attributes of this group were received, and these attributes.
+        For each group, the mask of the anchors that received the attributes, and the attributes.
     """
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:
@@ -106,12 +103,12 @@ def weighted_mean_of_existing(
         values: K offsets of each anchor, D / K values each; zero if the offset does not exist.
         exists: True for offsets that exist.
         index: Neighbours of each query.
-        weight: Weights of the neighbours, not negative. If they do not sum to 1, the averages are multiplied by their
-            sum.
+        weight: Weights of the neighbours, not negative. Averages are multiplied by the sum of the weights, usually 1.
 
     Returns:
-        The averages, zero for offsets that no neighbour has. And for each offset the share of the total weight that
-        belongs to neighbours with this offset, 0 to 1.
+        Two items:
+        * Averages; zero for offsets that no neighbour has.
+        * For each offset, the share of the total weight that belongs to neighbours with this offset, 0 to 1.
     """
     total = weight.sum(dim=1, keepdim=True)
     has = weighted_mean(exists.to(weight.dtype), index, weight)

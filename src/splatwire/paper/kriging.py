@@ -203,10 +203,10 @@ def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Predicts attribute values of all anchors, to be used as expected values for kriging.
+    """Predicts attribute values of all anchors by linear regression; kriging uses them as expected values.
 
-    The prediction is a linear function of `inputs`, fitted to the received values (ridge regression). If the function
-    is estimated to predict no better than 0, the prediction is 0.
+    The linear function of `inputs` is fitted to the received values by ridge regression. The prediction is 0 if
+    regression would not reduce the prediction error.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.

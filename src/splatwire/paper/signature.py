@@ -11,14 +11,12 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Channels of an anchor attribute that the paper's concealer interpolates with common neighbours and weights.
-
-    An example is a feature group.
+    """Channels of an anchor attribute, such as a feature group, that CARI interpolates with the same neighbours.
 
     Attributes:
         attribute: The attribute that the channels belong to.
-        part: Index of the group, also of its residuals in `Residuals.parts`. The last index is that of the offset
-            masks, which have no residuals.
+        part: Index of the group, also of its residuals in `Residuals.parts`. The group of the offset masks is last and
+            has no residuals.
     """
 
     attribute: Attribute

@@ -121,7 +121,11 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
 @njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
-    """Returns the integers from `low` to `high` within `top` to `bottom` (exclusive), as start and end (exclusive)."""
+    """Clips a range of pixel rows to the rows from `top` to `bottom` (exclusive).
+
+    Returns:
+        First whole row from `low` on, and end of the whole rows up to `high` (exclusive), int32 each.
+    """
     first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
     return np.int32(first), np.int32(last) + np.int32(1)
 

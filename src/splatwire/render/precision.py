@@ -93,7 +93,8 @@ def precision_classes(
 ) -> np.ndarray:  # fmt: skip
     """Computes the precision class of each Gaussian from the sensitivity of images to its attributes.
 
-    The sensitivity is estimated from gradients of sums of pixels with random signs (see `splatwire.render.pruning`).
+    A precision class selects the quantisation steps of a Gaussian. The sensitivity is estimated from gradients of sums
+    of pixels with random signs (see `splatwire.render.pruning`).
 
     Args:
         splats: The Gaussians.
@@ -105,8 +106,8 @@ def precision_classes(
         part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
 
     Returns:
-        int8 (N). The quantisation steps double with each class below 0: -1 has twice the steps of 0. The 2 % most
-        sensitive Gaussians may have classes above 0.
+        Class of each Gaussian, int8 (N). The quantisation steps double with each class below 0: class -1 has twice the
+        steps of class 0. At most the 2 % most sensitive Gaussians have classes above 0.
     """
     classes = np.empty(splats.num_gaussians, np.int8)
 
@@ -124,9 +125,8 @@ class MeasuredGaussians:
 
     Attributes:
         classes: Precision class of each Gaussian, which selects its quantisation steps (`precision_classes`).
-        removal: Estimated mean squared error of the pictures if the Gaussian is removed. If a Gaussian has the colour
-            of what is behind it, the pictures would hardly change; `_HIDDEN_CONTRAST` is therefore added to the
-            measured difference of colours.
+        removal: Estimated mean squared error of the pictures if the Gaussian is removed. A Gaussian with nearly the
+            colour of what is behind it is assumed to have a minimum contrast (`_HIDDEN_CONTRAST`).
     """
 
     classes: Int8[np.ndarray, "N"]
@@ -136,14 +136,14 @@ class MeasuredGaussians:
 def measure_gaussians(
     scene: SplatScene, cameras: Cameras | None = None, *, seed: int = 0, part: int = PART
 ) -> MeasuredGaussians:
-    """Measures precision classes and the effect of removing each Gaussian, from the same gradients.
+    """Measures for an encoder how finely to quantise each Gaussian, and how much images change without it.
 
-    Without given cameras, more views are used than by `precision_classes`; some are farther away or look outwards.
+    Both results are estimated from gradients of the same rendered views.
 
     Args:
         scene: Gaussians that can be drawn.
-        cameras: Cameras in which the effect on images is measured; None for `MEASURED_VIEWS` of `surrounding_cameras`
-            or, with several parts, `MEASURED_VIEWS_OF_PART` around each part.
+        cameras: Cameras in which the effect on images is measured; None for cameras around the scene or, with several
+            parts, around each part.
         seed: Seed of the random signs of the pixels, from which the effects are estimated.
         part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
     """
@@ -185,11 +185,10 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 
 
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Computes the precision class of each Gaussian from measured sensitivities.
+    """Computes the precision class of each Gaussian (how finely to quantise it) from measured sensitivities.
 
-    The sensitivity to an attribute also depends on area, shape and opacity of the Gaussian, in a known way. The
-    logarithm of this part is subtracted from that of the sensitivity. The remainder, in powers of 2, is averaged over
-    the attributes and rounded to an integer.
+    The effect of area, shape and opacity of a Gaussian on its sensitivities is removed by a linear model of the
+    logarithms. The remaining logarithms (base 2) are averaged over the attributes and rounded.
 
     Args:
         splats: The Gaussians.

@@ -88,14 +88,14 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Estimated picture errors in one view if attributes of the selected anchors change, summed over these anchors.
+    """Estimated picture errors in one view caused by changes of the selected anchors, summed over these anchors.
 
     Attributes:
         metric: Matrix M for features and logarithms of scalings: `d . M d` is the error if the values of one anchor
             change by the vector d, summed over the anchors.
         offset: Error if a coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
-        offset_share: Sum of the weights by which `_distribute` divides `offset` among the Gaussians. The weight of a
-            Gaussian is the squared error of removing it, times `_relative_size` of its anchor.
+        offset_share: Sum over all Gaussians of the squared error of removing one, times `_relative_size` of its anchor;
+            normalises the shares of single Gaussians in `offset`.
         removal: Sum over all Gaussians of the squared error of removing one.
     """
 
@@ -114,15 +114,15 @@ def _back_propagate(
 ) -> _NetworkErrors:
     """Estimates the picture errors in one view if features, scalings or offsets of the selected anchors change.
 
-    Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians.
+    Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
+    gradients of the sum of all pixels, each multiplied by a random sign.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view; and the gradients, with respect to these, of the sum of all pixels with random
-            signs.
-        each: Change of that sum if a Gaussian of a selected anchor is removed (`GatheredGradients.presence`).
+        drawn: Gaussians of the view, and the gradients of the sum with respect to them.
+        each: Change of the sum if a single Gaussian of a selected anchor is removed (`GatheredGradients.presence`).
     """
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
     own = a.select(rows)
@@ -142,10 +142,9 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns how far a Gaussian moves if its offset changes by 1: squared, in units of the Gaussian's size.
+    """Returns the square of each anchor's offset scale, relative to the base size of its Gaussians.
 
-    There is one value for each anchor. Distance and size are means along the three axes, and the size is without the
-    factor that the networks predict.
+    An offset that changes by 1 moves its Gaussian by the offset scale. Both numbers are means along the three axes.
     """
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2
@@ -154,15 +153,15 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture error if a selected anchor changes, from sums that were measured over all selected anchors.
+    """Estimates the picture error of changing each single anchor, given the total error over all selected anchors.
 
-    Each anchor gets a part of a sum in proportion to the picture error caused by removing the anchor.
+    The total is divided among the anchors in proportion to the picture error caused by removing each anchor.
 
     Args:
-        removal: Image error of removing each anchor; 0 for anchors that were not selected, (N).
-        offset_removal: Image error of removing each Gaussian, (N, K).
-        relative: Result of `_relative_size` for each anchor, (N).
-        parts: Measured sums of each view.
+        removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).
+        offset_removal: Picture error of removing each Gaussian, (N, K).
+        relative: Square of offset scale divided by Gaussian size for each anchor (`_relative_size`), (N).
+        parts: Total errors in each view.
         width: Number of features and scalings per anchor, D.
     """
     metric = sum((part.metric for part in parts), np.zeros((width, width)))

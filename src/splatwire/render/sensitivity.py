@@ -60,11 +60,11 @@ def render_sensitivity(
         scene: The complete scene.
         cameras: Views to render.
         background: RGB of the background; None for that of the scene.
-        probes: Number of back-propagations per view, each with other random signs, for the errors of removing anchors
-            and Gaussians. The other errors use only the first one, because they need less precision and take longer:
-            the gradients must pass through the networks.
+        probes: Number of back-propagations per view for the errors of removing anchors and Gaussians, each with other
+            random signs of the pixels; more give a more precise estimate. The errors of changing attributes are
+            estimated from one of them.
         seed: Seed of the signs.
-        progress: Called with the finished share of views.
+        progress: Called with the finished share of views, 0 to 1.
     """
     a, rng = scene.anchors, Twister(seed)
     (num, count), width = a.mask.shape, a.features.shape[1] + a.scalings.shape[1]
@@ -112,15 +112,15 @@ class GatheredGradients:
         self.fields = [np.zeros(values.shape, np.float32) for values in vars(gaussians).values()]
 
     def add(self, some: slice, *gradients: np.ndarray) -> None:
-        """Stores the gradients of a range of Gaussians (slice `some`); the gradients are in the order of `fields`."""
+        """Stores the gradients of the Gaussians in the range `some`: of means, quats, scales, opacities and colors."""
         for whole, part in zip(self.fields, gradients, strict=True):
             whole[some] = part
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimates how removing each Gaussian changes the value whose gradients were collected (up to the sign).
+        """Estimates how much the back-propagated value changes if a Gaussian is removed, up to the sign.
 
-        This is the gradient with respect to a factor on the Gaussian's opacity: 1 draws it, 0 removes it.
+        The estimate is the derivative with respect to a factor on the Gaussian's opacity.
         """
         return (self.fields[3] * self._opacities).astype(np.float64)
 
@@ -128,12 +128,12 @@ class GatheredGradients:
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
     """Adds the estimated picture errors of removing each anchor and each single Gaussian to `total`.
 
-    The estimate is from one back-propagation of random signs (see the description of the module).
+    The estimate is from the gradients of one sum of pixels with random signs (see the description of the module).
 
     Args:
         total: Errors summed over views; changed in place.
-        place: Number of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Effect of removing each Gaussian (`GatheredGradients.presence`), float64 (G).
+        place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
+        presence: Change of that sum if a Gaussian is removed (`GatheredGradients.presence`), float64 (G).
         probes: Number of such estimates per view, over which the errors are averaged.
     """
     shape = total.offset_removal.shape
@@ -147,8 +147,8 @@ def _add_changes(
 ) -> None:
     """Adds the estimated picture errors of changing features, scalings and offsets of anchors to `total`.
 
-    The estimate is from one back-propagation of random signs (see the description of the module). Here, the gradients
-    with respect to the Gaussians are back-propagated to the anchors, through the networks that generate the Gaussians.
+    The estimate is from the gradients of one sum of pixels with random signs (see the description of the module). They
+    are back-propagated to the anchors, through the networks that generate the Gaussians.
 
     Args:
         total: Errors summed over views; changed in place.

@@ -133,16 +133,18 @@ def fit_sh(
     shares: Float[np.ndarray, "S V"],
     degree: int,
 ) -> Float[np.ndarray, "S D 3"]:
-    """Fits spherical harmonics to colours by weighted least squares with a ridge that grows with the degree.
+    """Fits spherical harmonics to the colours of Gaussians in several views, by weighted least squares.
+
+    A ridge penalty that grows with the degree avoids large coefficients.
 
     Args:
         directions: Unit vectors from the camera to the Gaussian.
         colors: RGB seen from these directions.
-        shares: Weights, which sum to 1 over the views.
+        shares: Weights of the views; they add up to 1 for each Gaussian.
         degree: 0 to 3.
 
     Returns:
-        Coefficients whose sum plus 0.5 is the colour.
+        Coefficients; the colour is 0.5 plus the sum of the coefficients times the harmonic functions.
     """
     x, y, z = np.moveaxis(directions.astype(np.float64), -1, 0)
     basis = np.stack(sh_functions(x, y, z, degree), axis=-1)

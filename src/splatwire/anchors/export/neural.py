@@ -61,7 +61,13 @@ def slots_of(scene: AnchorScene) -> Slots:
 
 
 def slot_view(scene: AnchorScene, slots: Slots, camera_center: Float[np.ndarray, "3"]) -> SlotView:
-    """Evaluates the networks for some Gaussians seen by a camera at `camera_center` (HAC++, decoding of a view)."""
+    """Computes with the scene's networks how some Gaussians appear to a camera (as HAC++ decodes a view).
+
+    Args:
+        scene: The anchor scene.
+        slots: The Gaussians.
+        camera_center: Position of the camera, world coordinates.
+    """
     anchors, heads = scene.anchors, scene.heads
     index, row = np.unique(slots.anchor_index, return_inverse=True)
     offset = slots.offset_index

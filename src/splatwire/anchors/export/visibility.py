@@ -93,7 +93,13 @@ def visible_areas(
 
 
 def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients) -> Float[np.ndarray, "G"]:
-    """Returns the sum of the blending weights of each Gaussian over all pixels of a view."""
+    """Returns the sum of the blending weights of each Gaussian over all pixels of a view.
+
+    Args:
+        gaussians: The Gaussians.
+        camera: Camera of the view.
+        find: Computes image gradients, see `splatwire.render.cpu.each_gradient_cpu`.
+    """
     weights = np.zeros(gaussians.num_gaussians, np.float32)
 
     def ones(shape: tuple[int, ...]) -> Iterator[np.ndarray]:

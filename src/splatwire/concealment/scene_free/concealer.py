@@ -27,20 +27,20 @@ from splatwire.types.splats import Splats
 class SceneFree:
     """Hides lost elements; multiplies size and opacity of received ones by factors (gains) that a network predicts.
 
-    The network reads shares of lost neighbours, ratios of sizes, and counts (`signatures`), but no anchor features,
-    colours or lengths. It therefore generalises to scenes, numbers of channels and world units outside its training
-    set. Anchors and explicit Gaussians have separate networks.
+    The inputs of the network are shares of lost neighbours, ratios of sizes, and counts (`signatures`). None of them
+    depends on the scene's colours, features or unit of length, so the network also works for scenes outside its
+    training set. Anchors and explicit Gaussians have separate networks.
 
     Attributes:
         weights: File with network weights for anchors; None for the weights that ship with the package.
-        trust: Strength of the network's correction for anchors: 0 gives the same result as the concealer `grow`, 1 the
-            full correction. On held-out photos where the correction did not help, factor 0.5 lost at most 0.02 dB
-            against `grow`; factor 1 lost 0.24 dB once.
+        trust: Strength of the network's correction for anchors: 0 gives the result of the concealer `grow`, 1 the full
+            correction.
         gaussian_weights: File with network weights for explicit Gaussians, whose correction is always applied in full;
             None for the shipped weights.
     """
 
     weights: str | Path | None = None
+    # On held-out photos where the correction did not help, 0.5 lost at most 0.02 dB against `grow`, 1 up to 0.24 dB.
     trust: float = 0.5
     gaussian_weights: str | Path | None = None
     _network: GainNetwork = field(init=False, repr=False, compare=False)

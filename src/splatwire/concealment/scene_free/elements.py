@@ -1,9 +1,9 @@
 """Neural network of the concealer `scene_free` for explicit Gaussians.
 
-It predicts factors on size and opacity of each received Gaussian, with which it covers lost neighbours. With a share
-`rho` of the neighbouring Gaussians lost, `L = -log(1 - rho)`. A factor of `exp(L / 2)` on the sizes preserves the
-covered surface area. An opacity of `1 - (1 - a) ** exp(L)` preserves the transmittance of many thin layers. The right
-mix depends on how Gaussians overlap locally, and the network predicts it.
+It predicts factors on size and opacity of received Gaussians, which then cover lost neighbours. If the share `rho` of
+the neighbours was lost, let `L = -log(1 - rho)`. The factor `exp(L / 2)` on sizes preserves the covered area. The
+opacity `1 - (1 - a) ** exp(L)` in place of `a` preserves the transmittance of many thin layers. The best combination
+depends on how Gaussians overlap locally; the network predicts it.
 """
 
 from dataclasses import dataclass
@@ -107,13 +107,15 @@ class ElementNetwork(Perceptron):
     def __call__(
         self, inputs: ElementInputs, trust: float | int = 1.0, base: tuple[float, float] = BASE
     ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
-        """Computes factors (gains) on the size and on the opacity of each Gaussian, positive, float (M) each.
+        """Computes factors (gains) on the size and on the opacity of each received Gaussian, positive, float (M) each.
+
+        The factors grow with the share of lost neighbours. Each has an exponent, which the network corrects.
 
         Args:
             inputs: Inputs of the network for M received Gaussians.
             trust: Factor on the network's correction, 0 for none.
-            base: Two exponents, to which the network's correction is added. For the size, 1/2 preserves the covered
-                area; for the opacity, 1 preserves the transmittance; 0 changes nothing.
+            base: Exponents of size and opacity without the correction. For the size, 1/2 preserves the covered area;
+                for the opacity, 1 preserves the transmittance; 0 changes nothing.
         """
         change = trust * self.evaluate(inputs.signature)
         size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))

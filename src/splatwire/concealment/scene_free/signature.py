@@ -55,10 +55,9 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
 
 def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns which share of each anchor's nearest neighbours was lost, 0 to 1.
+    """Returns the lost share of the nearest neighbours of each anchor, 0 to 1; 0 without neighbours.
 
-    Neighbours count by their expected size, as in the concealer `grow`. The share is 0 for an anchor without
-    neighbours.
+    Neighbours are weighted by their expected size, as in the concealer `grow`.
     """
     near, weight = around.near.index, around.weights
     lost = (weight * ~partial.known)[near].sum(axis=1)
@@ -67,9 +66,9 @@ def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Fl
 
 
 def log_gain(share: Any) -> Any:
-    """Returns the logarithm of the factor on the area of received elements that makes up for a lost share.
+    """Returns the logarithm of the factor on the area of received elements that compensates for lost neighbours.
 
-    The factor is 1 / (1 - share). Shares above `_MOST_LOST` count as `_MOST_LOST`.
+    The factor is 1 / (1 - share), where `share` is the lost share of the neighbours, limited to `_MOST_LOST`.
     """
     return -np.log1p(-np.minimum(share, _MOST_LOST))
 
@@ -81,9 +80,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns the area and the relative distance of each neighbour of M anchors, for sums over neighbours.
-
-    The weight of a neighbour in such a sum falls with its relative distance.
+    """Returns area and relative distance of each neighbour of M anchors, from which weights of neighbours are computed.
 
     Args:
         area: Expected area of every anchor of the scene.

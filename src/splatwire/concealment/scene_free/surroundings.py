@@ -44,8 +44,8 @@ class Surroundings:
     The data does not depend on which anchors are lost, and is computed once for many simulated losses of a scene.
 
     Attributes:
-        log_size: Logarithm of the size that the prior predicts for each anchor, lost or received. With the true sizes
-            of received anchors, prediction errors would look like losses.
+        log_size: Logarithm of the size that the prior predicts for each anchor. The prediction is used for received
+            anchors, too, so that their sizes are comparable with those of lost anchors.
         weights: Weight of each anchor when the lost share of a neighbourhood is computed (`ReceivedScene.sizes`).
         rows: Indices of the M anchors.
         near: Nearest neighbours of the M anchors.

@@ -40,7 +40,7 @@ def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str]
 
 
 def load_gain_network(path: Path) -> GainNetwork:
-    """Reads a network for anchors written by `save_gain_network`.
+    """Reads the network of the concealer `scene_free` for anchors from a file written by `save_gain_network`.
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.
@@ -51,7 +51,7 @@ def load_gain_network(path: Path) -> GainNetwork:
 
 
 def load_element_network(path: Path) -> ElementNetwork:
-    """Reads a network for explicit Gaussians; raises the errors of `load_gain_network`."""
+    """Reads the network of the concealer `scene_free` for explicit Gaussians; raises as `load_gain_network` does."""
     return _load(path, ElementNetwork)
 
 

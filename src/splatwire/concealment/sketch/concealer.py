@@ -58,7 +58,7 @@ class Sketch(CheckedFields):
         return "sketch"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Replaces lost elements by their coarse copies, and computes size and opacity factors of drawn elements.
+        """Draws coarse copies in place of lost elements, and enlarges drawn elements next to those without a copy.
 
         Raises:
             InvalidValueError: If the stream lacks the section `sketch`.

@@ -1,12 +1,12 @@
 """Format of the section `sketch` of the side information: coarse copies of the most important anchors.
 
-A receiver draws the copy of an anchor if the anchor is lost.
+If an anchor is lost, a receiver draws its copy instead.
 
-**Content.** A copy has a precision level, from 1 (coarsest). Its D channels are the features, and the logarithms of the
-scalings relative to the prior. They are decoded as `mean + basis @ integers` from C integers per copy. The columns of
-`basis` are the vectors of a decorrelating transform, scaled so that an error of 1 in any integer changes the rendered
-pictures equally. Offsets are decoded as `offset_step * integers`. The mask of a copy selects the offsets that it
-contains. From each level to the next, `basis` and `offset_step` are halved.
+**Content.** Each copy has a precision level, from 1 (coarsest). Its D channels are the features of the anchor, and the
+logarithms of the scalings relative to those that the context model predicts. C integers per copy are decoded to the
+channels as `mean + basis @ integers`. The columns of `basis` are the vectors of a decorrelating transform, scaled so
+that an error of 1 in any integer changes the rendered pictures equally. Offsets are `offset_step * integers`. The mask
+of a copy selects the offsets that it contains. From each level to the next, `basis` and `offset_step` are halved.
 
 **Head.** Version, number of levels, C, and offsets per anchor, `u8`; number of anchors and of copies, `u32`;
 `offset_step`, exponent and maximum excess of the enlargement of received anchors, and strength of its correction by the
@@ -275,9 +275,9 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
-    """Entropy-codes the basis vectors of the features: the feature of each copied anchor is a weighted sum of them.
+    """Entropy-codes the basis vectors; the channels of each coarse copy are a weighted sum of these vectors.
 
-    A column is modelled by a normal distribution with mean 0 and the standard deviation of the column.
+    A vector is coded under a normal distribution with mean 0 and the standard deviation of its components.
     """
     scales = scale_index(np.sqrt((directions.astype(np.float64) ** 2).mean(axis=0) + 0.05))
     writer = ByteWriter()

@@ -15,11 +15,12 @@ _SMALLEST = 1e-30
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _solve_first(lower, solution):
-    """Solves a symmetric positive definite system for the first unit vector, by Cholesky decomposition.
+    """Solves `A x = (1, 0, ..., 0)` for x by Cholesky decomposition.
 
     Args:
-        lower: The matrix, float64 (10, 10); the lower triangle is overwritten.
-        solution: Output: float64 (10).
+        lower: The symmetric positive definite matrix A, float64 (10, 10); only the lower triangle is read, and
+            overwritten.
+        solution: Output: x, float64 (10).
     """
     for a in range(_TERMS):
         for b in range(a + 1):
@@ -47,12 +48,12 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
     Args:
         offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).
         ridges: Ridge regularisation of each term, float64 (10).
-        nearest: Added to squared distances, relative to their mean.
+        nearest: Added to the squared distances, as a fraction of their mean.
         wild: Maximum sum of absolute weights; above it the inverse-distance weights are used.
-        proximity: Room for inverse-distance weights, float64 (k).
-        terms: Room for the terms of each neighbour, float64 (k, 10).
-        lower: Room for the moments, float64 (10, 10).
-        solution: Room for the solution, float64 (10).
+        proximity: Temporary memory for inverse-distance weights, float64 (k).
+        terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
+        lower: Temporary memory for the moments, float64 (10, 10).
+        solution: Temporary memory for the solution, float64 (10).
         found: Output: the weights, float32 (n, k).
     """
     count = offsets.shape[1]
@@ -98,18 +99,18 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, shares, found):
-    """Interpolates values of n tracks from values of their k neighbours.
+    """Interpolates values of n tracks from values of their k neighbours; see `Neighbors` for the method.
 
     Args:
         index: Neighbours of each track, as rows of `values`, int32 (n, k).
-        weights: See `Neighbors`, float32 (n, k).
-        closeness: See `Neighbors`, float32 (n, k).
-        contrasts: See `Neighbors`, float32 (n, k, 3).
-        contrast: See `Neighbors`, float32 (n, 3).
-        values: float32 (m, 13).
-        has_shapes: True if a scale or opacity is not 0.
-        has_colours: True if a colour is not 0.
-        shares: Room for the slope of each colour channel, float32 (3).
+        weights: Interpolation weights for all channels except colour, float32 (n, k).
+        closeness: Inverse-distance weights, for the colour, float32 (n, k).
+        contrasts: Weights that give the slope of the colour change, float32 (n, k, 3).
+        contrast: Difference of each track's colour from the mean of its neighbours, float32 (n, 3).
+        values: Values of the tracks that serve as neighbours, float32 (m, 13).
+        has_shapes: True if a scale or opacity in `values` is not 0.
+        has_colours: True if a colour in `values` is not 0.
+        shares: Temporary memory, float32 (3).
         found: Output: float32 (n, 13), initially 0.
     """
     last = _CHANNELS if has_colours else _FIRST_COLOUR if has_shapes else _FIRST_SHAPE

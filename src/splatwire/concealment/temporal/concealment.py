@@ -144,8 +144,9 @@ def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) 
 
     Args:
         first: Poses of the tracks with received motion.
-        others: Tracks with lost motion and the frames in which they exist; the function `at` is not used.
-        prediction: Function that estimates the offsets of the lost tracks in a frame from those of the received tracks.
+        others: Tracks with lost motion, and the frames in which they exist.
+        prediction: Function that estimates the offsets of the lost tracks in a frame from those of the received tracks;
+            replaces `others.at`.
     """
     order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")
 

@@ -86,10 +86,9 @@ def _query_neighbors(
     Args:
         sequence: The sequence.
         tracks: Indices of the received tracks.
-        observed: Received tracks that may serve as neighbours, as m indices into `tracks`.
-        origins: Offsets of the tracks `observed` from their keyframe Gaussians at the start of the group, float32 (m,
-            C). Distances are then measured at that time. None to measure distances between keyframe Gaussians, so that
-            tracks that begin together stay neighbours.
+        observed: Received tracks that may serve as neighbours: m indices into `tracks`.
+        origins: Offsets of these m tracks from their keyframe Gaussians at the start of the group, float32 (m, C), for
+            measuring distances at that time. None to measure distances between keyframe Gaussians.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.
@@ -131,15 +130,15 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns how much of its last deviation from its neighbours' motion a track is assumed to keep in the next group.
+    """Returns the fraction of a track's last deviation from its neighbours' motion that is kept in the next group.
 
-    Deviations of position and rotation that are small relative to the quantisation step are probably rounding errors,
-    and are hardly kept. Deviations of scale, opacity and colour are dropped.
+    Small deviations of position and rotation are probably rounding errors, and are hardly kept. Deviations of scale,
+    opacity and colour are not kept.
 
     Args:
         own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
-        rounding: Quantisation steps of the positions, (n).
-        concealed: Mask of tracks whose deviation is only an estimate, bool (n); they keep nothing of it.
+        rounding: Quantisation steps of the positions, (n); a deviation is small relative to them.
+        concealed: Mask of tracks whose motion was only estimated, bool (n); their deviations are not kept.
 
     Returns:
         Factor on each deviation, 0 to 1, float (n, C).

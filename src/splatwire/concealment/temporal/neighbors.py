@@ -31,16 +31,16 @@ AT_ONCE = 1 << 15
 class Neighbors:
     """Nearest received tracks of n tracks with lost motion, with weights for estimating motion and colour from them.
 
-    The estimated colour change of a track is the mean change of its neighbours, plus a linear term: a slope times the
-    difference of the track's colour from that of its neighbours.
+    The colour change of a track is estimated as the mean change of its neighbours, plus a slope times the difference of
+    the track's colour from theirs.
 
     Attributes:
-        observed: Received tracks that serve as neighbours, as indices into the list of received tracks, int64 (m).
+        observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights that give the slope, float32 (n, k, 3). The slope is the sum of these weights times the
-            colour changes of the neighbours, over all neighbours and colour channels.
+        contrasts: Weights for the slope, float32 (n, k, 3). The slope is the sum of the neighbours' colour changes with
+            these weights, over all neighbours and colour channels.
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -56,13 +56,13 @@ class Neighbors:
         places: np.ndarray, colours: np.ndarray, tracks: np.ndarray, observed: np.ndarray, lost: np.ndarray, count: int,
         *, smooth: bool,
     ) -> "Neighbors":  # fmt: skip
-        """Finds the nearest received tracks of tracks with lost motion.
+        """Finds the nearest received tracks of each track with lost motion, and their weights.
 
         Args:
             places: Last known positions of all tracks, float32 (T, 3).
-            colours: Constant harmonic coefficients of the keyframe Gaussians, float32 (T, 3).
+            colours: Spherical harmonics of degree 0 of the keyframe Gaussians, float32 (T, 3).
             tracks: Indices of the received tracks, int64.
-            observed: Received tracks that may serve as neighbours, as indices into `tracks`.
+            observed: Received tracks that may serve as neighbours: indices into `tracks`.
             lost: Indices of the tracks with lost motion.
             count: Maximum number of neighbours per track.
             smooth: True to fit a quadratic function to the neighbours, False to compute their weighted mean.
@@ -98,8 +98,8 @@ class Neighbors:
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Computes weights with which the colour changes of neighbours predict the colour change of a track.
 
-    A change of lighting brightens bright surfaces more than dark ones, so the prediction also depends on the difference
-    of the track's colour from that of its neighbours.
+    A change of lighting brightens bright surfaces more than dark ones. Therefore, the change is predicted as a linear
+    function of colour, fitted to the neighbours.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -107,8 +107,8 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        Weights that give the slope of a linear regression, (n, k, 3), see `Neighbors.contrasts`; and the difference of
-        each track's colour from the mean colour of its neighbours, (n, 3).
+        Weights of the neighbours' colour changes in the slope of the linear function, (n, k, 3), see
+        `Neighbors.contrasts`; and the difference of each track's colour from the mean colour of its neighbours, (n, 3).
     """
     proximity = closeness.astype(np.float64)
     mean = np.einsum("nk,nka->na", proximity, colours)

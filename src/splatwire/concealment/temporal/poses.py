@@ -14,8 +14,8 @@ class GroupPoses:
 
     Attributes:
         tracks: Track indices, ascending, int64 (n).
-        begins: First frame of each track, relative to the group's first frame, int64 (n).
-        ends: First frame after each track, relative to the group's first frame, int64 (n).
+        begins: Index of each track's first frame within the group, int64 (n).
+        ends: Index of the frame after each track's last frame, within the group, int64 (n).
         concealed: Mask of tracks with lost motion, bool (n).
         at: Function that returns the offset of each track from its keyframe Gaussian in a frame of the group, float32
             (n, C); channels as in `GroupMotion.at`.
@@ -63,7 +63,16 @@ class ConcealmentState:
 
 
 def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns each track's first frame and the first frame after it, relative to a group, int64 (n) each."""
+    """Returns in which frames of a group of pictures each track with lost motion exists.
+
+    Args:
+        sequence: The sequence.
+        group: Index of the group of pictures.
+        lost_tracks: Indices of the n tracks.
+
+    Returns:
+        Index of each track's first frame within the group, and index of the frame after its last one, int64 (n) each.
+    """
     frames, tracks = sequence.timeline.frames_of(group), sequence.tracks
     begins = np.where(tracks.born[lost_tracks] == group, tracks.begins[lost_tracks], 0)
     return np.minimum(begins, len(frames) - 1), np.minimum(tracks.ends[lost_tracks] - frames.start, len(frames))

@@ -88,9 +88,9 @@ def _errors(
 ) -> list[np.ndarray]:
     """Measures the errors of estimators of lost motion, on tracks whose true motion was received.
 
-    The error of a track is the squared error of the picture, in colour and opacity, if the track is drawn where it is
-    estimated instead of where it is, times the track's area. The picture is compared at both positions, in a few
-    frames. Gaussians are treated as spheres, and their depth order is ignored.
+    The error of a track is the squared difference of colour and opacity between the pictures with true and estimated
+    position, times the track's area. The pictures are compared at both positions, in a few frames. Gaussians are
+    treated as spheres, and their depth order is ignored.
 
     Args:
         sequence: The sequence.
@@ -100,8 +100,8 @@ def _errors(
         candidates: Estimators of lost motion.
 
     Returns:
-        For each fold, the errors of its t tracks, float64 (t, candidates + 1). There is a column for each estimator.
-        The last column is the error if the track is not drawn at all.
+        For each fold, the errors of its t tracks, float64 (t, candidates + 1): one column for each estimator, then one
+        for a hidden track.
     """
     frames, splats = len(sequence.timeline.frames_of(group)), sequence.tracks.splats
     rests = [np.ones(len(arrived.tracks), bool) for _ in folds]
@@ -133,12 +133,13 @@ def _errors(
 
 
 class _Around(NamedTuple):
-    """Colour and opacity at t points.
+    """Colour and opacity that received Gaussians, except the tested ones, produce at t points.
 
     Attributes:
         points: Positions, (t, 3).
-        density: Sum of the Gaussians' opacities, each times its density there, (t).
-        colour: Sum of their colours and of `OPACITY_ERROR`, with the same weights, (t, 4).
+        density: Sum over the Gaussians of opacity times falloff at the point, (t).
+        colour: Sum of the Gaussians' colours, weighted with the terms of `density`; the fourth channel is
+            `OPACITY_ERROR` in place of a colour, (t, 4).
     """
 
     points: np.ndarray
@@ -165,10 +166,10 @@ class _Field:
         self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
 
     def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
-        """Computes colour and opacity that the Gaussians except the tested ones produce.
+        """Computes the colour and opacity that all received Gaussians except the tested ones produce at given points.
 
         Args:
-            points: Position at which each tested track is compared, (t, 3).
+            points: One point for each tested track, (t, 3).
             tested: Tested tracks, as indices into the received tracks, int64 (t).
         """
         there = np.ones(len(self._square), bool)
@@ -180,16 +181,17 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Compares the pictures with the true and the estimated state of each tested track, at one point per track.
+        """Computes the picture error if tested tracks are drawn in their estimated state, at one point for each track.
 
         Args:
-            around: The points, and what other Gaussians produce there.
+            around: The points, and colour and opacity of the other Gaussians there.
             tested: Tested tracks, as indices into the received tracks, int64 (t).
             states: True state, estimated state. Each consists of the position of each tested track, (t, 3), and a mask
                 of the tracks that exist, bool (t).
 
         Returns:
-            Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
+            Squared difference of colour and opacity between true and estimated state, times the area of the track's
+            Gaussian, float64 (t).
         """
         points, density, colour = around
         square, opacities, shown = self._square[tested], self._opacities[tested], []

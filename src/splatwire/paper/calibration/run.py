@@ -217,10 +217,9 @@ class CalibrationRun:
     def finished(self) -> bool:
         """Returns True if the training is over; called before every training step.
 
-        The training is over after the last step. With `CalibrationConfig.selected`, it is over earlier after
-        `CalibrationConfig.patience` validations without improvement. With `CalibrationConfig.bits`, the steps with
-        quantised weights are not skipped in this case: this method loads the best network so far and continues with
-        these steps.
+        The training ends after the last step or, with `CalibrationConfig.selected`, after `CalibrationConfig.patience`
+        validations without improvement. In the second case, the steps with quantised weights (`CalibrationConfig.bits`)
+        are still performed, starting from the best network.
         """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:
@@ -231,8 +230,8 @@ class CalibrationRun:
     def result(self, seconds: float) -> CalibrationResult:
         """Ends the calibration: returns the final network with its errors on the held-out pseudo-losses.
 
-        The network is disabled, by a confidence threshold that is never reached, for attributes that were not trained.
-        With `CalibrationConfig.selected`, it is also disabled for those that it predicts no better than the
+        For attributes that were not trained, concealment with the result uses the interpolation only. With
+        `CalibrationConfig.selected`, the same applies to attributes that the network predicts no better than the
         interpolation.
 
         Args:

@@ -21,11 +21,11 @@ class RepairGraph:
 
     Attributes:
         queries: Indices of the anchors with at least one missing attribute.
-        index: Anchor indices of the neighbours of each query, all completely received.
-        interpolated: The queries, with missing attributes interpolated from neighbours as `GnnSettings.interpolation`
-            selects. The output of the network is compared and blended with these values.
-        given: The queries as the input of the network, with missing attributes filled in as `GnnSettings.query_input`
-            selects.
+        index: Anchor indices of the neighbours of each query, all of them completely received.
+        interpolated: The queries with missing attributes interpolated by the method `GnnSettings.interpolation`. They
+            are the reference and the fallback for the output of the network.
+        given: The queries with missing attributes filled by the method `GnnSettings.query_input`: the input of the
+            network.
     """
 
     queries: Int64[Tensor, "Q"]

@@ -43,7 +43,10 @@ class GnnWeights:
 
     @property
     def improves(self) -> bool:
-        """True if the network's output is used for at least one attribute, that is, has a threshold of 1 or less."""
+        """True if the network's output is used for at least one attribute.
+
+        An attribute with a confidence threshold above 1 always uses the interpolation.
+        """
         settings = self.settings
         return min(settings.feature_threshold, settings.scaling_threshold, settings.offset_threshold) <= 1
 
