@@ -8,6 +8,8 @@ import { HttpError } from "./http_error.ts";
 const NAME_LETTERS = 16;
 /** Largest size of an update or of a scene that is requested again, bytes. */
 const MAX_FILE_BYTES = 2 ** 30;
+/** Time without data after which a request is given up, milliseconds. */
+const IDLE_MS = 30_000;
 
 /** Bytes of a file before its manifest: magic number, version and size of the manifest. */
 const PREFIX_BYTES = 9;
@@ -26,12 +28,33 @@ export const updateUrl = (file: string, digest: string): string =>
   new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz`, file).href;
 
 /**
- * Returns the content of a file; null if it does not exist. Throws if the server refuses, or declares too large a file.
+ * Returns the content of a file; null if it does not exist. Throws if the server refuses, sends more than
+ * `most` bytes, or sends nothing for `IDLE_MS`.
  */
-export async function readWhole(url: string): Promise<Uint8Array | null> {
-  const answer = await fetch(url, { cache: "no-store" });
-  if (answer.status === 404) return null;
-  if (!answer.ok) throw new HttpError(url, answer);
-  if (Number(answer.headers.get("content-length")) > MAX_FILE_BYTES) throw new Error("the file is too large");
-  return new Uint8Array(await answer.arrayBuffer());
+export async function readWhole(url: string, most = MAX_FILE_BYTES): Promise<Uint8Array | null> {
+  const stop = new AbortController(),
+    pieces: Uint8Array<ArrayBuffer>[] = [];
+  let size = 0,
+    timer: ReturnType<typeof setTimeout> | undefined;
+  const restart = () => {
+    clearTimeout(timer);
+    timer = setTimeout(() => stop.abort(new Error("the server sends nothing")), IDLE_MS);
+  };
+  try {
+    restart();
+    const answer = await fetch(url, { cache: "no-store", signal: stop.signal });
+    if (answer.status === 404) return null;
+    if (!answer.ok) throw new HttpError(url, answer);
+    const reader = answer.body!.getReader();
+    for (let next = await reader.read(); !next.done; next = await reader.read()) {
+      restart();
+      size += next.value.length;
+      if (size > most) throw new Error("the file is too large");
+      pieces.push(next.value);
+    }
+  } finally {
+    clearTimeout(timer);
+    stop.abort();
+  }
+  return new Uint8Array(await new Blob(pieces).arrayBuffer());
 }
