@@ -10,11 +10,11 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts points into the leaves of a k-d tree, given the position in the order at which each leaf ends.
+    """Sorts points into the leaves of a k-d tree, whose sizes are given.
 
     Args:
         points: Coordinates, float (N, 3).
-        bounds: Positions at which leaves begin and end, ascending.
+        bounds: Position of each leaf's first point in the sorted order, ascending, and the number of points at the end.
         order: Indices of the points; permuted in place.
     """
     stack = [(np.int64(0), np.int64(len(bounds) - 1))]
@@ -77,9 +77,6 @@ def _select(points, axis, order, low, high, wanted):
 @njit()
 @no_type_check
 def _middle_of_three(points, axis, order, low, high):
-    """Returns the median of the first, middle and last coordinate of a range, the pivot of a partition.
-
-    The median of three values divides a range more evenly than a single value, also if the range is already sorted.
-    """
+    """Returns a pivot for quickselect: the median of the first, the middle and the last coordinate of a range."""
     a, b, c = points[order[low], axis], points[order[(low + high) // 2], axis], points[order[high], axis]
     return max(min(a, b), min(max(a, b), c))

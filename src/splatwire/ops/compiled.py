@@ -1,7 +1,7 @@
 """Compilation of numba kernels, with a cache that works in any installation, and progress logging.
 
-The logger of this module emits an INFO record before it compiles a kernel that was called from Python; callees are
-included. Kernels loaded from the cache are not logged.
+The logger of this module emits an INFO record before the compilation of a kernel that was called from Python. Kernels
+from the cache, and functions that a kernel calls, have no record.
 """
 
 import functools

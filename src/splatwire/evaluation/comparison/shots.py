@@ -51,7 +51,7 @@ class Shots:
     def add(
         self, view: int, psnr: float, image: Float[np.ndarray, "H W 3"], reference: Float[np.ndarray, "H W 3"]
     ) -> None:
-        """Keeps a view if it is one of the wanted views or the worst so far.
+        """Stores the images of a view if the report shows it: a fixed view, or the view with the lowest PSNR.
 
         Args:
             view: Index of the view.

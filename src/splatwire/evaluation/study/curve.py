@@ -1,4 +1,4 @@
-"""Loss curve of a report: PSNR of a few methods at additional loss rates."""
+"""Chart of PSNR against loss rate for a report (loss curve): evaluates a few methods at additional loss rates."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -101,7 +101,7 @@ def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
 
 
 def _with_loss_rate(model: LossModel, rate: float) -> str | None:
-    """Returns a loss model with another loss rate, as text; None if the model has no rate."""
+    """Returns the specification (text) of a loss model with another loss rate; None if the model has no rate."""
     if isinstance(model, Bernoulli):
         return f"bernoulli:{rate}"
     if isinstance(model, GilbertElliott) and (model.arrival_bad, model.arrival_good) == (0.0, 1.0):

@@ -105,8 +105,8 @@ class Row:
         packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
         conceal: Name of the concealer.
         options: Options of the concealer.
-        erode: For an ablation: name of the only attribute that the anchors of lost packets lose. None for real losses:
-            the anchors lose everything that the packets contain.
+        erode: For an ablation: name of the only attribute that anchors of lost packets lose. None for real losses, in
+            which they lose everything that the packets contain.
         lossless: True if the row has no losses.
         sections: Named sections of the side information in the row's stream; they count towards its size.
         decoded: Results of another codec, one per scene, which are evaluated without losses; empty for a row whose

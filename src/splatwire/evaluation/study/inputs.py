@@ -54,10 +54,9 @@ class PreparedScene:
         entry: Definition of the scene.
         references: The reference images.
         streams: Encoded streams, by name of the packetization (`Row.variant`).
-        parts: Sizes of the stream of each method. The outer key is the method's key (`Row.key`), the inner key is the
-            name of a part of the stream, such as an attribute, and the value is the size of this part in bytes. Weights
-            that the method's concealer needs count as a part. Side information that only other concealers read is not
-            included.
+        parts: Bytes of each part of a method's stream, such as an attribute, by key of the method (`Row.key`) and name
+            of the part. Weights that the method's concealer needs are a part, too. Side information for other
+            concealers is not included.
         masks: Loss masks, by name of the packetization, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.

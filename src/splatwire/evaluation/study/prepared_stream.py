@@ -1,4 +1,4 @@
-"""Path, digest and sizes of an encoded stream (or of an unsent scene file): input of the tasks of an evaluation."""
+"""Description of a stream, or of an unsent scene file, that tasks of an evaluation read: path, digest and sizes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -158,10 +158,7 @@ def _picture(root: Path, folder: str, view: int) -> Path:
 
 
 def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dataset | None]:
-    """Returns the cameras of a scene, and the dataset whose photos are its references.
-
-    The dataset is None if the references are rendered.
-    """
+    """Returns the cameras of a scene, and the dataset of its reference photos; None if the references are rendered."""
     if entry.photos is not None:
         dataset = open_dataset(
             entry.photos, split=entry.split, images=entry.images, max_width=entry.max_width,

@@ -228,7 +228,7 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
     Args:
         cells: Tasks to sort.
-        first: Tasks that determine the order: their streams and loss masks come first.
+        first: Tasks whose streams and loss masks come first in the order.
     """
     place: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):

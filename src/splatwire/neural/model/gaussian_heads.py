@@ -29,7 +29,7 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
 
 
 def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Like `generate_gaussians`; also returns the anchor and the offset that generated each Gaussian."""
+    """Generates the Gaussians that a camera sees, and the indices of the anchor and the offset that each comes from."""
     scene = to_tensors(scene)
     visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
     size_gain: Any = None
@@ -45,9 +45,8 @@ def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> Spawned
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
     """Returns the mask of the anchors that camera `view` may see (HAC++'s pre-filter), bool (N).
 
-    An anchor is projected as an unrotated Gaussian, with the first three scalings of the anchor as sizes. The anchor is
-    kept if its depth is above 0.2 world units, and the square around its projection with half sides of three standard
-    deviations intersects a tile of the image.
+    An anchor is projected as an unrotated Gaussian, with its first three scalings as sizes. It is kept if its depth is
+    above 0.2 world units, and the square of three standard deviations around it intersects a tile of the image.
     """
     projected = project_tensors(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)

@@ -18,7 +18,7 @@ class PriorOutputs:
     Attributes:
         feature_mean: Mean of each feature channel.
         feature_scale: Standard deviation of each feature channel, unclamped.
-        feature_weight: Logit of the weight of this prediction for each feature channel. The coder mixes it with the
+        feature_weight: Logit of the weight with which the coder mixes this prediction of a feature channel with the
             prediction from the previous channels (channel context).
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.

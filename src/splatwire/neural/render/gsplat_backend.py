@@ -62,8 +62,8 @@ class GsplatRenderer:
     ) -> tuple[Float[Tensor, "C H W 3"], Float[Tensor, "C G 2"]]:
         """Renders on the device of the Gaussians; returns the pictures and the projected 2D centres.
 
-        The centres are in pixels, one row per Gaussian (gsplat's packed mode is off), and are part of the autograd
-        graph. Their gradient is per pixel, and zero for Gaussians outside the image.
+        The centres are in pixels, and are part of the autograd graph. Their gradient is zero for Gaussians outside the
+        image.
         """
         if not gaussians.num_gaussians:
             return _nothing(gaussians, cameras, background)

@@ -1,8 +1,7 @@
 """Compiled kernels of the photometric loss; called by `splatwire.neural.training.losses`.
 
-The loops over a row are separate functions so that the compiler vectorises them. No function is compiled with
-fast-math: a process that compiles a function and a process that loads it from the cache could then round differently,
-and two trainings with the same seed would diverge.
+The loops over a row are separate functions so that the compiler vectorises them. The compiler option fast-math is off,
+so that trainings with the same seed give equal results.
 """
 
 from typing import no_type_check

@@ -108,7 +108,7 @@ class TrainedCausal:
         return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: lambda times the megabytes of the scene, estimated from a sample."""
+        """Returns the rate term of the loss: the estimated size of the scene in megabytes, times its weight lambda."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
 
@@ -218,7 +218,7 @@ def number_bits_of(
     Args:
         networks: The networks by name.
         config: Shapes of anchors and networks.
-        place: Inputs of the position network.
+        place: Positions of the anchors and their positional encoding, as inputs of the position network.
         numbers: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
@@ -236,7 +236,7 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns the bits that code whether each offset exists: one array if it exists, one if it does not.
+    """Returns the bits for coding the mask of each offset: first if the offset exists, then if it does not.
 
     Args:
         predicted: Predictions of the causal model.

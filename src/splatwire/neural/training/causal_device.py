@@ -101,7 +101,7 @@ class DeviceCausal(TrainedCausal):
 
     @torch.no_grad()
     def estimate_bytes(self, state: TrainState) -> float:
-        """Estimates the bytes of all anchors, with noise in place of rounding. The noise has a fixed seed."""
+        """Estimates the bytes of all anchors in the stream, with noise of a fixed seed in place of rounding."""
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
         steps, total = column_steps(parameters["steps"], self._model), list[Tensor]()
         widths = (self._model.layout.feature_dim, FORM, 3 * self._model.layout.num_offsets)
@@ -117,7 +117,7 @@ class DeviceCausal(TrainedCausal):
         return float(torch.stack(total).sum()) / 8
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: lambda times the megabytes of the scene, estimated from a sample."""
+        """Returns the rate term of the loss: the estimated size of the scene in megabytes, times its weight lambda."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return rate.bits * (state.rate(self._config.weights) * share / RATE_UNIT)
 

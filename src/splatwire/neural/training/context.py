@@ -32,7 +32,7 @@ class SampleBits:
     """Estimated bits of a random sample of anchors.
 
     Attributes:
-        bits: Total bits of all three attributes of the sample; differentiable.
+        bits: Total bits of the sampled anchors; differentiable.
         num_anchors: Size of the sample.
     """
 
@@ -148,7 +148,7 @@ class TrainedContext:
         return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: lambda times the mean bits per attribute value of the scene."""
+        """Returns the rate term of the loss: the mean bits per attribute value, times their weight lambda."""
         return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:

@@ -114,7 +114,7 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
         state: State of the training; changed in place.
         config: The configuration.
         gradients: Mean gradient length of each offset's 2D centre; negative for offsets drawn in too few views.
-        uniform: Draws the random numbers by which candidates are skipped.
+        uniform: Draws random numbers, by which a random share of the candidates is skipped.
     """
     rules, first = config.growth, state.num_anchors
     for level in range(rules.levels):

@@ -69,7 +69,7 @@ class Loss:
 
 
 class PacketLosses:
-    """Draws the random packet losses of training iterations.
+    """Simulates random packet losses during training, and conceals them as a receiver would.
 
     Args:
         config: The configuration.
@@ -209,18 +209,17 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the typical size of an anchor in each anchor's quality tier, for concealment.
+        """Returns the typical anchor size of each anchor's quality tier, from which a receiver conceals lost anchors.
 
-        A receiver does not know the sizes of lost anchors, so it uses one typical size per tier. Here the received
-        anchors are the first tier, and the lost anchors the second.
+        A receiver does not know the size of each lost anchor, so it uses one size per tier. Here the received anchors
+        are the first tier, and the lost anchors the second.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
 
         Returns:
-            Typical size for each anchor in coding order, relative to the larger of the two tiers, above 0 and at most
-            1.
+            Typical size for each anchor in coding order, above 0. The larger of the two sizes is 1.
         """
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()

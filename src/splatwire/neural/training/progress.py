@@ -155,7 +155,7 @@ def estimate_bytes(state: TrainState, bits_per_anchor: float, mask_threshold: fl
     Args:
         state: State of the training.
         bits_per_anchor: Running mean of the estimated bits per anchor.
-        mask_threshold: Threshold on the sigmoid of mask logits, above which an offset exists.
+        mask_threshold: An offset exists if the sigmoid of its mask logit is above this value.
     """
     parameters = state.parameters
     mask = state.masks(mask_threshold)

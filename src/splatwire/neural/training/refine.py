@@ -100,10 +100,10 @@ class _BinaryGrid:
         self._read[torch.cat([corners.volume_rows.flatten(), corners.plane_rows.flatten()]).long()] = 1
 
     def bits(self) -> Float[Tensor, ""]:
-        """Estimates the size in bits of the grid's signs in the stream; signs that no anchor uses cost nothing.
+        """Estimates the bits of the grid's signs in the stream; signs that no anchor reads are not counted.
 
         The estimate is the ideal code length if the coder knows the share of +1 in each level and feature channel. It
-        is differentiable in the real numbers behind the signs.
+        is differentiable in the trained real numbers.
         """
         signs = torch.cat([straight_through_sign(self.volume), straight_through_sign(self.planes).flatten(0, 1)])
         with torch.no_grad():

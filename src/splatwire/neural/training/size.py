@@ -89,7 +89,7 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns how many times the size of the stream is measured from the start up to `iteration`, inclusive."""
+    """Returns the number of measurements of the stream's size up to an iteration, inclusive."""
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 

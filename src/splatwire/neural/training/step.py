@@ -136,7 +136,7 @@ class TrainingStep:
 
     @property
     def size_estimate(self) -> Callable[[TrainState], float] | None:
-        """Function that estimates the size of the encoded scene, up to a constant factor; None if there is none."""
+        """Function that estimates the size of the encoded scene, up to a constant factor; None if unavailable."""
         return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
 
     def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:

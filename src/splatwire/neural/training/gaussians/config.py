@@ -67,10 +67,9 @@ class RelocationRules:
         start: Gaussians are moved and added after this share of the iterations.
         growth_end: The number of Gaussians reaches the budget at this share of the iterations or before.
         end: After this share of the iterations, no Gaussians are moved or added.
-        interval: Number of iterations between two changes of the set of Gaussians; fewer in short trainings (see
+        interval: Number of iterations between two changes of the set of Gaussians; smaller in short trainings (see
             `changes`).
-        changes: Minimum number of changes that a training has time for: the interval is at most the number of
-            iterations divided by this number.
+        changes: Minimum number of changes in a training; a short training has shorter intervals to reach it.
         growth: Relative increase of the number of Gaussians per change. It is larger if the budget would otherwise not
             be reached.
         dead_opacity: Gaussians with at most this opacity are moved to the place of a visible Gaussian.
