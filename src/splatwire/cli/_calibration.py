@@ -1,4 +1,4 @@
-"""Common code of the calibration verbs: input stream, views for image comparison, and writing the computed section."""
+"""Common code of `calibrate`: reads the stream, chooses views for image comparison, and writes the changed stream."""
 
 import sys
 from dataclasses import replace
@@ -25,11 +25,12 @@ from splatwire.types.background import Background
 
 
 def check_look(look: LookFrom) -> None:
-    """Raises an error if options of the comparison views contradict each other; called before files are read.
+    """Raises an error if options about reference pictures contradict each other; called before files are read.
 
     Raises:
-        InvalidValueError: If both photos and cameras are given, one of these paths does not exist, or the
-            background is not a colour.
+        InvalidValueError: If both photos and cameras are given, one of these paths does not exist, or the background is
+            not
+            a colour.
     """
     if look.data is not None and look.cameras is not None:
         raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
@@ -41,6 +42,10 @@ def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
     """Returns the views in which a calibration compares pictures, and their description for messages.
 
     These are the training photos of `--data`, else the cameras of `--cameras`, else views on a sphere around the scene.
+
+    Args:
+        look: The options about reference pictures.
+        scene: The complete scene.
     """
     behind = _behind(look, scene)
     if (photos := photos_of(look, "train", scene)) is not None:
@@ -57,7 +62,7 @@ def photos_of(look: LookFrom, split: str, scene: Scene) -> CalibrationViews | No
     """Returns the photos of the dataset `--data` with their cameras; None without this option.
 
     Args:
-        look: Options of the views in which pictures are compared.
+        look: The options about reference pictures.
         split: `train` or `test`.
         scene: The scene; the cameras become relative to its origin.
     """
@@ -89,7 +94,12 @@ def stream_output(path: Path, what: str) -> Path:
 
 
 def complete_stream(source: Path, show: Reporter) -> SceneStream:
-    """Reads the input stream; a scene file is encoded first."""
+    """Reads the stream to calibrate; a scene file is encoded first.
+
+    Args:
+        source: Path of the stream or scene file.
+        show: Called with the name of the current task and its finished share, 0 to 1.
+    """
     if is_stream(source):
         return read_stream(source)[0].still(source)
     scene = open_scene(source)

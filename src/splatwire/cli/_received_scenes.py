@@ -59,9 +59,16 @@ def keep_preview(command: Receive, preview: bytes) -> str:
 def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporter) -> None:
     """Decodes and conceals a received stream, and writes the scene or the frames of the clip.
 
+    Args:
+        command: Options of `splatwire receive`.
+        stream: The received stream.
+        path: Path of the output.
+        show: Called with the name of the current task and its finished share, 0 to 1.
+
     Raises:
         InvalidValueError: If the suffix of the output does not fit the kind of scene. The stream is then written to a
-            file next to the output.
+            file
+            next to the output.
     """
     explicit = command.explicit
     if stream.manifest.schema.timed and not explicit:

@@ -117,7 +117,13 @@ def convert(chosen: Conversion, command: Convert) -> None:
 
 
 def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
-    """Writes the frames of a sequence as files of another format."""
+    """Writes the frames of a sequence as files of another format.
+
+    Args:
+        path: Path of the sequence.
+        chosen: The conversion, with output and format.
+        as_json: True to print the result as JSON.
+    """
     started, suffix = time.perf_counter(), format_named(chosen.form).suffix
     with progress_bars() as report, output_folder(chosen.output) as folder:
         count = write_frame_files(open_sequence(path), folder, suffix, report)
@@ -129,7 +135,13 @@ def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
 
 
 def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None:
-    """Writes the levels of detail of a still scene as 3D Tiles or as streamed SOG into a new folder."""
+    """Writes the levels of detail of a still scene as 3D Tiles or as streamed SOG into a new folder.
+
+    Args:
+        path: Path of the scene.
+        chosen: The conversion, with output and format.
+        as_json: True to print the result as JSON.
+    """
     started = time.perf_counter()
     if _is_timed(path):
         raise InvalidValueError(
@@ -153,7 +165,14 @@ def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None
 
 
 def _convert_sequence(path: Path, chosen: Conversion, form: SequenceFormat, *, as_json: bool) -> None:
-    """Writes the frames of a sequence to one file."""
+    """Writes the frames of a sequence to one file.
+
+    Args:
+        path: Path of the sequence.
+        chosen: The conversion, with the output.
+        form: Format of the output.
+        as_json: True to print the result as JSON.
+    """
     started = time.perf_counter()
     output = prepared_output(Path(chosen.output))
     with progress_bars() as report:

@@ -124,7 +124,14 @@ def _budget_bytes(options: PlanCommand, plain: int) -> float:
 
 
 def _print_result(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
-    """Writes the plan for a stream to a file and prints a summary."""
+    """Writes the plan for a stream to a file and prints a summary.
+
+    Args:
+        options: Options of `splatwire plan`.
+        content: The plan as a JSON object.
+        path: Path of the stream.
+        show: Prints the plan, given the command that serves the stream with it.
+    """
     if options.output is not None:
         atomic_write(options.output, (json.dumps(content, indent=1) + "\n").encode())
     if options.json:

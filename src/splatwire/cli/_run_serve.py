@@ -237,7 +237,12 @@ async def _offer_downloads(command: Serve, opened: RunningServer, stack: context
 
 
 async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
-    """Publishes the changed scenes and their updates whenever updates appear in the folder."""
+    """Publishes changed scenes to the clients of a server whenever updates appear in the folder of `--updates`.
+
+    Args:
+        scenes: The served scenes.
+        opened: The running server.
+    """
     while True:
         await asyncio.sleep(LOOK_S)
         folder = scenes.folder
@@ -249,7 +254,15 @@ async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
 
 
 async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> None:
-    """Reads the streams and the certificate again; keeps the previous ones and logs an error if one is invalid."""
+    """Replaces the streams and the certificate of a running server by the current content of their files.
+
+    The previous ones remain, and an error is logged, if a file is invalid.
+
+    Args:
+        command: Options of `splatwire serve`.
+        opened: The running server.
+        scenes: The served scenes, which are changed.
+    """
 
     def read() -> _Scenes:
         return _served_streams(command, *protection(command))

@@ -82,7 +82,12 @@ def run(command: Train) -> None:
 
 
 def _initial_training(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
-    """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None."""
+    """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None.
+
+    Args:
+        command: Options of `splatwire train`.
+        place: Name of the training device, for messages.
+    """
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     start = None if command.init is None else open_scene(command.init)
     if start is not None and (model := model_of(start)) is not None:

@@ -103,7 +103,12 @@ def run_gaussians(command: Train, device: str, place: str) -> None:
 
 
 def _initial_training(command: Train, place: str) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:
-    """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None."""
+    """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None.
+
+    Args:
+        command: Options of `splatwire train`.
+        place: Name of the training device, for messages.
+    """
     config = _config(command)
     start = None if command.init is None else open_scene(command.init)
     train, test = training_data(command, config.test_views, config.background)

@@ -150,7 +150,12 @@ def _are_alike(one: ColmapView, other: ColmapView) -> bool:
 
 
 def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
-    """Reads the views from files with the first suffix that exists."""
+    """Reads the views of a reconstruction in the preferred format of those that exist.
+
+    Args:
+        folder: Folder of the reconstruction.
+        suffixes: Suffixes of the formats, preferred ones first.
+    """
     cameras = _read(folder, "cameras", suffixes)
     images = _read(folder, "images", suffixes)
     if not images:

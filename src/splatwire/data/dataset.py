@@ -194,7 +194,14 @@ def _chosen(count: int, split: str, test_views: str) -> list[int]:
 
 
 def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str) -> tuple[list[ColmapView], list[Path]]:
-    """Returns the views of a split of a COLMAP reconstruction, and their photos."""
+    """Returns the views of a split of a COLMAP reconstruction, and their photos.
+
+    Args:
+        folder: Folder of the reconstruction.
+        image_folder: Folder of the photos.
+        split: `train`, `test` or `all`.
+        test_views: Rule that selects the test views.
+    """
     views = read_views(folder)
     found = _find_images(image_folder, views)
     check_distinct(folder, [view.name for view in views], found)
@@ -213,7 +220,14 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Returns the views of a split, the file that lists them, and the point cloud that the file names, or None."""
+    """Returns the views of a split, the file that lists them, and the point cloud that the file names, or None.
+
+    Args:
+        path: Folder of the dataset.
+        split: `train`, `test` or `all`.
+        images: Image folder to use instead of `images`, or None.
+        test_views: Rule that selects the test views; None for the default of the layout.
+    """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
         photos, tests = [view.image_path for view in views], _chosen(len(views), "test", rule)
@@ -316,7 +330,13 @@ def _views_of_split(views: list[TransformsView], found: Transforms, split: str) 
     """Selects the training or test views of a transforms file by the file names that it lists.
 
     Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has
-    all remaining views.
+    all
+    remaining views.
+
+    Args:
+        views: All views of the file.
+        found: Content of the file.
+        split: `train`, `test` or `all`.
     """
     train, test = found.splits.get("train"), found.splits.get("test") or found.splits.get("val")
     if split == "all":
@@ -354,7 +374,16 @@ def _by_stem(folder: Path) -> dict[str, Path]:
 def _masks(
     views: Sequence[ColmapView | TransformsView], image_paths: list[Path], upright: bool
 ) -> tuple[Path | None, ...]:
-    """Returns the mask file of each view, after checking that it has the size of the photo."""
+    """Returns the mask file of each view, after checking that it has the size of the photo.
+
+    Args:
+        views: The views.
+        image_paths: Photo of each view.
+        upright: True if photos are rotated by their EXIF orientation.
+
+    Raises:
+        DatasetError: If sizes differ.
+    """
     masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):
         if mask is not None and (found := photo_size(mask)) != (size := photo_size(file, upright=upright)):
@@ -374,6 +403,16 @@ def _cameras(
     """Returns the cameras, scaled to the size with which photos are loaded, and the lens undistortion of each view.
 
     The undistortion of a pinhole view is None. The list is empty if all views are pinhole views.
+
+    Args:
+        source: File or folder with the views, for messages.
+        views: The views.
+        image_paths: Photo of each view.
+        max_width: Maximum width of loaded photos, pixels; None for no maximum.
+        upright: True if photos are rotated by their EXIF orientation.
+
+    Raises:
+        DatasetError: If the photos have different sizes, or another shape than their cameras.
     """
     first = photo_size(image_paths[0], upright=upright)
     width, height = limited_size(*first, max_width)

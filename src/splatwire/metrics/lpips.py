@@ -135,7 +135,7 @@ def _convolved(
     stride: int,
     padding: int,
 ) -> Float[np.ndarray, "O H W"]:
-    """Applies a convolution and a ReLU, computed as matrix products over blocks of image rows."""
+    """Applies a convolution and a ReLU (layer of the image network of LPIPS)."""
     kernel = weight.shape[2]
     padded = np.pad(x, ((0, 0), (padding, padding), (padding, padding)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), (1, 2))[:, ::stride, ::stride]

@@ -415,7 +415,7 @@ class _Trials:
         return max(fitting, key=lambda found: found[0])[1] if fitting else None
 
     def reached(self, target: Target) -> EncodedScene:
-        """Returns a stream that reaches a target.
+        """Encodes the scene so that the stream reaches a target size, PSNR or quality setting.
 
         Raises:
             InvalidValueError: If the target cannot be reached.
@@ -433,11 +433,10 @@ class _Trials:
         return found
 
     def closest(self, target: Target) -> EncodedScene | None:
-        """Encodes the scene with the quality, size or PSNR that a target asks for, as exactly as possible.
+        """Encodes the scene to a target size, PSNR or quality setting, as exactly as possible.
 
         Returns:
-            The stream. For a target size, the largest stream found that does not exceed it, or None if all found are
-            larger.
+            The stream. For a target size, the largest stream found that does not exceed it; None if all are larger.
         """
         if target.quality is not None:
             return self._plan.encoded(target.quality, self._encode)

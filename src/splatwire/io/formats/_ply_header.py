@@ -121,7 +121,12 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
 
 
 def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
-    """Returns the texts of comments; logs one warning if some are not UTF-8."""
+    """Decodes the comments of a PLY header; logs one warning if some are not UTF-8.
+
+    Args:
+        path: The file, for messages.
+        lines: The lines with comments.
+    """
     texts, others = list[str](), list[str]()
     for line in lines:
         text = line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip()

@@ -18,7 +18,15 @@ _SAMPLE = 1 << 12
 
 
 def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
-    """Reads binary rows; memory is bounded by the actual file content, not by the header's counts.
+    """Reads the rows of the elements of a binary PLY; memory is bounded by the actual file content, not by the header.
+
+    Args:
+        path: The file, for messages.
+        header: The parsed header.
+        source: The bytes after the header, in pieces.
+
+    Returns:
+        Structured array of the rows of each element, by name.
 
     Raises:
         DatasetError: If there are fewer or more bytes than the rows have.
@@ -38,10 +46,19 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
 
 
 def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
-    """Reads rows of a text PLY: numbers separated by white space.
+    """Reads the rows of the elements of a text PLY: numbers separated by white space.
 
     Some programs declare positions as `float` but write more digits. Such positions are returned as float64 if they are
-    far from 0.
+    far
+    from 0.
+
+    Args:
+        path: The file, for messages.
+        header: The parsed header.
+        source: The bytes after the header, in pieces.
+
+    Returns:
+        Structured array of the rows of each element, by name.
 
     Raises:
         DatasetError: If there are fewer or more numbers than expected, or a word is not a number.

@@ -58,7 +58,11 @@ def warn_of_other_units(vertices: PlyElement) -> None:
 
 
 def _warn_of_integers(some: PlyElement) -> None:
-    """Logs a warning about integer properties, which are probably quantised values with an unknown step."""
+    """Logs a warning about integer properties, which are probably quantised values with an unknown step.
+
+    Args:
+        some: A sample of the vertices.
+    """
     whole = [name for name in some.names if some.rows.dtype[name].kind in "ui" and _PARTS.fullmatch(name)]
     if whole:
         LOG.warning(
@@ -71,12 +75,13 @@ def _look_like_sizes(some: PlyElement, scales: np.ndarray, several: bool) -> boo
     """Returns True if the scales in a file are probably sizes instead of logarithms of sizes.
 
     If they were logarithms, the Gaussians would be too large for the scene, or the distribution would be implausible:
-    all values from 0 to 1, or a minimum far below the median.
+    all
+    values from 0 to 1, or a minimum far below the median.
 
     Args:
-        some: Rows of the file.
-        scales: The scales, all at least 0 and none of them NaN.
-        several: True if there are enough rows to judge the distribution.
+        some: A sample of the vertices.
+        scales: Their scales, all at least 0 and none of them NaN.
+        several: True if there are enough values to judge the distribution.
     """
     low, middle, high = float(scales.min()), float(np.median(scales)), float(scales.max())
     if np.exp(min(middle, MAX_LOG_SCALE)) > _MAX_SIZE * _extent(some):
@@ -94,7 +99,11 @@ def _warn_of_scales(path: Path, scales: np.ndarray) -> None:
 
 
 def _extent(some: PlyElement) -> float:
-    """Returns the extent of the scene along its longest axis, world units; outliers are ignored."""
+    """Returns the extent of the scene along its longest axis, world units; outliers are ignored.
+
+    Args:
+        some: A sample of the vertices.
+    """
     means = some.select_wide(["x", "y", "z"])
     means = means[np.isfinite(means).all(axis=1)]
     if not len(means):
@@ -104,11 +113,11 @@ def _extent(some: PlyElement) -> float:
 
 
 def _unit_of_opacities(some: PlyElement, values: np.ndarray) -> str | None:
-    """Returns a description of the unit of opacities, such as `linear`, if they are probably no logits, else None.
+    """Returns the probable unit of opacities, such as `linear`, or None if they are probably logits.
 
     Args:
-        some: Rows of the file.
-        values: Opacities that are not NaN.
+        some: A sample of the vertices.
+        values: Their opacities that are not NaN.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -135,6 +144,10 @@ def _are_bytes(some: PlyElement, values: np.ndarray) -> bool:
     """Returns True if opacities are probably integer codes such as bytes.
 
     Their property has an integer type, or all values are whole numbers and at least three are different.
+
+    Args:
+        some: A sample of the vertices.
+        values: Their finite opacities.
     """
     if some.rows.dtype["opacity"].kind in "ui":
         return True

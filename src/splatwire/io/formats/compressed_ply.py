@@ -124,7 +124,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
 
 
 def _check_bounds(chunks: PlyElement) -> None:
-    """Checks that bounds are complete and ordered; older files have no bounds of colours.
+    """Checks that the bounds of all chunks are complete and ordered; older files have no bounds of colours.
 
     Raises:
         DatasetError: If a minimum exceeds its maximum, or one of the bounds of an attribute is missing.
@@ -191,7 +191,7 @@ def write_compressed_ply(
     outliers: Outliers = DEFAULT,
     metadata: SceneMetadata = NO_METADATA,
 ) -> int:
-    """Writes a compressed PLY with the Gaussians sorted along a Morton curve; outliers of the positions are last.
+    """Writes a compressed PLY with the Gaussians sorted along a Morton curve, distant Gaussians last.
 
     Positions are relative to the origin, which is stored as a comment. See `splatwire.io.formats.write_splats`.
     """
@@ -239,7 +239,13 @@ def _order_by_density(splats: Splats, path: Path) -> Splats:
 
 
 def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Sorts Gaussians spatially, and moves or removes outliers that degrade the other Gaussians in their chunk."""
+    """Sorts Gaussians spatially, and treats outliers that degrade the other Gaussians in their chunk.
+
+    Args:
+        splats: The Gaussians.
+        path: The file, for messages.
+        treatment: `clamp` to move outliers towards the others, `prune` to remove them, or `keep`.
+    """
     if treatment == "prune":
         splats = _without_far(splats, path)
     column = find_outliers(splats.means)

@@ -128,7 +128,13 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
 
 
 def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes], int]:
-    """Returns an iterator over the bytes of a PLY, decompressed if necessary, and their maximum total number."""
+    """Returns an iterator over the bytes of a PLY, decompressed if necessary, and their maximum total number.
+
+    Args:
+        path: Path of the file, for messages.
+        file: The opened file.
+        file_bytes: Size of the file in bytes.
+    """
     packed = file.read(len(XZ_MAGIC)) == XZ_MAGIC
     file.seek(0)
     limit = max(_FREE_BYTES, _MAX_RATIO * file_bytes) if packed else file_bytes

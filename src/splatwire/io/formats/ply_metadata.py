@@ -76,7 +76,12 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
-    """Returns the metadata fields that a PLY comment states, such as title or author, each with its text."""
+    """Returns the metadata fields that a PLY comment states, such as title or author, each with its text.
+
+    Args:
+        lines: Pattern of the comments that state each field, by name of the field.
+        comment: The comment.
+    """
     matches = {name: line.fullmatch(comment) for name, line in lines.items()}
     return {name: match[match.lastindex or 0].strip() for name, match in matches.items() if match}
 

@@ -90,7 +90,13 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
 
 
 def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Moves or removes outliers that enlarge the range of positions so much that all other positions lose precision."""
+    """Treats outliers that enlarge the range of positions so much that all other positions lose precision.
+
+    Args:
+        splats: The Gaussians.
+        path: The file, for messages.
+        treatment: `clamp` to move outliers towards the others, `prune` to remove them, or `keep`.
+    """
     column = costly_outliers(splats, _position_errors)
     logs, others = _logs(column.values), _logs(column.others)
     low, high = others.min(axis=0), others.max(axis=0)

@@ -108,7 +108,13 @@ def write_spz(
 
 
 def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Moves or removes outliers that would reduce the precision of all other positions; logs the remaining loss."""
+    """Treats outliers that would reduce the precision of all other positions; logs the remaining loss of precision.
+
+    Args:
+        splats: The Gaussians.
+        path: The file, for messages.
+        treatment: `clamp` to move outliers towards the others, `prune` to remove them, or `keep`.
+    """
     farthest = float(np.abs(splats.means).max(initial=0.0))
     if farthest <= _MOST / 2**_FRACTION_BITS:
         return splats
