@@ -13,7 +13,7 @@ def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: 
         settings: A dataclass instance.
         what: Name of the operation that the settings are for, used in the error message.
         counts: Names of the fields that must be 1 or more.
-        sensible: Result of the caller's check for other fields, by field name: True if the value is valid.
+        **sensible: Other fields that the caller has checked, by name: True if the value is valid.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

@@ -339,12 +339,12 @@ class _DifferentiablePicture:
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
-    """Measures the picture quality of an encoded preview; returns the content of `PreviewResult.psnr`.
+    """Measures the mean PSNR of an encoded preview over some views; returns the content of `PreviewResult.psnr`.
 
     Args:
-        scene: The scene.
-        section: The section `preview`, from which the preview and its background colour are decoded.
-        pictures: Reference pictures.
+        scene: The complete scene, for comparison.
+        section: Bytes of the encoded preview, the section `preview` of the side information.
+        pictures: Reference pictures of the views.
         show: Called with the name of the current task and its completed share, 0 to 1.
     """
     gaussians, background = preview_gaussians(section)

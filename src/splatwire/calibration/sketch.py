@@ -31,17 +31,15 @@ from splatwire.types import Prior, ReceivedScene
 
 @dataclass(frozen=True, eq=False)
 class SketchResult:
-    """Result of a sketch calibration.
+    """Result of creating a sketch (coarse copies of important elements) for a scene.
 
     Attributes:
         section: Bytes of the section `sketch` of the side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
-        exponent: Exponent of the growth, that is, of the enlargement of received elements next to lost ones.
-        trust: Factor on the correction of this enlargement by the neural network of the concealer `scene_free`: 0 for
-            no correction, 1 for the full correction.
-        psnr: Mean PSNR in decibels, by name: `no loss` without loss; `drop`, `grow` and `sketch` with these concealers
-            after simulated packet losses that were not used for the calibration. Empty if no such losses were
-            simulated.
+        exponent: Exponent of the enlargement of received elements next to lost ones.
+        trust: Strength of the correction of this enlargement by a neural network: 0 for none, 1 for full.
+        psnr: Mean PSNR in decibels, by name. `no loss`: without loss. `drop`, `grow` and `sketch`: after simulated
+            packet losses, with the concealer of this name. Empty if no losses were simulated for this purpose.
         seconds: Duration in seconds.
     """
 
@@ -55,16 +53,16 @@ class SketchResult:
 
 @runtime_checkable
 class Sketch(Protocol):
-    """Protocol of a sketch: data that lets a receiver draw important elements even if their packets are lost.
+    """Protocol of a sketch: coarse copies of important elements, which a receiver draws if the elements are lost.
 
-    A sketch consists of coarse copies of elements (anchors or explicit Gaussians), which are sent in the side
-    information. It also contains the parameters with which a receiver enlarges drawn elements next to lost ones.
+    Elements are anchors or explicit Gaussians. The copies are sent in the side information, together with the
+    parameters with which a receiver enlarges received elements to cover lost ones.
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
         growth: Parameters of the enlargement. First the exponents: one for anchors (size), two for explicit Gaussians
-            (size and opacity). Then the strength of the correction of the enlargement by the neural network of the
-            concealer `scene_free` (trust): 0 for none, 1 for full.
+            (size and opacity). Then the strength of the correction of the enlargement by a neural network (trust): 0
+            for none, 1 for full.
         growths: Exponents among which the calibration chooses, the default first.
         trusts: Strengths of the correction among which the calibration chooses, the default first.
     """
@@ -75,51 +73,50 @@ class Sketch(Protocol):
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters of the enlargement of received elements next to lost ones.
+        """Parameters with which a receiver enlarges received elements to cover lost ones next to them.
 
-        These are the exponents, then the factor on the correction of the enlargement by a neural network.
+        First the exponents of the enlargement, then the strength of its correction by a neural network (trust), 0 to 1.
         """
 
     @property
     def growths(self) -> Sequence[tuple[float, ...]]:
-        """Candidate exponents of the enlargement of received elements, which covers lost ones; the default is first."""
+        """Exponents of the enlargement among which the calibration chooses, the default first."""
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Candidate factors on a neural network's correction of the enlargement; the default is first."""
+        """Strengths of the correction by a neural network among which the calibration chooses, the default first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
-        """Returns this sketch with other parameters of the enlargement; the coarse copies stay the same.
+        """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received elements.
 
         Args:
-            growth: New parameters of the enlargement of received elements next to lost ones, see the attribute
-                `growth`.
+            growth: New value of the attribute `growth`.
         """
 
     def section(self) -> bytes:
         """Encodes the sketch as the section `sketch` of the side information."""
 
     def around(self, partial: ReceivedScene) -> Any:
-        """Replaces lost elements of a received scene by the copies of this sketch, as preparation of `proposal`.
+        """Replaces lost elements of a received scene by the coarse copies of this sketch.
 
-        The result does not depend on the parameters of the enlargement (`growth`). It can therefore be passed to
-        `proposal` of several sketches that differ only in these parameters.
+        The result is the input of `proposal`, which then enlarges received elements. It does not depend on the
+        parameters of the enlargement (`growth`), so sketches that differ only in these can share it.
 
         Args:
             partial: The received scene.
 
         Returns:
-            The received scene with copies, and statistics on the neighbours of its elements.
+            The scene with copies, and further inputs of `proposal`.
         """
 
     def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
-        """Conceals the losses of a received scene with the copies of this sketch, like the concealer `sketch`.
+        """Conceals losses as a receiver with this sketch does: enlarges drawn elements to cover missing ones.
 
         Args:
-            around: Result of `around` for the received scene.
+            around: Received scene with coarse copies in place of lost elements, as returned by the method `around`.
 
         Returns:
-            The received scene with copies, and the concealer's result.
+            The scene with coarse copies, and the enlargement (result of the concealer `sketch`).
         """
 
 
@@ -173,10 +170,14 @@ class _Scores:
         self._seeds = np.random.SeedSequence(config.seed).generate_state(number).tolist()
 
     def best_growth(self, sketch: Sketch, show: Progress) -> Sketch:
-        """Returns the sketch with the enlargement parameters that give the highest PSNR after simulated packet losses.
+        """Returns the sketch with the best parameters for enlarging received elements next to lost ones.
 
-        First, the factor on the correction of the enlargement by a neural network (trust) is chosen, with the default
-        exponents. Then the exponents are chosen.
+        The parameters with the highest PSNR after simulated packet losses are chosen: first the strength of the
+        correction by a neural network (trust), then the exponents.
+
+        Args:
+            sketch: Sketch with the coarse copies, and any parameters.
+            show: Called with the name of the current task and its completed share, 0 to 1.
         """
         losses = [sketch.around(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
         tried: dict[tuple[float, ...], float] = {}
@@ -192,10 +193,10 @@ class _Scores:
         return sketch.with_growth(best_of([(*growth, trust) for growth in sketch.growths[1:]]))
 
     def held_out(self, sketch: Sketch, show: Progress) -> dict[str, float]:
-        """Measures the picture quality of the scene without loss, and after simulated packet losses (pseudo-losses).
+        """Reports the picture quality without loss, and after simulated packet losses with each of three concealers.
 
-        These losses are held out: they were not used for choosing the growth. Each of them is concealed by the
-        concealers `drop`, `grow` and `sketch`.
+        The concealers are `drop`, `grow` and `sketch`. The losses are not those with which the parameters of the sketch
+        were chosen.
 
         Args:
             sketch: The sketch, which is added to the stream.

@@ -1,4 +1,4 @@
-"""Sketch of a scene of anchors: coarse copies of the most important anchors."""
+"""Coarse copies of the most important anchors of a scene (a sketch), which a receiver draws if the anchors are lost."""
 
 import math
 from collections.abc import Callable
@@ -35,13 +35,16 @@ _FURTHEST = 4.0
 
 @dataclass(frozen=True, eq=False)
 class AnchorSketch:
-    """Sketch of anchors; implements the protocol `splatwire.calibration.sketch.Sketch`.
+    """Coarse copies of a scene's most important anchors, which a receiver draws if the anchors are lost (a sketch).
+
+    Implements the protocol `splatwire.calibration.sketch.Sketch`.
 
     Attributes:
-        copies: The coarse copies of anchors, with the parameters of the concealer.
-        buckets: Size class of each anchor (0: largest), a context of the entropy coder, int64 (N); from `buckets_of`.
-        growths: Candidate exponents of the enlargement of received anchors, the default first.
-        trusts: Candidate factors on the correction of the enlargement by a neural network, the default first.
+        copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
+        buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
+        growths: Exponents of the enlargement among which the calibration chooses, the default first.
+        trusts: Strengths of the correction of the enlargement by a neural network among which the calibration chooses,
+            0 to 1, the default first.
     """
 
     copies: SketchSection
@@ -58,7 +61,7 @@ class AnchorSketch:
         config: SketchConfig,
         show: Progress,
     ) -> "AnchorSketch":
-        """Chooses the anchors to copy and quantises the copies.
+        """Creates the sketch of a scene: chooses the anchors that get a coarse copy, and quantises the copies.
 
         Args:
             stream: The complete stream.
@@ -88,18 +91,19 @@ class AnchorSketch:
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters with which received anchors are enlarged to cover lost ones next to them.
+        """Parameters with which a receiver enlarges received anchors to cover lost ones next to them.
 
-        The exponent, from which the enlargement follows, and a factor on the change that a neural network makes to it.
+        The first is the exponent of the enlargement (`Grow.exponent`). The second is the strength of the correction of
+        the enlargement by a neural network (trust), 0 for none to 1 for full.
         """
         return self.copies.exponent, self.copies.trust
 
     def with_growth(self, growth: tuple[float, ...]) -> "AnchorSketch":
-        """Returns this sketch with other parameters of the enlargement; the coarse copies stay the same.
+        """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received anchors.
 
         Args:
-            growth: New parameters of the enlargement of received anchors next to lost ones: the exponent, and the
-                factor on the correction of the enlargement by a neural network.
+            growth: Exponent of the enlargement, and strength of its correction by a neural network (0 to 1), as in the
+                attribute `growth`.
         """
         exponent, trust = growth
         return replace(self, copies=replace(self.copies, exponent=exponent, trust=trust))
@@ -111,12 +115,8 @@ class AnchorSketch:
     def around(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
         """Replaces lost anchors of a received scene by the coarse copies of this sketch.
 
-        Received anchors and copies are drawn, other lost anchors are not. A drawn anchor next to anchors that are not
-        drawn is enlarged later, in `proposal`. This method prepares the enlargement: for each drawn anchor, it computes
-        the share of the anchor's neighbours that are drawn, too.
-
-        The result does not depend on the parameters of the enlargement (`growth`). It can therefore be passed to
-        `proposal` of several sketches that differ only in these parameters.
+        The result is the input of `proposal`, which then enlarges received anchors. It does not depend on the
+        parameters of the enlargement (`growth`), so sketches that differ only in these can share it.
 
         Args:
             partial: The received scene.
@@ -124,15 +124,13 @@ class AnchorSketch:
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
     def proposal(self, around: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
-        """Conceals the losses of a received scene: coarse copies replace lost anchors, and drawn anchors are enlarged.
-
-        The method applies the concealer `sketch` with the enlargement parameters of this sketch (`growth`).
+        """Conceals losses as a receiver with this sketch does: enlarges drawn anchors to cover missing ones.
 
         Args:
-            around: Received scene with coarse copies in place of lost anchors, from the method `around`.
+            around: Received scene with coarse copies in place of lost anchors, as returned by the method `around`.
 
         Returns:
-            The received scene with coarse copies, and the concealer's result.
+            The scene with coarse copies, and the enlargement (result of the concealer `sketch`).
         """
         return around.filled, around.proposal(self.copies)
 
@@ -140,13 +138,14 @@ class AnchorSketch:
 def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: SketchConfig, show: Progress) -> Sensitivity:
     """Measures how much errors of each anchor's attributes change the rendered pictures.
 
-    With `SketchConfig.quick`, the sensitivity is estimated from pictures of half the width and height. It is then
-    estimated only for the anchors that are candidates for a copy.
+    With `SketchConfig.quick`, the measurement uses pictures of half the width and height, and only the most important
+    anchors.
 
     Args:
         scene: The complete scene.
         cameras: Views to render.
-        most: Maximum size of the sketch in bytes, which determines the number of candidates.
+        most: Maximum size of the sketch (coarse copies of important anchors) in bytes. It determines how many anchors
+            the quick measurement includes.
         config: Settings of the calibration.
         show: Called with the name of the current task and its completed share, 0 to 1.
     """
@@ -169,11 +168,10 @@ def _largest_sketch(
 ) -> SketchSection:
     """Returns the sketch with the most copies and the highest precision that takes at most `most` bytes.
 
-    The search varies the price of a bit in squared error (Lagrange multiplier), and interpolates linearly between
-    logarithms of price and size.
+    Searches for the Lagrange multiplier (squared error per bit) at which the optimal sketch has about this size.
 
     Args:
-        material: Data of the scene and of the candidate anchors.
+        material: Data of the scene and of the anchors that may be copied.
         size_of: Function that returns the encoded size of a sketch in bytes.
         most: Maximum size in bytes.
         options: Settings for the choice and quantisation.

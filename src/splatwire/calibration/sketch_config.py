@@ -15,15 +15,14 @@ class SketchConfig:
 
     Attributes:
         share: Maximum size of the sketch, as a share of the size of the stream.
-        drop_rate: Share of the packets that a pseudo-loss (simulated packet loss) drops.
-        masks: Number of pseudo-losses for choosing the growth, that is, the enlargement of received elements next to
-            lost ones; 0 for the default growth.
-        held_out_masks: Number of further pseudo-losses, not used for choosing the growth, for reporting the improvement
-            of PSNR; 0 for no report.
+        drop_rate: Share of the packets that is lost in each simulated packet loss.
+        masks: Number of simulated losses for choosing how much a receiver enlarges received elements next to lost ones;
+            0 for the default enlargement.
+        held_out_masks: Number of further simulated losses, for reporting the gain in PSNR; 0 for no report.
         views: Maximum number of views for measuring the importance of elements.
         scored_views: Maximum number of views for comparing rendered pictures.
         width: Maximum width of the pictures, pixels.
-        probes: Number of random sign patterns per view for measuring importance (`render_sensitivity`).
+        probes: Number of random samples per view for measuring importance (`render_sensitivity`).
         quick: True to measure the importance of anchors with the faster `quick_sensitivity`.
         fit: Settings for the choice and quantisation of the copied anchors.
         seed: Seed of all random numbers.

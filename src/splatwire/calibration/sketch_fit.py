@@ -37,13 +37,13 @@ class SketchFit(CheckedFields):
 
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
-        max_columns: Maximum number of vectors in the basis for coding features and scalings.
-        crowding: Factor on the estimated cost of losing an anchor or one of its Gaussians. The errors of a copy, with
-            which this cost is compared, are only estimated to first order. A smaller factor gives fewer copies.
+        max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
+        crowding: Factor on the estimated cost of losing an anchor or one of its Gaussians. A smaller factor gives fewer
+            copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
         max_excess: Upper limit of the enlargement, as a multiple of the enlargement for the average loss
             (`Grow.max_excess`).
-        trust: Factor on the correction of the enlargement by a neural network (`SceneFree.trust`).
+        trust: Strength of the correction of the enlargement by a neural network, 0 to 1 (`SceneFree.trust`).
     """
 
     num_levels: int = 4
@@ -56,19 +56,20 @@ class SketchFit(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class SketchMaterial:
-    """Scene data for choosing which anchors are copied into a sketch, and how precisely, for any size of the sketch.
+    """Scene data from which `fit_sketch` chooses the anchors that get a coarse copy, and the precision of each copy.
 
-    A cost is a squared error in the rendered pictures.
+    M anchors may get a copy (candidates). A cost is a squared error in the rendered pictures.
 
     Attributes:
-        candidates: Indices of the anchors that may be copied (candidates), ascending, int64 (M).
-        channels: Features, and logarithms of scalings relative to the prior, of the candidates, float64 (M, D).
+        candidates: Indices of the candidates, ascending, int64 (M).
+        channels: Channels of the candidates: features, and logarithms of the ratio of scalings to their predicted
+            values, float64 (M, D).
         mean: Mean of the channels over the most important anchors, float64 (D).
-        forward: Decorrelating transform of the channels to coordinates in the order of their variance, largest first,
-            float64 (D, D). An error of 1 in any of these coordinates has the same cost.
+        forward: Decorrelating transform of the channels to coefficients, float64 (D, D). The coefficients are in
+            descending order of variance; an error of 1 has the same cost in each of them.
         backward: Inverse of `forward`, float64 (D, D).
-        spread: Standard deviation of each coordinate, float64 (D).
-        weight: Cost of an error of 1 in a transformed coordinate of each candidate, float64 (M).
+        spread: Standard deviation of each coefficient, float64 (D).
+        weight: Cost of an error of 1 in a coefficient of each candidate, float64 (M).
         offset_weight: Cost of an error of 1 in a coordinate of each offset, float64 (M, K).
         removal: Cost of the loss of each candidate, float64 (M).
         offset_removal: Cost of the loss of each Gaussian of a candidate, float64 (M, K).
@@ -92,18 +93,20 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit (Lagrange multiplier) at which approximately `count` anchors get a copy.
+        """Returns the Lagrange multiplier (squared error per bit) at which approximately `count` anchors get a copy.
 
-        The price is the squared error in the pictures that a bit of the sketch must save. An anchor is copied if the
-        loss of the anchor costs more than the bits of its copy. At the returned price, both are equal for the least
-        important of the `count` anchors.
+        An anchor is copied if the error caused by its loss exceeds the multiplier times the bits of its copy.
+
+        Args:
+            count: Number of anchors to copy.
+            options: Settings for the choice.
         """
         ranked = np.sort(self.removal)[::-1]
         return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
 
 
 def num_candidates(most: int) -> int:
-    """Returns the number of anchors from which the anchors to copy are chosen.
+    """Returns the number of most important anchors that are considered for a coarse copy in a sketch.
 
     Args:
         most: Maximum size of the sketch in bytes.
@@ -112,11 +115,11 @@ def num_candidates(most: int) -> int:
 
 
 def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
-    """Computes the data for choosing the anchors that get a coarse copy in the side information (a sketch).
+    """Prepares the data with which `fit_sketch` chooses the anchors that get a coarse copy (the sketch).
 
     Args:
         complete: The complete scene.
-        sensitivity: Sensitivity of the rendered pictures to the attributes and the loss of each anchor.
+        sensitivity: Errors of the rendered pictures if attributes of an anchor change, or if the anchor is lost.
         most: Maximum size of the sketch in bytes.
     """
     anchors, found = to_arrays(complete.scene.anchors), dict[str, np.ndarray](vars(to_arrays(sensitivity)))
@@ -146,11 +149,17 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets of each anchor relative to the position at which a receiver would draw the anchor's copy.
+    """Returns the offsets to code in the coarse copies of anchors: the Gaussians' positions relative to their anchor.
 
-    An offset is the position of a Gaussian relative to its anchor, in units of the anchor's first three scalings. In
-    some streams, only packets contain the exact positions of anchors. A receiver then draws the copy of a lost anchor
-    at an approximate position (`ExpectedPlaces`). The changed offsets compensate for this difference.
+    Offsets are in units of the anchor's first three scalings. In some streams, exact anchor positions are only in
+    packets, so a receiver draws the copy of a lost anchor at a predicted position (`ExpectedPlaces`). The offsets are
+    then relative to the predicted position.
+
+    Args:
+        complete: The complete scene.
+
+    Returns:
+        Offsets of all N anchors, float64 (N, 3 K).
     """
     anchors, guessed = to_arrays(complete.scene.anchors), complete.get(ExpectedPlaces)
     offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
@@ -162,13 +171,13 @@ def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray
 
 
 def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> SketchSection:
-    """Chooses which anchors to copy and with which precision level and offset mask; returns the quantised sketch.
+    """Chooses which anchors get a coarse copy, and with which precision; returns the quantised copies.
 
-    Minimises the squared error in the pictures plus `price` times the bits of the sketch.
+    Minimises the squared error in the pictures plus `price` times the number of bits.
 
     Args:
-        material: Data of the scene and of the candidate anchors.
-        price: Squared error that one bit may save (Lagrange multiplier).
+        material: Data of the scene and of the anchors that may be copied.
+        price: Lagrange multiplier: squared error that a bit must save.
         options: Settings for the choice and quantisation.
     """
     basis, step = _basis(material, price, options)
@@ -190,18 +199,18 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
-    """Chooses how finely copies of anchors are quantised, given the price of a bit.
+    """Chooses the transform and quantisation steps for the coarse copies of anchors.
 
-    With the chosen quantisation steps, one more bit of precision costs as much as the error that it saves.
+    One more bit of precision then saves an error of about `price`.
 
     Args:
-        material: Data of the scene and of the candidate anchors.
-        price: Squared error that one bit may save (Lagrange multiplier).
+        material: Data of the scene and of the anchors that may be copied.
+        price: Lagrange multiplier: squared error that a bit must save.
         options: Settings for the choice and quantisation.
 
     Returns:
-        The quantised basis for features and scalings, with the steps of the offsets; and the coarsest step of the basis
-        coefficients.
+        The quantised transform (basis) of features and scalings, with the quantisation step of offsets. And the
+        coarsest quantisation step of the coefficients.
     """
     # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
     likely = options.crowding * material.removal > price * BITS_OF_COPY
@@ -226,14 +235,14 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """Copies of all M candidate anchors, quantised at one precision level.
+    """Coarse copies of all M anchors that may be copied (candidates), quantised at one precision level.
 
     Attributes:
-        mask: Mask of the offsets that the copy of each candidate contains, bool (M, K).
+        mask: Mask of the Gaussians that each copy contains, bool (M, K).
         values: Quantised coefficients of features and scalings, int64 (M, C).
-        offsets: Quantised offsets, int64 (M, 3 K); 0 for offsets that are not in the mask.
-        error: Cost (squared error in the pictures) of drawing the copy in place of the anchor, float64 (M); infinite
-            for a copy without offsets.
+        offsets: Quantised offsets of the Gaussians, int64 (M, 3 K); 0 for Gaussians that are not in the mask.
+        error: Squared error in the pictures if the copy is drawn in place of the anchor, float64 (M); infinite for a
+            copy without Gaussians.
     """
 
     mask: np.ndarray
@@ -262,11 +271,10 @@ class _Plan:
         return _Plan(mask, values, offsets * np.repeat(mask, 3, axis=1), error)
 
     def bits(self, members: np.ndarray) -> np.ndarray:
-        """Returns the estimated size of each candidate's copy at this precision level in bits, float64 (M).
+        """Estimates the size of each coarse copy at this precision level in bits, float64 (M).
 
         Args:
-            members: Mask of the candidates whose symbol frequencies are used for the estimate, bool (M): those that
-                currently have this level.
+            members: Mask of the copies over which symbol frequencies are counted for the estimate, bool (M).
         """
         used = members if members.sum() >= 16 else np.ones_like(members)
         total = np.full(len(members), 6.0)
@@ -284,9 +292,13 @@ def _rounded(numbers: np.ndarray) -> np.ndarray:
 
 
 def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:
-    """Returns the ideal code length in bits of each integer, given the frequencies of magnitudes in a sample.
+    """Returns the ideal code length of each integer in bits, given the frequencies of magnitudes in a sample.
 
-    Large magnitudes use an escape code.
+    Magnitudes above a limit use an escape code.
+
+    Args:
+        values: Integers to code.
+        sample: Integers over which frequencies are counted.
     """
     counts = np.bincount(np.minimum(np.abs(sample), _MAGNITUDES), minlength=_MAGNITUDES + 1) + 0.3
     magnitude = np.abs(values)

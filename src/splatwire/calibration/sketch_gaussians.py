@@ -38,16 +38,18 @@ _CLOSE = 0.98
 
 @dataclass(frozen=True, eq=False)
 class GaussianSketch:
-    """Sketch of explicit Gaussians; implements the protocol `splatwire.calibration.sketch.Sketch`.
+    """Coarse copies of a scene's most important Gaussians, which a receiver draws if these are lost (a sketch).
+
+    Implements the protocol `splatwire.calibration.sketch.Sketch`.
 
     Attributes:
         splats: All Gaussians of the stream, in coding order.
         places: Indices in `splats` of the Gaussians that have a copy, int64.
         info: The stream's side information.
-        growth: Parameters of the enlargement of received Gaussians next to lost ones: the exponents of the factors on
-            size and opacity, then the factor on the correction by the neural network of the concealer `scene_free`.
-        growths: Candidate pairs of exponents (size, opacity), the default first.
-        trusts: Candidate factors on this correction, the default first.
+        growth: Parameters with which a receiver enlarges Gaussians next to lost ones: exponent for the size, exponent
+            for the opacity, and strength of the correction by a neural network (0 to 1).
+        growths: Pairs of exponents (size, opacity) among which the calibration chooses, the default first.
+        trusts: Strengths of the correction among which the calibration chooses, the default first.
     """
 
     splats: Splats
@@ -66,7 +68,7 @@ class GaussianSketch:
         config: SketchConfig,
         show: Progress,
     ) -> "GaussianSketch":
-        """Chooses the Gaussians to copy: as many as fit into `most` bytes, most important first.
+        """Creates the sketch of a scene: copies as many Gaussians as fit into `most` bytes, most important first.
 
         Args:
             stream: The complete stream.
@@ -104,11 +106,10 @@ class GaussianSketch:
         return len(self.places)
 
     def with_growth(self, growth: tuple[float, ...]) -> "GaussianSketch":
-        """Returns this sketch with other parameters of the enlargement; the coarse copies stay the same.
+        """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received Gaussians.
 
         Args:
-            growth: New parameters of the enlargement of received Gaussians next to lost ones, see the attribute
-                `growth`.
+            growth: New value of the attribute `growth`: exponents for size and opacity, and strength of the correction.
         """
         return replace(self, growth=growth)
 
@@ -118,11 +119,15 @@ class GaussianSketch:
         return write_copies(self.splats, self.places, self.info, level=LEVEL, growth=(size, opacity, trust))
 
     def around(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
-        """Replaces lost Gaussians of a received scene by the copies of this sketch.
+        """Replaces lost Gaussians of a received scene by the coarse copies of this sketch.
+
+        The result is the input of `proposal`, which then enlarges Gaussians next to lost ones.
+
+        Args:
+            partial: The received scene.
 
         Returns:
-            The scene with copies, and the inputs of the network of the concealer `scene_free`, with which `proposal`
-            computes the enlargement.
+            The scene with copies, and the inputs of the neural network that corrects the enlargement.
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None
@@ -130,17 +135,14 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def proposal(self, around: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Conceals the losses of a received scene as a receiver with this sketch does.
-
-        Coarse copies replace lost Gaussians. The concealer `sketch` then enlarges all drawn Gaussians, with the
-        enlargement parameters of this sketch (`growth`).
+        """Conceals losses as a receiver with this sketch does: enlarges Gaussians to cover missing ones.
 
         Args:
-            around: Received scene with copies in place of lost Gaussians, and inputs of the network, from the method
-                `around`.
+            around: Received scene with coarse copies in place of lost Gaussians, and the inputs of the neural network,
+                as returned by the method `around`.
 
         Returns:
-            The received scene with copies, and the concealer's result.
+            The scene with coarse copies, and the enlargement (result of the concealer `sketch`).
         """
         filled, inputs = around
         size, opacity, trust = self.growth
