@@ -60,6 +60,9 @@ class DistortionModel:
         Returns:
             Decibels, float64 (trials).
         """
+        # Raises the lost share of all tiers to that of tier 0, then of all but tier 0 to that of tier 1, and so on.
+        # Errors of single tiers cannot be added: a concealer enlarges elements of all sizes even if only small ones
+        # were lost, so the sum would be too large.
         added, before = np.zeros(len(lost)), np.zeros(len(lost))
         for tier, curve in enumerate(self.mse):
             here = lost[:, tier]

@@ -308,6 +308,7 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
     if variant.picture is not None and everything.any():
         curves[everything] = variant.picture(np.ones_like(arrival.packets[0]))
     if variant.picture is not None and len(parts):
+        # Evenly spaced in the order of PSNR: in a random selection, a rare failure could have too much weight.
         ranked = parts[np.argsort(curves[parts], kind="stable")]
         chosen = ranked[((np.arange(rendered_trials) + 0.5) / rendered_trials * len(ranked)).astype(np.int64)]
         beyond = np.array([variant.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])

@@ -28,6 +28,9 @@ def packet_importance(
         packets: Some packets of the sequence.
         weights: Visibility of each track, which weights the motion of the track; see `weights_of`.
     """
+    # In two test sequences, the loss of a quarter of the packets causes 0.4 to 0.8 of the total distortion, and this
+    # estimate finds most of these packets. The size of a packet is a worse estimate: motion that differs from the
+    # neighbours' motion takes many bits, but is less visible.
     info, plan = open_side_info(manifest, side_info), manifest.plan
     firsts = np.cumsum([0, *(group.births for group in info.groups)])
 
