@@ -74,12 +74,14 @@ class PlanConstraints(CheckedFields):
 
 @checked
 def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> list[Protection]:
-    """Returns the allocations of redundancy to compare: parity per tier, and repair of the side information.
+    """Returns the allocations of redundancy that the planner compares for a static scene.
+
+    They differ in the parity of each importance tier, the repair symbols of the init segment, and the sending order.
 
     Args:
         load: Sizes of the stream.
-        traces: Masks of received datagrams in T simulated transfers, bool (T, n), for n datagrams; n exceeds the
-            number of datagrams of each allocation.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n); n exceeds the number of datagrams of
+            each allocation.
         constraints: Constraints of the plan.
     """
     traces = transfer_masks(traces, "traces", 1)
@@ -102,15 +104,18 @@ def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraint
 
 @checked
 def largest_head(load: StreamLoad) -> int:
-    """Returns the size in bytes of the largest init segment that any candidate allocation of redundancy has."""
+    """Returns approximately the size in bytes of the largest init segment that the planner considers.
+
+    Args:
+        load: Sizes of the stream.
+    """
     return load.head_bytes + int(MOST_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Returns the options for moving packets of the most important tiers into the init segment.
+    """Lists how many of the most important tiers may be moved from packets into the init segment: none, 1, 2 and so on.
 
-    The options are no packets, only the first tier, the first two tiers, and so on, up to a limit. Each has the number
-    of these tiers and their share of all packets.
+    The init segment may contain at most the share `MOST_IN_HEAD` of all packets.
 
     Args:
         counts: Number of packets of each importance tier.
@@ -127,11 +132,12 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 
 @checked
 def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> dict[str, Protection]:
-    """Returns two simple allocations of redundancy, by name, as baselines for optimised ones.
+    """Returns two simple allocations of redundancy, by name, with which the planner compares optimised ones.
 
-    `whole` gives all packets and the side information the same share of parity, as much as the budget allows. `conceal`
-    protects only the side information. Both send the packets of all importance tiers in a mixed order. Otherwise one
-    burst of losses could remove a large part of the most important tier.
+    * `whole`: the same share of parity for all packets and the side information, as much as the budget allows.
+    * `conceal`: redundancy for the side information only.
+
+    Both mix the packets of all importance tiers, so that a burst of losses does not remove most of one tier.
 
     Args:
         load: Sizes of the stream.
@@ -179,11 +185,11 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, head_share: float
 ) -> list[Protection]:
-    """Returns plans that the planner compares, with different redundancy (FEC) of the init segment.
+    """Returns the most promising settings for the redundancy of the init segment, which the planner then compares.
 
-    Plans are preferred in which the side information arrives in more of the simulated transfers, up to the required
-    fraction (`head_target` of the constraints); among equal ones, those with fewer bytes. One plan with more redundancy
-    than the best one is added as a reserve.
+    Settings are preferred with which the side information arrives more often, up to the required fraction of transfers
+    (`PlanConstraints.head_target`). Among equal ones, those with fewer bytes are preferred. The last setting is the
+    best one with additional redundancy.
 
     Args:
         load: Sizes of the stream.
@@ -207,14 +213,14 @@ def _init_segment_candidates(
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
-    """Returns the point of a transfer by which repair symbols and the init segment should have been sent completely.
-
-    The point is a fraction of the bytes of the complete transfer. It is 1, or, if the budget is smaller than the
-    transfer, shortly before the budget is spent.
+    """Returns by which point of a transfer the init segment and all repair symbols should have been sent.
 
     Args:
         constraints: Constraints of the plan.
         pass_bytes: Bytes of the complete transfer.
+
+    Returns:
+        Fraction of `pass_bytes`, 0 to 1. If the budget ends before the transfer does: shortly before that end.
     """
     fit = constraints.budget_bytes / pass_bytes
     return 1.0 if fit >= 1 else _NEARLY * fit
@@ -223,10 +229,10 @@ def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
 def _least_repair(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, start: Protection
 ) -> Protection:
-    """Chooses the smallest number of repair symbols with which the side information arrives often enough.
+    """Chooses the smallest redundancy with which the side information arrives in the required fraction of transfers.
 
-    Often enough means: in the fraction `PlanConstraints.head_target` of the transfers. If no number that the
-    constraints allow suffices, the largest allowed one is used.
+    The required fraction is `PlanConstraints.head_target`. If it cannot be reached within the constraints, the largest
+    allowed redundancy is chosen.
 
     Args:
         load: Sizes of the stream.
@@ -257,10 +263,10 @@ def _least_repair(
 
 
 def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
-    """Lists the combinations of safety margins, one for each importance tier, that the planner compares.
+    """Lists the combinations of safety margins to compare, with one margin for each importance tier.
 
-    A safety margin is a number of repair symbols beyond those for the mean loss, in standard deviations (`SAFETIES`). A
-    less important tier never has a larger margin than a more important tier.
+    A safety margin is redundancy beyond that for the mean loss, in standard deviations of the loss (`SAFETIES`). A less
+    important tier never has a larger margin than a more important tier.
 
     Args:
         tiers: Number of tiers.

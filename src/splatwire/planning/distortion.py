@@ -20,15 +20,10 @@ Picture = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True, eq=False)
 class DistortionModel:
-    """Predicts, without rendering, the error of pictures after losses and concealment, for comparing plans.
+    """Predicts the picture error that packet losses cause after concealment, without rendering, for comparing plans.
 
-    Its input is the lost share of each importance tier. More important tiers are better protected, so a tier is assumed
-    to lose no more than any less important tier.
-
-    The error was measured with equal losses in a tier and in all less important tiers (`mse`). Starting with no loss,
-    the prediction raises the lost share of all tiers to that of tier 0, then the share of all but tier 0 to that of
-    tier 1, and so on. It adds up the increases of the error. Errors of single tiers cannot be added up: the sum would
-    be too large, because a concealer enlarges received elements of all sizes even if only small ones were lost.
+    The prediction depends on the lost share of each importance tier. A tier is assumed to lose no more than any less
+    important tier, because important tiers are better protected.
 
     Attributes:
         shares: Lost shares at which the error was measured, ascending from 0, float64 (S).
@@ -119,10 +114,10 @@ class StreamVariant:
 
 @checked
 def lost_fractions(load: StreamLoad, packets: np.ndarray) -> np.ndarray:
-    """Returns the fraction of the elements of each tier that is lost.
+    """Returns which fraction of the scene elements of each importance tier is lost in simulated transfers.
 
     Args:
-        load: Sizes of the stream.
+        load: Sizes and tiers of the stream's packets.
         packets: Mask of received or recovered packets in T transfers, bool (T, P).
 
     Returns:

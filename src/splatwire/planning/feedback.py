@@ -1,9 +1,9 @@
-"""Plans protection with feedback: retransmission (ARQ) instead of forward error correction.
+"""Plans retransmission of lost packets (ARQ) under a budget of bytes, instead of forward error correction.
 
-Side information is always retransmitted if lost. As many packets as the budget allows may be retransmitted, the first
-in sending order; with importance tiers, these are the most important packets. The expected cost is that of an erasure
-channel with feedback: p / (1 - p) bytes for each byte delivered at loss rate p. No erasure code needs fewer bytes, and
-a code rate that is fixed in advance needs far more for bursts of losses.
+Side information is always retransmitted if lost. Of the packets, only the first ones in sending order are
+retransmitted, as many as the budget allows. With importance tiers, these are the most important packets.
+
+On average, retransmission needs p / (1 - p) additional bytes per byte at loss rate p. No code needs fewer.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,7 +47,7 @@ def plan_retransmission(
         loss: Loss model of the channel, in datagrams.
         budget_bytes: Mean bytes that may be sent, datagram headers included.
         max_protection: Maximum mean share of bytes for retransmissions and for redundant copies, 0 to 1.
-        rendered_trials: Number of simulated transfers that are rendered.
+        rendered_trials: Number of simulated transfers that are rendered to measure the quality.
         seed: Seed of the simulated losses.
         progress: Called with the completed fraction.
 

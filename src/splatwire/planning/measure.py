@@ -80,17 +80,29 @@ class LossyPictures:
         self._concealer = chosen.with_neighbors(complete) if isinstance(chosen, Grow) else chosen
 
     def scene(self, known: Bool[np.ndarray, "N"]) -> Scene:
-        """Returns the concealed scene for a mask of received elements."""
+        """Returns the scene after losses and concealment.
+
+        Args:
+            known: Mask of the received elements, bool (N).
+        """
         return self._complete.scene if bool(known.all()) else conceal(self._complete.masked(known), self._concealer)
 
     def errors(self, known: Bool[np.ndarray, "N"]) -> np.ndarray:
-        """Mean squared error of each view for a mask of received elements, float64 (views)."""
+        """Mean squared error of each view after losses and concealment, float64 (views).
+
+        Args:
+            known: Mask of the received elements, bool (N).
+        """
         pictures = iterate_views(self.scene(known), self._cameras)
         pairs = zip(pictures, self._references, strict=True)
         return self._base + np.array([_mean_square(image - truth) for image, truth in pairs])
 
     def psnr(self, known: Bool[np.ndarray, "N"]) -> float:
-        """Mean PSNR of the views for a mask of received elements, decibels."""
+        """Mean PSNR of the views after losses and concealment, decibels.
+
+        Args:
+            known: Mask of the received elements, bool (N).
+        """
         return float((-10 * np.log10(self.errors(known))).mean())
 
     def preview_psnr(self, preview: bytes) -> float:
@@ -165,7 +177,7 @@ def variant_of_stream(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> StreamVariant:
-    """Measures a complete stream and returns it as a variant from which the planner can choose.
+    """Measures how losses degrade the pictures of a complete stream, and returns the result as input of the planner.
 
     Args:
         stream: Complete stream.
@@ -196,13 +208,13 @@ def measured_variant(
     stream: SceneStream, *, cameras: Cameras | None, num_views: int, concealer: str | None, seed: int,
     progress: Callable[[float], None],
 ) -> StreamVariant:  # fmt: skip
-    """Decodes a complete stream and measures it as a variant from which the planner can choose.
+    """Decodes a complete stream and measures how losses degrade its pictures, as input of the planner.
 
     Args:
         stream: Complete stream. If it has redundant copies of Gaussians (a sketch), losses are concealed with these.
         cameras: Cameras of the scene; None for generated cameras around it.
         num_views: Maximum number of cameras to render, evenly spaced.
-        concealer: Name of the receiver's concealer for streams without copies; None for `grow`.
+        concealer: Name of the receiver's concealer for streams without copies; None for the concealer `grow`.
         seed: Seed of the losses in the measurement.
         progress: Called with the completed fraction.
 

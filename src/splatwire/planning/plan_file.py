@@ -25,8 +25,8 @@ class Plan:
         variant: Index of the chosen stream variant.
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
         lost: Mean lost fraction of each importance tier, or of each group's motion.
-        sent_bytes: Bytes sent within the budget, including parity and a preview in the server's first message
-            (welcome); without retransmissions of keyframe packets.
+        sent_bytes: Bytes sent within the budget, including parity and preview. Retransmissions of keyframe packets are
+            not included.
     """
 
     protection: Protection

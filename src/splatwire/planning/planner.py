@@ -163,7 +163,7 @@ def check_request(
         variants: Variants of the stream.
         budget_bytes: Maximum bytes sent.
         max_protection: Maximum share of redundancy.
-        trials: Numbers of simulated or rendered transfers.
+        *trials: Numbers of simulated or rendered transfers.
 
     Raises:
         InvalidValueError: If an argument is out of range.
@@ -180,11 +180,16 @@ def check_request(
 
 @checked
 def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
-    """Draws the random losses of the transfers that a planner simulates, the same for all candidate plans.
+    """Draws random losses for the transfers that a planner simulates; all plans are compared with the same losses.
+
+    Args:
+        variants: Variants of the stream; they determine the number of datagrams.
+        loss: Loss model of the channel, in datagrams.
+        trials: Number of simulated transfers.
+        seed: Seed of the losses.
 
     Returns:
-        Masks of received datagrams, bool (trials, n). The number n of datagrams is larger than any candidate plan
-        sends.
+        Masks of received datagrams, bool (trials, n). The number n of datagrams suffices for every plan.
     """
     if not len(variants):
         raise InvalidValueError("variants: there is none to simulate")
@@ -224,10 +229,9 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
 
 
 def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
-    """Selects the plans that are compared by rendering: the best ones, and baselines with nearly the same quality.
+    """Selects the plans whose quality is then measured by rendering: the best plans, and baselines of similar quality.
 
-    Plans are preferred if their side information arrives often enough. The fraction of simulated transfers in which it
-    arrives may be below `head_target` by at most one standard error.
+    Plans are preferred if their side information arrives in about the required fraction of the transfers.
 
     Args:
         plans: Plans with optimised redundancy.
@@ -249,7 +253,7 @@ class _EvaluatedPlan:
         plan: Plan with the expected result of new simulated transfers.
         partly: Fraction of transfers that deliver a part of the packets (neither all nor none).
         error: Standard error of the PSNR due to the small number of rendered transfers, decibels.
-        plain: True for a baseline.
+        plain: True for a simple baseline, False for optimised redundancy.
     """
 
     plan: ScenePlan
@@ -261,7 +265,15 @@ class _EvaluatedPlan:
 def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
 ) -> _EvaluatedPlan:
-    """Evaluates a plan on simulated transfers that were not used for choosing it."""
+    """Evaluates a plan on new simulated transfers, which were not used for choosing it.
+
+    Args:
+        variant: Stream variant of the plan.
+        plan: Plan to evaluate.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        budget_bytes: Maximum bytes sent.
+        rendered_trials: Number of simulated transfers that are rendered.
+    """
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
@@ -291,10 +303,8 @@ class ExpectedResult:
 def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
     """Returns the expected picture quality and losses of a plan over its simulated transfers.
 
-    The distortion model predicts the PSNR of each transfer. A few transfers with partial loss are also rendered. The
-    mean difference between rendering and prediction is added to the PSNR of all transfers with partial loss. The
-    rendered transfers are evenly spaced in the order of their PSNR: in a random selection, a rare failure could have
-    too much weight.
+    The PSNR of each transfer is predicted by the distortion model. A few transfers with partial loss are also rendered,
+    and the mean error of their predictions corrects those of all transfers with partial loss.
 
     Args:
         variant: Stream variant.
@@ -318,14 +328,13 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
 
 
 def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
-    """Selects the plan with the highest PSNR; a baseline is preferred unless it is worse by more than a margin.
+    """Selects the plan with the highest PSNR, or a simple baseline if its PSNR is close to that.
 
-    Among several baselines, a baseline of the first stream variant is preferred. Among plans with equal PSNR, the plan
-    with the most redundancy is preferred.
+    Further preferences are the first stream variant among baselines, and more redundancy among plans with equal PSNR.
 
     Args:
         scored: Plans with their results.
-        whole_psnr: PSNR without losses, decibels. The margin is larger if losses lower the PSNR more.
+        whole_psnr: PSNR without losses, decibels. The difference that counts as close grows with the loss of PSNR.
     """
     top = max(scored, key=lambda found: found.plan.psnr)
     lost = max(whole_psnr - top.plan.psnr, 0.0)

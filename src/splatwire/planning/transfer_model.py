@@ -1,6 +1,6 @@
-"""Transfer model: order, purpose and size of each datagram without its content, and simulation of losses.
+"""Models a transfer for the planner: kind and size of each datagram in sending order, and simulated losses.
 
-The planner compares hundreds of allocations of redundancy; computing all repair symbols would take minutes.
+The planner compares hundreds of ways to distribute redundancy, so no repair symbols are actually computed.
 """
 
 from dataclasses import dataclass
@@ -61,10 +61,11 @@ class StreamLoad(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class TransferModel:
-    """Model of a transfer: purpose and size of each datagram (packets, side information, parity), in sending order.
+    """Model of a transfer: kind and size of each datagram in sending order, without its content.
 
     Attributes:
-        kind: Purpose of each datagram: `SIDE` (side information), `DATA` (packet) or `PARITY`, int64 (n).
+        kind: Kind of each datagram: `SIDE` (side information), `DATA` (packet) or `PARITY` (repair symbol of packets),
+            int64 (n).
         group: Index of the source block of the init segment, or of the parity group; 0 for a packet, int64 (n).
         symbol: Number of the symbol within the source block or parity group, or index of the packet, int64 (n).
         num_bytes: Size of each datagram with headers, bytes, int64 (n).

@@ -37,7 +37,7 @@ def _scale(scales, offset, found):
     Args:
         scales: Scales of the keyframe Gaussian.
         offset: Changes of the track, as in `move`. Entries 6, 7 and 8 are the changes of the natural logarithms of the
-            largest, the middle and the smallest scale. Of equal scales, the one with the lower index counts as larger.
+            largest, the middle and the smallest scale.
         found: Output: the changed scales.
     """
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
@@ -47,6 +47,7 @@ def _scale(scales, offset, found):
     for a in range(3):
         rank = 0
         for b in range(3):
+            # of equal scales, the one with the lower index counts as larger
             rank += scales[b] > scales[a] or (scales[b] == scales[a] and b < a)
         found[a] = scales[a] * np.exp(np.float64(offset[6 + rank]))
 

@@ -59,9 +59,8 @@ def decode_frames(
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode; earlier groups of pictures are not decoded.
-        available: Function that simulates late arrival. Its argument is the index of a group; it returns the mask of
-            the keyframe Gaussians that have arrived by then, bool (T). None if all received ones are available from the
-            start.
+        available: Function that returns which keyframe Gaussians have arrived by the time that a group of pictures
+            (given by its index) is decoded, bool (T). None if all received ones are available from the start.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.
@@ -90,8 +89,8 @@ def decode_group(
         method: Concealer for tracks with lost motion.
 
     Returns:
-        The frames of the group, decoded when they are requested, and a function that returns the concealment state for
-        the next group.
+        Iterator that decodes the frames of the group, and a function that returns the concealment state after this
+        group.
     """
     poses, hidden, after = conceal_group(sequence, sequence.motion(group, known), group, known, memory, method)
     hints = covering_gains(sequence, known, group, poses, hidden) if method.grow else None
@@ -210,16 +209,16 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Conceals missing tracks of a group of pictures: returns factors that enlarge the others to cover their holes.
+    """Computes factors that enlarge the visible tracks of a group of pictures, to cover the holes of missing tracks.
 
     A track is missing if its keyframe packet was lost, or if the concealer hides it because its motion was lost.
 
     Args:
         sequence: Received sequence of T tracks.
         available: Mask of available keyframe Gaussians, bool (T).
-        group: Index of the group of pictures; keyframe Gaussians of later groups do not count as missing.
-        poses: Motion of the drawn tracks in the group.
-        hidden: Motion of the hidden tracks in the group.
+        group: Index of the group of pictures. Gaussians that appear in later groups do not count as missing.
+        poses: Motion of the visible tracks in the group.
+        hidden: Motion of the tracks in the group that the concealer hides.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.

@@ -223,16 +223,18 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Switches to groups of pictures of one frame, and encodes the frames of the first group in this way.
+        """Encodes the first frames as groups of pictures of one frame each, and keeps this group length from now on.
 
-        Called if most of the first frames are scene cuts. All groups share the position lattice, the quantisation steps
-        and the entropy tables.
+        Called if most of the first frames are scene cuts.
 
         Args:
             group: Tracks of the first frames.
             frames: The first frames.
             scenes: Indices of the frames that are scene cuts, for a warning.
-            classes: Precision class of each track, (n).
+            classes: Quantisation precision class of each track, (n).
+
+        Returns:
+            Packets of these frames.
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
@@ -248,15 +250,16 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses from renderings how precisely each track of a group is quantised (its precision class).
-
-        Rendering takes time, so only groups with scene cuts are rendered; of a live sequence, only the first group.
-        The result is None for other groups: their new tracks get the median class.
+        """Chooses the quantisation precision (precision class) of each track of a group of pictures by rendering.
 
         Args:
             group: Tracks of the group.
             scenes: Indices of the frames of the group that are scene cuts.
             new: Mask of tracks that are new in this group, bool (n).
+
+        Returns:
+            Precision class of each track. None if the group has no scene cut, or if it is a later group of a live
+            sequence, in which rendering would take too long; new tracks then get the median class.
         """
         if not scenes or (self._live and self._groups):  # too slow for a live sequence
             return None
@@ -282,7 +285,10 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns precision classes for `count` tracks that are not analysed: the median class of the tracks so far."""
+        """Returns quantisation precision classes for `count` tracks that are not measured by rendering.
+
+        This is the median class of the tracks measured so far.
+        """
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:

@@ -87,16 +87,26 @@ def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -
 
 
 def _sequence_file(path: Path, kind: Kind) -> Any:
-    """Opens a file with all frames; returns an object with `num_frames`, `rate` and `read`, or None for a static scene.
+    """Opens a single file with all frames of a sequence, with the reader of its format; None for a static scene.
 
-    The reader's package is imported here, because it is optional.
+    Args:
+        path: The file.
+        kind: Detected file type.
+
+    Returns:
+        Object with `num_frames`, `rate` and `read`.
     """
     module, name = _SEQUENCE_READERS[kind]
     return getattr(import_module(f"splatwire.io.formats.{module}"), name)(path)
 
 
 def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
-    """Opens the frames of a file with all frames of a sequence.
+    """Opens a single file that contains all frames of a sequence, such as `.4dgs`.
+
+    Args:
+        path: The file.
+        kind: Detected file type.
+        num_frames: Must be None, because the file determines the number of frames.
 
     Raises:
         DatasetError: If the file is damaged, or an OpenUSD scene has no time samples.
@@ -207,7 +217,7 @@ class Frame(FileContent):
         Args:
             splats: The Gaussians.
             where: Name of their source in log messages.
-            properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
+            **properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
         """
         rows = validity_of_splats(splats)
         rows.log_removed(where, "Gaussians")
@@ -220,7 +230,7 @@ class Frame(FileContent):
         Args:
             splats: The Gaussians.
             rows: Result of the check: which Gaussians have valid values.
-            properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
+            **properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
         """
         return Frame(splats, drawn=rows.kept & (splats.opacities >= FAINTEST), **properties)
 

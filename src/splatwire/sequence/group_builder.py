@@ -36,9 +36,8 @@ class GroupBuilder:
 
     Args:
         frames: Maximum number of frames of the group.
-        smooth: True if neighbouring Gaussians are expected to move alike, because they did in the previous group.
-            Tracks that do not exist in all frames are then extrapolated from neighbours. To save time at the end of the
-            group, these neighbours are searched while frames arrive.
+        smooth: True if Gaussians moved like their neighbours in the previous group. The neighbours of tracks that
+            appear or disappear are then searched as frames arrive, which saves time at the end of the group.
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:

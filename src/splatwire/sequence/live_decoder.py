@@ -165,7 +165,7 @@ class LiveDecoder:
         Args:
             decoder: Decoder that stores the Gaussians.
             manifest: Current manifest.
-            whole: True to decode only blocks (packets that are decoded together) of which every packet was received.
+            whole: True to skip incomplete blocks: a block consists of packets that are decoded together.
         """
         there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
         keyframes = {

@@ -13,11 +13,11 @@ from splatwire.transport import Event, Welcomed
 class LiveFrames:
     """Decodes a live stream while it is received, and writes each frame to a file of its own.
 
-    Writes nothing if the stream is not live, or if `path` is the file of a recording.
+    Does nothing if the stream is not live.
 
     Args:
-        path: Output folder for frames. A path with the suffix of stream files belongs to a recording of the stream,
-            which other code writes.
+        path: Output folder for frames. If the path has the suffix of stream files, no frames are written, because the
+            caller records the stream in this file.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

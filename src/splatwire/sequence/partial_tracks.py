@@ -168,26 +168,26 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Gives tracks that appear or disappear within a group of pictures positions for the frames without them.
+    """Extrapolates the positions of tracks that appear or disappear within a group of pictures to all of its frames.
 
-    In these frames, such a partial track is assumed to move like its neighbours: the nearest tracks that exist in all
-    frames. The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
-    the true position in the first frame of the track.
-
-    Only partial tracks that move like their neighbours during their lifetime are changed. None is changed if most
-    tracks of a sample do not move like their neighbours.
+    Such a partial track is assumed to move like its neighbours: the nearest tracks that exist in all frames. Partial
+    tracks that do not move like their neighbours during their lifetime stay unchanged.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        known: Neighbours of some partial tracks, found before; those of the remaining tracks are searched here.
-        sample: Sample of tracks for the test, from `sample_neighbors`; None to draw the sample here.
+        known: Neighbours of partial tracks that were searched before; those of the other partial tracks are searched
+            here.
+        sample: Random sample of tracks for testing if most tracks move like their neighbours, from `sample_neighbors`;
+            None to draw the sample here.
 
     Returns:
-        True if most of the sampled tracks move like their neighbours, so that partial tracks were extrapolated. False
-        otherwise, or if too few tracks exist in all frames.
+        True if tracks were extrapolated. False if most tracks do not move like their neighbours, or if too few tracks
+        exist in all frames.
     """
+    # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly the true
+    # position in the first frame of the track.
     frames = means.shape[1]
     stays = (begins == 0) & (ends == frames)
     whole = np.flatnonzero(stays)

@@ -119,15 +119,13 @@ def measure_sequence_distortion(
 
 
 def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
-    """Builds the distortion model of a sequence from the errors that were measured in several simulated losses.
-
-    The model needs the same number of measured frames, `FRAMES`, in each group of pictures. Shorter groups use some
-    frames repeatedly.
+    """Builds the distortion model of a sequence from errors that were measured in S simulated losses.
 
     Args:
-        shares: Lost share of each group's motion in each of S simulated losses, float64 (G, S).
-        mse: Mean squared errors in these simulations, by sampled frame and view, float64 (S, frames, V).
-        frames: Indices of the sampled frames of each group, see `sampled_frames`.
+        shares: Lost share of each group's motion in each loss, float64 (G, S).
+        mse: Mean squared errors in each loss, by rendered frame and view, float64 (S, frames, V).
+        frames: Indices of the rendered frames within each group, from `sampled_frames`. If a group has fewer than
+            `FRAMES`, some of its frames count repeatedly.
         timeline: Frame rate and groups of the sequence.
     """
     begins = np.cumsum([0, *map(len, frames)])
@@ -144,12 +142,10 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Reduces the noise of measured distortion models, so that the planner prefers no encoding of a sequence by chance.
+    """Reduces the random error of measured distortion models by combining those of several encodings of a sequence.
 
-    A distortion model is noisy, because each lost share was measured with a single simulated loss. All encodings
-    therefore get the same curve of added error over lost share, multiplied by a factor for each encoding. Curve and
-    factors are medians: in some simulations, concealment rejects the neighbours' motion, and the error is a hundred
-    times larger.
+    All encodings get the same curve of added error over lost share, multiplied by a factor for each encoding. Curve and
+    factors are medians, because single measurements can be outliers.
 
     Args:
         distortions: Distortion models of encodings of the same sequence with different quality.

@@ -1,9 +1,7 @@
-"""Planner for sequences: splits bytes between finer quantisation and parity for the motion of each group of pictures.
+"""Planner for sequences: chooses the encoding quality, and the parity of the motion of each group of pictures.
 
-Motion that arrives after its group is useless, so each group has its own parity code. The cost of a lost packet after
-concealment differs between groups (`SequenceDistortion`) and packets (`sequence.importance`). Candidate amounts of
-parity of each group are evaluated on simulated transfers; bytes are then spent where the gain in dB per byte is
-largest.
+Motion that arrives after its group is useless, so each group has its own parity. Different amounts of parity are tried
+in simulated transfers. The budget of bytes is then spent where it increases the PSNR most.
 """
 
 import itertools
@@ -63,8 +61,7 @@ class _Choice:
     """One amount of parity for the motion of a group of pictures, with the expected result.
 
     Attributes:
-        pair: Amount of parity as in `Protection.motion`: share of the motion packets that get parity, and repair
-            symbols per such packet.
+        pair: Amount of parity: share of the motion packets that get parity, and repair symbols per such packet.
         num_bytes: Size of the parity in bytes.
         psnr: Mean PSNR of the group over simulated transfers, decibels.
         lost: Mean lost share of the group's motion over simulated transfers, weighted by packet importance, 0 to 1.
@@ -125,9 +122,9 @@ def plan_sequence(
 def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
-    """Returns the amounts of parity that are worth considering for a group of pictures, from none to most.
+    """Returns the amounts of parity for a group of pictures that give the highest PSNR for their bytes.
 
-    No other amount, or mixture of amounts, gives a higher PSNR for the same bytes (upper convex hull, `_hull`).
+    Only choices on the upper convex hull of PSNR over bytes are returned (`_hull`).
 
     Args:
         variant: Encoded variant of the sequence.
