@@ -186,8 +186,8 @@ def extrapolate_partial_tracks(
         True if tracks were extrapolated. False if most tracks do not move like their neighbours, or if too few tracks
         exist in all frames.
     """
-    # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly the true
-    # position in the first frame of the track.
+    # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
+    # the true position in the first frame of the track.
     frames = means.shape[1]
     stays = (begins == 0) & (ends == frames)
     whole = np.flatnonzero(stays)

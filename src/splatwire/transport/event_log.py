@@ -14,7 +14,7 @@ def log_event(logger: logging.Logger, level: int, event: str, **fields: str | in
         logger: Logger that receives the event.
         level: Level of the event, such as `logging.INFO`.
         event: Name of the event.
-        fields: Values of the event by name. Text is quoted as in JSON, so that no client can forge a line of the log.
+        **fields: Values of the event by name. Text is quoted as in JSON, so that no client can forge a line of the log.
     """
     if logger.isEnabledFor(level):
         words = [event, *(f"{name}={json.dumps(value)}" for name, value in fields.items())]

@@ -142,10 +142,9 @@ class Relay:
                 self.ending = event
 
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
-        """Starts the `.swz` file of a new stream, or replaces the init segment of the current file.
+        """Stores the start of a `.swz` file: begins a new file, or replaces the start of the stream's current file.
 
-        A live sequence consists of periods, each a stream with its own id. Within a period, a new init segment arrives
-        with each group of pictures. It has the stream id of the current file and replaces the file's init segment.
+        The start contains the init segment. A live stream gets a new init segment with each group of pictures.
 
         Args:
             stream_id: Id of the stream in every packet.

@@ -109,16 +109,12 @@ class _RateReduction:
 class RateControl:
     """Rate control of a sender: chooses the sending rate from the receiver's feedback.
 
-    The rate is CUBIC's congestion window (RFC 9438) divided by the latest round-trip time, not by a smoothed one. A
-    smoothed round-trip time lags behind the queue: after the window is reduced, the queue would drain completely, and
-    competing delay-based flows (BBR) would take the path for idle.
+    The sending rate is CUBIC's congestion window (RFC 9438) divided by the round-trip time. Only losses that
+    `LossMeter` attributes to congestion reduce the window.
 
-    `LossMeter` decides which losses are congestion. While the queue is long, these are the losses beyond the path's
-    baseline loss. Loss with a short queue triggers a test: the loss is congestion if it disappears at a lower rate.
-
-    A queue longer than `QUEUE_S` is drained by a lower sending rate. If the queue does not become shorter, a competing
-    flow fills it. In this competitive mode, only loss reduces the rate, until a probe at a lower rate finds the queue
-    empty. Without feedback, the rate is halved repeatedly.
+    If the queuing delay exceeds `QUEUE_S`, the rate is lowered for a short time to empty the queue. If the delay
+    persists, a competing flow fills the queue. From then on only loss reduces the rate (competitive mode), until the
+    queue is found empty in a test at a lower rate. Without feedback, the rate is halved repeatedly.
 
     Args:
         start: Maximum sending rate before the first feedback, bytes per second.
@@ -213,14 +209,16 @@ class RateControl:
         if self._pause:
             wanted = max(self._pause.rate, least / 4)
         else:
+            # A more smoothed round-trip time would lag behind the queue: after the window is reduced, the queue would
+            # drain completely, and competing delay-based flows (BBR) would take the path for idle.
             wanted = max(self.window.bytes / max(self._latest, ROUND_S / 2), least)
         self.rate = min(wanted, self._most)
 
     def _end_round(self, done: _Round, now: float) -> None:
-        """Ends a control round (about one round trip), and adapts the window or the rate to the receiver's feedback.
+        """Adapts congestion window or sending rate at the end of a control round (about one round trip).
 
-        The action is to reduce or grow the window, or to send at a lower rate for some time: to test if the loss
-        depends on the rate, to probe for competing flows, or to drain the queue.
+        Chooses one of these actions from the feedback: reduce the window, grow it, or lower the sending rate
+        temporarily (to test a cause of loss, to look for competing flows, or to drain the queue).
 
         Args:
             done: Feedback of the completed control round.
@@ -248,7 +246,7 @@ class RateControl:
             self.window.grow(now, length, max(self.round_trip, ROUND_S))
 
     def _may_grow(self, seen: LossCounter, length: float) -> bool:
-        """Returns True if at least half of the allowed rate was used, so that the window may grow (RFC 7661).
+        """Returns True if the sender used at least half of the allowed rate, which permits a larger window (RFC 7661).
 
         Args:
             seen: Sent and lost datagrams of the control round.

@@ -160,7 +160,7 @@ class PageContent:
     def _parse_download(self, target: str) -> tuple[str, str, str] | None:
         """Parses the path of a download, such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
-        `/tileset.json` is that of the listed scene, if there is exactly one.
+        The path `/tileset.json` is accepted, too, if the server lists exactly one scene.
 
         Returns:
             Name of the stream, file format, and path of the file in a folder (empty for formats that are one file);
@@ -227,9 +227,10 @@ class PageContent:
         return make_answer(status, kind, body, headers)
 
     def _requested_scene(self, request: Request) -> str:
-        """Returns the name of the scene for which a request may need an access token; empty for all other requests.
+        """Returns the name of the scene to which a request refers, for checking its access token.
 
-        A private scene has no file in `/streams/`: a request there gets 404, as for a scene that does not exist.
+        Returns an empty text for requests that need no token. These include paths in `/streams/`, which has no private
+        scenes.
         """
         if request.target == "/":
             return self._shown_name(request.query)
@@ -400,10 +401,12 @@ class PageContent:
         return self._files[name]
 
     def _is_own_host(self, name: str) -> bool:
-        """True if a request's `Host` header is a name of this server or an IP address.
+        """True if the `Host` header of a request is a name of this server or an IP address.
 
-        Other names are refused, because an attacker's name could point to this machine (DNS rebinding). The name is
-        empty in requests of HTTP/1.0, such as health checks of proxies. Browsers always send one.
+        Other names are refused, because an attacker's name could point to this machine (DNS rebinding).
+
+        Args:
+            name: Host from the header; empty in requests of HTTP/1.0, which are accepted.
         """
         if not name:
             return True

@@ -41,15 +41,16 @@ class DownloadedFile(NamedTuple):
 
 @runtime_checkable
 class Downloads(Protocol):
-    """Protocol of a converter that offers streams in other file formats.
+    """Protocol of a converter that offers streams for download in other file formats.
 
     Attributes:
-        formats: Supported formats: file name suffixes without their dot, such as `spz`, or keys of `FOLDERS`.
+        formats: Names of the supported formats: file name suffixes without their dot, such as `spz`, or names of
+            formats with several files in a folder, such as `3dtiles`.
     """
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """Supported formats: file name suffixes without their dot, such as `spz`, or keys of `FOLDERS`."""
+        """Names of the supported formats, such as `spz` or `3dtiles`."""
 
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
         """Returns a stream in another file format; converts the stream at the first request.
@@ -57,8 +58,8 @@ class Downloads(Protocol):
         Args:
             stream: Content of the stream's `.swz` file.
             tag: HTTP entity tag of the stream.
-            form: Format, one of `formats`.
-            part: For a format of `FOLDERS`, path of the file in the folder, with `/`.
+            form: Name of the format, one of `formats`.
+            part: For a format with several files in a folder, path of the file in the folder, with `/`.
 
         Returns:
             The file; None if the folder has no file of that path.

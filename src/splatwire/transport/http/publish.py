@@ -134,9 +134,9 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Converts the HTML attributes of the element `<splat-wire-preview>` to those of the viewer element.
+    """Renames HTML attributes of a preview element (`<splat-wire-preview>`) for use on the viewer element.
 
-    Both elements show the same preview, but its attribute is called `data` in the former and `preview` in the latter.
+    The attribute `data`, which contains the preview, becomes `preview`; all others keep their name.
     """
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
@@ -155,7 +155,11 @@ def _link_preview(name: str, url: str | None, page: str, picture: str | None) ->
 
 
 def _header_rules(engine: str) -> dict[str, dict[str, str]]:
-    """Returns the response headers of the site's files, by pattern of paths; `*` stands for any characters."""
+    """Returns the HTTP response headers of a static site: header values by name, for each URL pattern (`*`: any text).
+
+    Args:
+        engine: Folder with the scripts and style sheets of the player.
+    """
     shared = {"Access-Control-Allow-Origin": "*", "Cross-Origin-Resource-Policy": "cross-origin"}
     return {
         "/*": {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"},
@@ -174,7 +178,11 @@ def _header_rules(engine: str) -> dict[str, dict[str, str]]:
 
 
 def _netlify_headers(engine: str) -> str:
-    """Returns the file `_headers` of Netlify and Cloudflare Pages."""
+    """Returns the file `_headers`, from which Netlify and Cloudflare Pages take the HTTP headers of a site.
+
+    Args:
+        engine: Folder with the scripts and style sheets of the player.
+    """
     blocks = [
         "\n".join([path, *(f"  {key}: {value}" for key, value in rule.items())])
         for path, rule in _header_rules(engine).items()
@@ -183,7 +191,11 @@ def _netlify_headers(engine: str) -> str:
 
 
 def _vercel_headers(engine: str) -> str:
-    """Returns the file `vercel.json` of Vercel."""
+    """Returns the file `vercel.json`, from which Vercel takes the HTTP headers of a site.
+
+    Args:
+        engine: Folder with the scripts and style sheets of the player.
+    """
     rules = [
         {
             "source": re.escape(path).replace(r"\*", "(.*)").replace(r"\.", ".").replace(r"\-", "-"),

@@ -82,7 +82,7 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
     Args:
         address: Address of the relay; the last part of `address.name` is the scene's name.
         trust: Accepted certificates of the relay.
-        origins: Further keyword arguments of `moq.Client`. A publisher passes `publish`; a receiver passes none.
+        **origins: Further keyword arguments of `moq.Client`. A publisher passes `publish`; a receiver passes none.
 
     Raises:
         InvalidValueError: If no session can be opened.

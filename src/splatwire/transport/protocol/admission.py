@@ -52,19 +52,15 @@ def network_text(network: Network) -> str:
 
 
 def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
-    """Chooses the network that loses a connection slot to a new connection when all slots are in use.
+    """Chooses the network that loses a connection to a new one when the server is full; None if the new one is refused.
 
-    Slots are shared fairly between IP prefixes, so that the owner of many addresses gets no more slots than the owner
-    of one. First, the widest prefixes are compared (for IPv4, /24). If another prefix has more slots than that of the
-    new connection would have, the network with the most slots in that other prefix loses one. Otherwise, the narrower
-    prefixes inside the prefix of the new connection are compared in the same way.
+    Connections are shared fairly between IP prefixes, so that the owner of many addresses gets no more than the owner
+    of one. A prefix loses a connection if it has more of them than the prefix of the new connection would have. Wide
+    prefixes are compared before narrow ones.
 
     Args:
-        held: Number of slots per network, each above 0.
+        held: Number of connections per network, each above 0.
         newcomer: Network of the new connection.
-
-    Returns:
-        Network that loses a slot, or None if no compared prefix has more slots than that of the new connection.
     """
     for depth in range(1, len(newcomer) + 1):
         found = _largest_holder(held, newcomer[: depth - 1], depth)
@@ -74,13 +70,12 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
 
 
 def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
-    """Returns the network that uses the most connection slots, counted by IP prefix from wide to narrow.
+    """Returns the network that should lose a connection first: the largest user within the largest IP prefix.
 
-    The search starts with the widest prefix that uses the most slots. It continues with the narrower prefixes inside
-    that one. The result may thus have fewer slots than a single network in another prefix.
+    Starts with the wide prefix that has the most connections, and continues with the narrower prefixes inside that one.
 
     Args:
-        held: Number of slots per network, each above 0.
+        held: Number of connections per network, each above 0.
         within: Prefixes that the network must start with; empty for any network.
     """
     while within not in held:
@@ -95,17 +90,17 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Finds the IP prefix of a given width that uses the most connection slots.
+    """Finds the IP prefix of a given width that has the most connections.
 
-    A network is a tuple of nested prefixes, widest first (see `network_of`); the first items of it are a prefix.
+    A network is a tuple of nested prefixes, widest first (see `network_of`).
 
     Args:
-        held: Number of slots per network.
-        within: Prefix to search in; empty for all addresses.
-        depth: Number of items of the prefixes to compare: 1 for the widest prefixes, such as /24 for IPv4.
+        held: Number of connections per network.
+        within: Prefix to search in, as the first items of a network; empty for all addresses.
+        depth: Width of the prefixes to compare, as a number of items: 1 for the widest, such as /24 for IPv4.
 
     Returns:
-        The prefix and its number of slots; None if no slot in `within` is used.
+        The prefix and its number of connections; None if there are no connections in `within`.
     """
     counts: Counter[Network] = Counter()
     for network, count in held.items():

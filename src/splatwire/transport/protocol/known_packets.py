@@ -13,9 +13,9 @@ class KnownPackets:
         self._head = False
 
     def take(self, frame: Have, stream: ServedStream) -> int:
-        """Records what a client lists as received; returns how many bytes the server therefore need not send.
+        """Records which packets a client lists as received; returns the number of bytes that need not be sent.
 
-        Only data that were not listed before count. Lists about another stream, or about a live stream, are ignored.
+        Lists about another stream, or about a live stream, are ignored. Packets that were listed before add no bytes.
 
         Args:
             frame: List of received packets.

@@ -34,12 +34,11 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class StreamUpdate(ServedStream):
-    """State of a live stream after a group of pictures, prepared for sending.
+    """State of a live stream after a new group of pictures, prepared for sending.
 
     Attributes:
-        persistent: One byte per packet: 1 if later groups of pictures also need the packet, which may then be
-            retransmitted at any time; 0 for the motion of a single group. Motion packets are dropped when the next
-            group is added.
+        persistent: One byte per packet: 1 if later groups of pictures also need the packet, 0 for the motion of a
+            single group. Only packets with 1, and those of the newest group, may be retransmitted.
         newest: Index in sending order of the first packet of the newest group of pictures.
     """
 

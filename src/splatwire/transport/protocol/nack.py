@@ -31,12 +31,12 @@ MAX_ATTEMPTS = 8
 
 
 class NackTracker:
-    """Time of the last NACK, and number of NACKs, of each missing packet.
+    """Tracks NACKs of a receiver: time of the last NACK, and number of NACKs, of each missing packet.
 
     Attributes:
         max_attempts: Maximum number of NACKs per packet; unlimited by default, `MAX_ATTEMPTS` for streams that are live
             when a transfer begins.
-        exhausted: Number of packets at the start of the sending order of which none is requested again.
+        exhausted: Number n of packets, the first n in sending order, of which none is requested any more.
     """
 
     def __init__(self) -> None:
@@ -56,10 +56,13 @@ class NackTracker:
         return bool(self._last)
 
     def due(self, missing: Iterable[int], now: float) -> list[int]:
-        """Returns up to `MAX_NACKS` missing packets without a recent NACK, and records a NACK for each at time `now`.
+        """Returns the missing packets to request now, at most `MAX_NACKS`, and records a NACK for each.
+
+        Packets that were requested recently, or `max_attempts` times, are not requested.
 
         Args:
-            missing: Indices of the missing packets in sending order, ascending, from `exhausted` on.
+            missing: Indices of the missing packets in sending order, ascending. The first `exhausted` packets of the
+                stream must be left out.
             now: Time, seconds.
         """
         out: list[int] = []

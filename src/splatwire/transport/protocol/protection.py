@@ -105,11 +105,13 @@ def num_bundled_packets(num_packets: int, protection: Protection) -> int:
 
 
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
-    """Divides the packets of a stream into runs with equal parity, and returns the parity of each run.
+    """Divides the packets of a stream into runs (consecutive packets with equal parity); returns the parity of each.
 
-    The packets that are bundled in the init segment are the first run. They have no parity here, because the init
-    segment has repair symbols itself. The next runs are the importance tiers with a setting in `protection`. All other
-    packets are the last run, without parity.
+    The runs are, in sending order:
+
+    * packets that are bundled in the init segment, whose repair symbols protect them: no parity;
+    * one run for each importance tier that has an entry in `Protection.tier_repair`;
+    * all other packets: no parity.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
@@ -128,15 +130,15 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Counts the packets of each importance tier, without those that are bundled in the init segment.
+    """Counts the packets of each importance tier that are sent separately, not bundled in the init segment.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
         protection: Redundancy, which determines the bundled packets.
 
     Returns:
-        Number of packets of each tier. If `protection.tier_spread` is 0 (tiers are sent one after another), only the
-        total number of packets.
+        Number of packets of each tier. A single number for all tiers together if they are sent one after another
+        (`protection.tier_spread` is 0).
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

@@ -75,9 +75,9 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """True if a packet belongs to the next state of a live stream, which the server has not yet declared.
+        """True if a packet belongs to a new state of the live stream that the server has not declared yet (welcome).
 
-        Up to `MAX_WAITING_PACKETS` such packets are kept until the declaration (welcome) arrives.
+        Stores the packet until the declaration arrives, up to `MAX_WAITING_PACKETS` packets.
         """
         welcome = self._welcome
         if welcome is None or not welcome.is_live:

@@ -58,9 +58,10 @@ class ViewUpdateBudget:
 class SentLog:
     """Remembers which packet was in each recently sent datagram, for NACKs that contain sequence numbers.
 
+    Clients send such NACKs for streams with view-dependent order. For other streams, NACKs contain packet indices.
+
     Args:
-        noted: True to log datagrams. False for clients that request packets by their index, as in streams without
-            view-dependent order: nothing is logged then.
+        noted: True to log datagrams; False for clients whose NACKs contain packet indices.
     """
 
     def __init__(self, noted: bool) -> None:
@@ -135,10 +136,10 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams that are sent in scheduled order; the viewpoint determines the order of all later ones.
+        """Number of datagrams that are sent in the stream's fixed order, before those in view-dependent order.
 
-        Without a viewpoint of the client, these are all datagrams. Otherwise, they are those with the init segment and
-        the coarsest tiles.
+        If the client has sent no viewpoint, all datagrams are sent in the fixed order. Otherwise, only the init segment
+        and the coarsest tiles are.
         """
         return self._schedule.opening_end if self.viewed else len(self._schedule.items)
 
@@ -187,7 +188,7 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            if_begun: True to queue the packets only if some packets of the tile have already been sent.
+            if_begun: True to do nothing unless some packets of the tile have already been sent.
         """
         tiles = self._stream.tiles
         assert tiles is not None
@@ -199,16 +200,16 @@ class SendQueue:
         self._run.extend(range(max(first, self._passed) if if_begun else first, end))
 
     def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
-        """Fills the queue for the new state of a live stream, which has grown.
+        """Replaces the queue after a live stream has grown.
 
-        The queue then contains the new init segment, the packets of the earlier state that are still to be sent, and
-        the new packets.
+        The new queue contains the new init segment, the packets of the earlier state that are still to be sent, and the
+        new packets. The first response (welcome), which declares the new state to the client, is inserted three times
+        because it can be lost.
 
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
-            welcome: Queue item of the welcome, the datagram that declares the new state to the client. Because it can
-                be lost, it is queued three times: before the init segment, after it, and before the new packets.
+            welcome: Queue item of the welcome.
             known: Number of packets in the earlier state.
         """
         self._stream = stream

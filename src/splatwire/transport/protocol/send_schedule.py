@@ -19,17 +19,16 @@ def build_send_schedule(
 ) -> tuple[tuple[int, int, int], ...]:
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
-    Symbols of the init segment are spread over the first packets. The repair symbols of a run (consecutive packets with
-    equal protection) are sent from the middle of the run on. Different segments, and different parity groups, take
-    turns.
+    Symbols of the init segment are spread over the first packets. Repair symbols are sent from the middle of the
+    packets that they protect.
 
     Args:
-        head: Number of source and repair symbols to send of each segment (source block) of the init segment.
-        tiers: Parity of each run of packets in sending order.
+        head: Number of symbols to send of each segment (source block) of the init segment, repair symbols included.
+        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy; determines over which part of the transfer the symbols are spread.
         present: Number of packets of each importance tier, without the packets that are bundled in the init segment.
-            Bundled packets are not sent separately. Empty if the stream has no tiers and no bundled packets.
+            Empty if the stream has no tiers and no bundled packets.
 
     Returns:
         Three integers for each datagram. The first is the kind of its content, which determines the other two:
@@ -60,11 +59,11 @@ def build_send_schedule(
 def _packet_times(present: Sequence[int], spread: float | int) -> list[float]:
     """Returns when each packet is sent, as a fraction of the whole transfer, 0 to 1.
 
-    Each importance tier has an interval of the transfer, over which its packets are spread evenly.
+    The packets of each importance tier are spread evenly over a part of the transfer.
 
     Args:
         present: Number of packets of each importance tier.
-        spread: Overlap of the intervals: 0 sends the tiers one after another, 1 sends each during the whole transfer.
+        spread: Overlap of the parts: 0 sends the tiers one after another, 1 spreads each tier over the whole transfer.
     """
     num_packets, first, times = max(sum(present), 1), 0, list[float]()
     for size in present:

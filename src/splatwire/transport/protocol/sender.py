@@ -225,8 +225,8 @@ class Server:
 
         Args:
             streams: Prepared streams by name; a client that requests no name gets the first.
-            updates: Updates of these streams by name. The value None announces an update that does not exist yet:
-                clients that request it ask again until it does.
+            updates: Updates of these streams by name, which clients can request, too. None for an update that does not
+                exist yet: clients then ask again until it does.
         """
         self._streams, self._updates = dict(streams), dict(updates or {})
 
@@ -295,14 +295,20 @@ class Server:
         return transfer.welcome()
 
     def _refused(self, network: Network, request: Request, refusal: int, now: float) -> int:
-        """Counts and logs a refused request, and chooses the reason to send to the client.
+        """Counts and logs a refused request, and returns the reason to send to the client.
 
-        Two kinds of requests are not logged: repeated ones, which get no response, and those of receivers that wait for
-        an update that does not exist yet. A network with too many refused requests within `WINDOW_S` is not logged any
-        more. If it then requests missing or private streams, it gets the reason "too many transfers".
+        Repeated requests, and requests for an update that does not exist yet, are not logged. A network with too many
+        refused requests within `WINDOW_S` is not logged any more. Further requests for missing or private streams are
+        then refused with "too many transfers".
+
+        Args:
+            network: Network of the client.
+            request: The refused request.
+            refusal: Reason for the refusal, as an index into `datagrams.REFUSALS`; 0 for a repeated request.
+            now: Time, seconds.
 
         Returns:
-            Index of the refusal to send in `datagrams.REFUSALS`; 0 for none.
+            Reason to send to the client, as an index into `datagrams.REFUSALS`; 0 for no response.
         """
         if not refusal or (refusal == NOT_YET and request.name in self._updates):
             return refusal  # followers request the next update several times a second
@@ -325,8 +331,8 @@ class Server:
             network: Network of the client, for limits per network.
 
         Returns:
-            None if the transfer has started; otherwise the index of the refusal in `datagrams.REFUSALS`, where 0 stands
-            for a refusal without response.
+            None if the transfer has started. Otherwise the reason for the refusal, as an index into
+            `datagrams.REFUSALS`; 0 for a repeated request, which gets no response.
         """
         starts = self._update_starts if frame.name in self._updates else self._starts
         if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
@@ -363,9 +369,9 @@ class Server:
         return None
 
     def _default_stream(self) -> str:
-        """Returns the name of the first stream that lists contain; without one, that of the first private stream.
+        """Returns the name of the stream for clients that request no name: the first one that is not unlisted.
 
-        Unlisted streams have no default: whoever receives one knows its name. The result is empty if all are unlisted.
+        Public streams are preferred to private ones. Returns an empty name if all streams are unlisted.
         """
         if self.access is None:
             return next(iter(self._streams))

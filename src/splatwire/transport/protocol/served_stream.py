@@ -173,9 +173,9 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmission to each client is limited, by a number of bytes or to the first packets.
+        """True if this stream limits retransmission, by a number of bytes or to the first packets in sending order.
 
-        The server then saves bytes: a client that lacks n symbols of the init segment gets only n + 1 further symbols.
+        Lost symbols of the init segment are then replaced sparingly, to save bytes.
         """
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 
@@ -189,7 +189,9 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a packet or repair symbol that was queued before the live stream grew is still useful in this state.
+        """True if a datagram that was queued for an earlier state of a live stream should still be sent.
+
+        Motion of past groups of pictures, for example, is not needed any more.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
@@ -276,9 +278,9 @@ def make_served_stream(
 
 
 def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
-    """Prepares a stream with levels of detail for a sending order that depends on the client's viewpoint.
+    """Prepares a stream with levels of detail for sending in an order that depends on the client's viewpoint.
 
-    The coarsest tiles (up to `OPENING_BYTES`, at least one tile) are sent first for every viewpoint.
+    Only the coarsest tiles are sent first for every viewpoint: up to `OPENING_BYTES`, at least one tile.
     """
     count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
     last = max(int(tiles.first_packets[count]), stream.bundled)
@@ -322,12 +324,11 @@ def head_symbols(
     Args:
         data: Bytes of the init segment.
         symbol_bytes: Size of a symbol in bytes.
-        protection: Redundancy. With repair symbols or with a limit on retransmission, each segment gets a reserve of
-            further repair symbols.
+        protection: Redundancy, which determines the number of repair symbols.
 
     Returns:
-        Symbols of each segment (source block): source symbols, then repair symbols. And how many symbols of each
-        segment every client gets; the others are the reserve for clients that report missing symbols.
+        Symbols of each segment (source block): source symbols, then repair symbols. And for each segment, the number of
+        symbols that every client gets; the others are a reserve for clients that report missing symbols.
     """
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []

@@ -126,12 +126,12 @@ class ServerTransfer:
         self._allow(known)
 
     def _allow(self, known: int) -> None:
-        """Raises the limit on bytes sent to this client after an update of a live stream.
+        """Raises the maximum number of bytes to send to this client, after a live stream has grown.
 
-        The limit grows by the size of the new packets and of the new init segment.
+        The maximum grows in proportion to the size of the new packets and the new init segment.
 
         Args:
-            known: Number of packets before the update of the live stream.
+            known: Number of packets of the live stream before it grew.
         """
         known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.bundled : known])
         self._most_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
@@ -342,11 +342,10 @@ class ServerTransfer:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns further symbols of the init segment for a client that reports missing symbols.
+        """Returns symbols of the init segment to send to a client that reports missing symbols.
 
-        About 50 % more symbols are returned than are missing, because some will be lost. If retransmission is limited
-        (`ServedStream.counts_bytes`), only one more is returned. Repair symbols that were never sent come first: any of
-        them can replace any missing symbol of its segment (source block). Segments take turns.
+        About 50 % more symbols are returned than are missing, because some will be lost; only one more if the stream
+        limits retransmission. Repair symbols that were not sent before come first.
 
         Args:
             missing: Number of symbols that the client needs.

@@ -135,11 +135,10 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
 
 @functools.cache
 def _register_rate_control() -> None:
-    """Registers a congestion controller in aioquic that only bounds the bytes in flight, by the delivery rate.
+    """Registers a congestion controller in aioquic that limits the bytes in flight by the measured delivery rate.
 
-    The sending rate is set by `pacing.RateControl` from the receiver's feedback, because QUIC's usual controllers treat
-    every random loss as congestion. The bound is needed because that feedback covers neither the reliable stream nor
-    QUIC's retransmissions.
+    QUIC's usual controllers would reduce the rate at every random loss. The sending rate of datagrams is set by
+    `pacing.RateControl`; this limit also covers the reliable stream and QUIC's retransmissions.
     """
 
     class Bounded(QuicCongestionControl):

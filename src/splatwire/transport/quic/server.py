@@ -191,8 +191,8 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the client.
-            begins: True for a new connection, before its handshake; the maximum is then twice the limit plus `SPARE`.
-                False for a connection that is already counted; the maximum is the limit.
+            begins: True for a new connection before its handshake: allows twice the limit plus `SPARE`, so that surplus
+                clients can be refused with a reason later. False for a connection that is already counted.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
@@ -243,15 +243,11 @@ class _LimitedEndpoint(AioquicServer):
         super().connection_made(_CountingTransport(transport, self._owner.sent))
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
-        """Passes a UDP datagram to aioquic, or drops it if it starts a connection and the server is overloaded.
+        """Passes a UDP datagram to aioquic, unless it starts a connection that the server cannot accept.
 
-        Three cases of a new connection above the limit:
-
-        * Up to twice the limit (plus `SPARE`), the datagram is passed on, so that the client can be refused with a
-          reason after its handshake.
-        * Above that, the client must first prove its address by returning a token (QUIC Retry).
-        * A datagram with a token is passed on only if the connection can replace another one, of a client network that
-          has more connections.
+        Up to twice the limit of connections (plus `SPARE`), new connections are passed on, so that clients can be
+        refused with a reason. Above that, a client must first prove its address by returning a token (QUIC Retry). It
+        is then accepted only if another network, with more connections, can lose one.
 
         Args:
             data: Payload of the datagram.
@@ -340,7 +336,7 @@ class _Connection(QuicConnectionProtocol):
 
         Args:
             work: Function to call.
-            arguments: Arguments of the function.
+            *arguments: Arguments of the function.
         """
         try:
             work(*arguments)
