@@ -168,8 +168,8 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
     Args:
         coder: Entropy coder.
         stream: Kind of value, part of the context (see `Coder`).
-        spread: Class of the deviation of the neighbours, part of the context.
-        second: Class of the step or of the preceding residuals, part of the context.
+        spread: Part of the context: how much the neighbours differ.
+        second: Part of the context: the step, or the preceding residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -199,8 +199,8 @@ def _code_steps(coder, stream, spread, second, q, eighths):
     Args:
         coder: Entropy coder.
         stream: Kind of value, part of the context (see `Coder`).
-        spread: Class of the deviation of the neighbours, part of the context.
-        second: Class of the step or of the preceding residuals, part of the context.
+        spread: Part of the context: how much the neighbours differ.
+        second: Part of the context: the step, or the preceding residuals.
         q: The residual; only used by an encoder.
         eighths: Common mean of the two normals of the mixture, in eighths of a step, -4 to 3.
 

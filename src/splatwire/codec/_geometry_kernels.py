@@ -1,12 +1,11 @@
 """Numba kernels of the position coder for a set of points, given as sorted Morton codes.
 
-The codes form a binary tree. A node is a run of sorted codes that agree in all bits above `bit`; encoder and decoder
-know its number of points n. For each node, the number of points with a zero in `bit` is coded; for a single point, the
-bit itself. Anchors on a coarse voxel grid have runs of zeros in their low bits, so contexts count the preceding zeros.
-
-Array slices are written element by element: numba compiles slice assignments with all shape checks and error messages,
-which takes longer than compiling the coder itself.
+The codes form a binary tree. A node is a range of codes that agree in all higher bits. For each node, the number of its
+points with a zero in the next bit is coded.
 """
+# Anchors on a coarse voxel grid have runs of zeros in their low bits, so contexts count the preceding zeros.
+# Array slices are written element by element: numba compiles slice assignments with all shape checks and error
+# messages, which takes longer than compiling the coder itself.
 
 from typing import no_type_check
 

@@ -41,6 +41,6 @@ def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, by
 
     Args:
         sections: All named sections.
-        *own: Names of the sections that only the codec schema reads.
+        *own: Names of the sections that only this codec schema reads (any number of arguments).
     """
     return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

@@ -176,6 +176,6 @@ def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
 
     Args:
         stream: Properties of the streams, such as name and format version.
-        **codec: The other attributes of `Schema`, such as encoder and decoder.
+        **codec: The other attributes of `Schema`, as keyword arguments: encoder, decoder and so on.
     """
     return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)

@@ -36,7 +36,7 @@ class AttributePrior(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class Prior(CheckedFields):
-    """Predicted distributions of the attributes of N anchors: from the hash grid, without their packets (HAC++).
+    """Distributions of the attributes of N anchors, predicted from the hash grid without any packet (HAC++).
 
     Attributes:
         feature: Distributions of the F feature channels.

@@ -184,10 +184,10 @@ class ReceivedScene(Generic[S]):
 
     @property
     def sizes(self) -> Float[np.ndarray, "N"]:
-        """Approximate size of each element, received or lost, by which averages over neighbours weight it, float64 (N).
+        """Approximate size of each element, received or lost, for weighted averages over neighbours, float64 (N).
 
-        This is the typical size in the element's importance tier, in an arbitrary unit, if the stream contains typical
-        sizes (`TierSizes`). Otherwise it is the size expected for this element, world units.
+        If the stream contains typical sizes of importance tiers (`TierSizes`), it is that of the element's tier, in an
+        arbitrary unit. Otherwise, it is the expected size of this element, world units.
         """
         tiers = self.tier_sizes
         return np.exp(self.log_sizes.astype(np.float64)) if tiers is None else to_numpy(tiers).astype(np.float64)

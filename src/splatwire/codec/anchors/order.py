@@ -42,7 +42,7 @@ class AnchorCoder(Protocol):
 
         Args:
             ranks: int64 (n), indices in coding order (ranks) of the anchors of all groups, group by group.
-            counts: int64 (groups), anchors of each group.
+            counts: Number of anchors in each group, int64 (groups).
             packet_bytes: Maximum size of a payload; larger groups are cut into several packets. None to leave groups
                 undivided.
         """
@@ -94,8 +94,8 @@ def prepare_anchor_repack(
         packetization: New split into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        *own: Names of the named sections that `coder` computes again. With any other section except the background, the
-            order of the anchors must not change.
+        *own: Names of the named sections that `coder` computes again (any number of arguments). With any other section
+            except the background, the order of the anchors must not change.
 
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.

@@ -53,9 +53,9 @@ def update_magnitude(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def magnitude_context(running):
-    """Returns the context of a residual: a class of the average magnitude of the preceding residuals of the Gaussian.
+    """Returns the context of a residual, chosen by the average magnitude of the Gaussian's preceding residuals.
 
-    The limits between the classes are powers of two.
+    The context grows with the logarithm of this average.
 
     Args:
         running: The average, in sixteenths of a quantisation step, from `update_magnitude`.
@@ -202,7 +202,7 @@ def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
         bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table from `thinness_table`.
+        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
         shifts: Output: log2 of the steps, in lattice units, int64 (n).
     """
     for i in range(len(logs)):

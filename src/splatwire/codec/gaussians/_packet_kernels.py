@@ -125,8 +125,8 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
         place: Position relative to the block's bounding box, in lattice units; only used by an encoder.
         cells_at: log2 of the cell size of the packet's grid, in lattice units.
         shift: log2 of the quantisation step of the position, in lattice units.
-        absolute: True to decode to the centre of a cube whose side is the step, even if it is larger than the cell;
-            False (stream version 2) to decode to the centre of the cell in this case.
+        absolute: Rounding if the step is larger than the cell. True: to the centre of a cube whose side is the step.
+            False (stream version 2): to the centre of the cell.
     """
     low = min(cells_at, shift)
     for a in range(3):

@@ -57,7 +57,7 @@ def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinn
         bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table from `thinness_table`.
+        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
         harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.
         rows: Output: decoded integers, int64 (n, COLUMNS), with positions relative to the origin of the lattice.
     """

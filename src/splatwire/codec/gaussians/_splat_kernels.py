@@ -38,7 +38,7 @@ def convert(
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice units, int64 (n, 3).
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
-        thinness: Table from `thinness_table`.
+        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
         powers: Table from `exponentials`.
         colours: Transform from RGB to Y Co Cg divided by the harmonic of degree 0, float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).

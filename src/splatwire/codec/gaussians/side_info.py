@@ -55,9 +55,8 @@ class SideInfo:
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         bases: int64 (steps), `-log2` of the quantisation steps of precision class 0 (the lowest), for each quantity in
             `STEPS`, in fixed point with `STEP_BITS` fractional bits.
-        coarsest: log2 of the largest position cell, in lattice units. All decoded integers are multiples of the
-            quantisation steps of their Gaussian and do not depend on the division into packets. -1 in streams of
-            version 2, where the integers depend on the division into packets.
+        coarsest: log2 of the largest position cell, in lattice units. -1 in streams of version 2, whose decoded
+            integers depend on the division into packets.
         transform: int64 (K, K), transform of the spherical harmonics with denominator `TRANSFORM_UNIT`: row k is the
             contribution of the k-th coded integer of a colour channel to the K harmonics of that channel.
         boxes: Bounding boxes of the B blocks.

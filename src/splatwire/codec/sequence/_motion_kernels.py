@@ -91,7 +91,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Returns the context of a motion coefficient's residual: a class of the magnitude of residuals coded before it.
+    """Returns the context of a motion coefficient's residual, chosen by the magnitude of residuals coded before it.
 
     Args:
         magnitude: Magnitude of residuals of neighbouring coefficients, an integer.

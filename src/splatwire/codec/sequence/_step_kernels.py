@@ -28,7 +28,7 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
         bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table from `thinness_table`.
+        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
         shifts: Output: log2 of the steps, by channel of motion, in the units that `layout.CHANNELS` lists, int64 (n,
             channels).
     """

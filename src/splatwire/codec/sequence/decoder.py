@@ -72,10 +72,11 @@ class TracksDecoder:
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory for the integers of pending blocks and for the words of the largest packet, bytes.
+        """Returns the working memory of a decoding thread, in addition to the scene, bytes.
 
-        See `Decoder.working_bytes`.
+        It depends on the largest block of the stream and on the largest of the packets.
         """
+        # Integers of several pending blocks, and words of the largest packet.
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 

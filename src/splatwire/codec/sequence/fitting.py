@@ -100,7 +100,7 @@ def fit(
     found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
-    """Adds a range of frames to the fit of polynomials to the motion of tracks.
+    """Continues to fit polynomials to the motion of tracks, with a further range of frames.
 
     Args:
         found: Polynomial coefficients of the motion of n tracks, changed in place.

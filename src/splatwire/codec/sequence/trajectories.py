@@ -109,7 +109,7 @@ def add_frames(
     found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
-    """Adds further frames of the group to the fit of polynomials to the motion of tracks.
+    """Continues to fit polynomials to the motion of tracks, with further frames of the group.
 
     An encoder can thus do most of the fit before the last frame is available. The result is bit-identical to a fit of
     all frames at once.

@@ -38,7 +38,7 @@ class UpdateChain:
     def offers(self) -> dict[str, SceneStream | None]:
         """Returns all updates, by the name that receivers request (`update_name`).
 
-        The last entry is for the update that receivers of the current state wait for. It does not exist yet: None.
+        The last entry is for the next update. Its value is None, because the update does not exist yet.
         """
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates

@@ -37,11 +37,10 @@ def manifest_digest(manifest: Manifest) -> str:
 def update_name(base_digest: str) -> str:
     """Returns the name under which a server offers the update of a stream.
 
-    The name is that of the stream that the update changes, so that a receiver can request the next update of what it
-    has.
+    It contains the digest of this stream. A receiver can thus request the update for the stream that it has.
 
     Args:
-        base_digest: Digest of that stream (`manifest_digest`), hexadecimal.
+        base_digest: Digest of the stream that the update changes (`manifest_digest`), hexadecimal.
     """
     return f"update.{base_digest[:16]}"
 

@@ -56,7 +56,7 @@ def scale_indices(spreads, powers, indices):
 
     Args:
         spreads: Binary logarithms of standard deviations, 16 fractional bits.
-        powers: Table `exp2_table(8, 20)`.
+        powers: Table of powers of two, from `exp2_table(8, 20)`.
         indices: Output, same shape as `spreads`.
     """
     for n in range(spreads.shape[0]):
@@ -106,7 +106,7 @@ def _encode_packet(
     begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
     out, state,
 ):  # fmt: skip
-    """Encodes the anchors from `begin` to `end` (exclusive) to `out`; returns the number of bytes.
+    """Encodes the anchors `begin` to `end` (exclusive) into `out`; returns the number of bytes.
 
     `state` is the state of the range coder. See `encode_packets` for the other arguments.
     """

@@ -1,4 +1,4 @@
-"""Causal model in integer arithmetic: predicts the distribution of each attribute of an anchor, as table indices.
+"""Causal model in integer arithmetic: predicts the distribution of each attribute of an anchor for entropy coding.
 
 The networks predict the attributes in stages, from the position of the anchor and its attributes decoded before; they
 never use other anchors. Everything is integer arithmetic, so encoder and decoder agree on every machine; matrix

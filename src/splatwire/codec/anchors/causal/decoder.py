@@ -38,7 +38,7 @@ PLACE_BYTES = 32
 
 
 def _num_values(config: CausalConfig) -> int:
-    """Returns how many numbers the attributes of an anchor have in total."""
+    """Returns the number of attribute values of an anchor."""
     return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
 
 

@@ -155,7 +155,7 @@ class CausalEncoder:
         Args:
             ranks: Indices of the anchors in coding order, group after group, int64 (n).
             counts: Number of anchors of each group, int64 (groups).
-            packet_bytes: Maximum payload size, to which groups are divided; None for undivided groups.
+            packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
         found = self._quantised(ranks)
         if packet_bytes is not None:

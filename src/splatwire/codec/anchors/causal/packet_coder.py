@@ -105,7 +105,7 @@ def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray)
     Args:
         context: Coding context.
         found: The anchors of all packets, packet by packet.
-        counts: int64 (packets), anchors of each packet.
+        counts: Number of anchors in each packet, int64 (packets).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     room = (found.masks.shape[1] + found.symbols.shape[1] + kernels.PLACE_SYMBOLS) * kernels.BYTES_PER_SYMBOL
@@ -138,11 +138,11 @@ def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, pa
     Args:
         context: Coding context.
         found: The anchors of all blocks, block by block.
-        counts: int64 (blocks), anchors of each block.
+        counts: Number of anchors in each block, int64 (blocks).
         payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
     Returns:
-        Anchors of each packet, int64; packets never cross the end of a block.
+        Number of anchors in each packet, int64; packets never cross the end of a block.
     """
     # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
     bits = anchor_bits(context, found)
@@ -168,7 +168,7 @@ def decode_packets(
     Args:
         context: Coding context.
         positions: Positions of the anchors of all packets, packet by packet, as known from side information.
-        counts: int64 (packets), anchors of each packet.
+        counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
 
     Returns:

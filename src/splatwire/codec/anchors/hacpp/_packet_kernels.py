@@ -50,7 +50,7 @@ def step_index(q):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
-    """Converts outputs of the prior network for one attribute to means and scale table indices.
+    """Converts outputs of the prior network for one attribute to normal distributions for the entropy coder.
 
     Args:
         outputs: Outputs of the prior network, 16 fractional bits.
@@ -74,9 +74,9 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts outputs of a channel network to distributions of one feature group, as table indices.
+    """Converts outputs of a channel network to distributions of one feature group for the entropy coder.
 
-    The entropy coder uses these indices. The distribution of a channel is a mixture of two normals. The prior network
+    The distribution of a channel is a mixture of two normals. The prior network
     predicts the first one, and the channel network the second one. The weight of the mixture is computed from outputs
     of both networks.
 

@@ -1,4 +1,4 @@
-"""Atomic packets: all attributes of anchors as one stream of the range coder, independently decodable (paper 3.2.1).
+"""Atomic packets: each contains all attributes of its anchors and decodes without the others (paper 3.2.1).
 
 Encoding and decoding share the prediction. Packets are processed in chunks, which does not affect the bytes.
 """
@@ -63,8 +63,8 @@ class Predictions:
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
         feature: First normal of the features' mixtures. Two arrays (n, F): means in quantisation steps with 12
             fractional bits, int32; and indices of the standard deviations in the scale table, int16.
-        scaling: Means and scale table indices of the scalings, two arrays (n, 6).
-        offset: Means and scale table indices of the offsets, two arrays (n, 3 K).
+        scaling: The same two arrays for the scalings, (n, 6).
+        offset: The same two arrays for the offsets, (n, 3 K).
     """
 
     outputs: np.ndarray
@@ -75,7 +75,7 @@ class Predictions:
 
 
 def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
-    """Converts outputs of the prior network to probability distributions, as table indices of the entropy coder.
+    """Converts outputs of the prior network to probability distributions for the entropy coder.
 
     Args:
         context: Coding context.
@@ -92,7 +92,7 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Second component of the features' mixture distributions, as table indices of the entropy coder.
+    """Second normal of the features' mixture distributions, and weight of the first one, for the entropy coder.
 
     It is predicted from the feature groups that are decoded before.
 
@@ -142,13 +142,13 @@ def cut_packets(
     Args:
         predicted: Prediction of the anchors of all blocks, block by block.
         mixture: Second mixture component of the features of these anchors.
-        counts: int64 (blocks), anchors of each block.
+        counts: Number of anchors in each block, int64 (blocks).
         symbols: The anchors' symbols.
-        mask_models: Initial mask models, int64 (contexts, 2).
+        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
         payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
     Returns:
-        Anchors of each packet, int64; packets never cross the end of a block.
+        Number of anchors in each packet, int64; packets never cross the end of a block.
     """
     bits = np.empty(len(symbols.mask), dtype=np.float64)
     kernels.anchor_bits(
@@ -179,9 +179,9 @@ def encode_packets(
     Args:
         context: Coding context.
         predicted: Prediction of the anchors of all packets, packet by packet.
-        counts: int64 (packets), anchors of each packet.
+        counts: Number of anchors in each packet, int64 (packets).
         symbols: The anchors' symbols.
-        mask_models: Initial mask models, int64 (contexts, 2).
+        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
         mixture: Second mixture component of the anchors' features; None to compute it.
 
     Returns:
@@ -214,9 +214,9 @@ def decode_packets(
     Args:
         context: Coding context.
         outputs: int32 (n, prior outputs) of the anchors of all packets, packet by packet.
-        counts: int64 (packets), anchors of each packet.
+        counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
-        mask_models: Initial mask models, int64 (contexts, 2).
+        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
 
     Returns:
         Symbols of the anchors; and factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).

@@ -1,4 +1,4 @@
-"""Predicts the probability distributions of HAC++ anchors in integer arithmetic, as table indices of the entropy coder.
+"""Predicts the distributions of HAC++ anchors' attributes for entropy coding, in integer arithmetic.
 
 A prediction depends only on the anchor's position, its symbols decoded before, and the side information. Matrix
 products use float64, which represents every partial sum exactly. `tests/reference/hacpp_params.py` is an equivalent
@@ -74,7 +74,7 @@ def inverse_step_table(base: float) -> np.ndarray:
 
 
 def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
-    """Returns the step table indices of feature, scaling and offset of each anchor.
+    """Returns the quantisation steps of feature, scaling and offset of each anchor, as indices into `factor_table`.
 
     Args:
         outputs: int32 (N, prior outputs), `OUTPUT_BITS` fractional bits.

@@ -83,7 +83,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int) -> Decode
 
 
 class HacppDecoder(AnchorDecoder):
-    """Decodes streams of HAC++ anchors with atomic packets.
+    """Decodes streams of HAC++ anchors whose packets are atomic: each contains all attributes of its anchors.
 
     Args:
         manifest: The stream's manifest.

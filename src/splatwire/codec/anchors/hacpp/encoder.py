@@ -87,7 +87,7 @@ class HacppEncoder:
         Args:
             ranks: Indices of the anchors in coding order, group after group, int64 (n).
             counts: Number of anchors of each group, int64 (groups).
-            packet_bytes: Maximum payload size, to which groups are divided; None for undivided groups.
+            packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
         context, models = self._context, self._info.mask_models()
         predicted = predict_packets(context, context.predict(self._info.voxels[ranks])[1])

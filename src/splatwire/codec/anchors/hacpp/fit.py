@@ -77,10 +77,10 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns the error that each output of the prior network may have, up to a common factor.
+    """Returns how large the error of each output of the prior network may be relative to the others.
 
-    The outputs include a mean and a standard deviation of each channel. Their tolerated errors are proportional to the
-    channel's typical standard deviation: an error of this size costs about as many bits in every channel.
+    An error of the returned size costs about the same number of bits in every output. For the mean and the standard
+    deviation of a channel, it is the channel's typical standard deviation.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.

@@ -1,4 +1,4 @@
-"""Integer hash-grid lookup: table rows of an anchor, and the interpolated context (HAC++, hash grid)."""
+"""Integer hash-grid lookup (HAC++): table rows that an anchor reads, and the features interpolated from them."""
 
 import functools
 import math

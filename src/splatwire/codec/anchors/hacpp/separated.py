@@ -1,8 +1,8 @@
 """Separated packets: HAC++'s own layout, with a separate packet for each attribute of a group of anchors.
 
-This is the baseline for atomic packets. The symbols and their distributions are those of atomic packets. A feature
-group is predicted from the groups before it, so its decoding requires them. The offset masks of the whole scene are one
-section of the side information, like HAC++'s `masks.b`, because decoding offsets requires them.
+Used for comparison with atomic packets, which contain all attributes of their anchors. The symbols and their
+distributions are the same. A feature group can only be decoded with all groups before it. The offset masks of the whole
+scene are one section of the side information, like HAC++'s `masks.b`, because decoding offsets requires them.
 """
 
 import itertools
@@ -30,7 +30,7 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
 
     Args:
         masks: Masks of the anchors in coding order, bool or uint8 (N, K).
-        mask_models: Initial mask models, int64 (contexts, 2).
+        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
     """
     bits = masks.astype(np.int64)
     before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_ONES - 1)
@@ -67,7 +67,7 @@ def encode_parts(
         context: Coding context.
         predicted: Prediction of the anchors, group by group.
         mixture: Second mixture component of the features of these anchors.
-        counts: int64 (groups), anchors of each group.
+        counts: Number of anchors in each group, int64 (groups).
         symbols: The anchors' symbols.
 
     Returns:

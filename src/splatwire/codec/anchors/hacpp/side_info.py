@@ -68,7 +68,7 @@ class SideInfo:
         )  # fmt: skip
 
     def mask_models(self) -> np.ndarray:
-        """Initial mask models of every packet, int64 (contexts, 2)."""
+        """Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2)."""
         return np.repeat(self.mask_zero[:, None] << 8, 2, axis=1)
 
 
