@@ -63,7 +63,12 @@ def finish_output(sums, bias, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
-    """Converts the first columns of network outputs to inputs of another network, which have fewer fractional bits."""
+    """Converts outputs of a network to inputs of another network, which have fewer fractional bits.
+
+    Args:
+        outputs: Outputs of the first network, (N, outputs).
+        inputs: Output: the converted values, (N, columns); only these first columns are converted.
+    """
     for n in range(inputs.shape[0]):
         for c in range(inputs.shape[1]):
             inputs[n, c] = outputs[n, c] >> (OUTPUT_BITS - ACTIVATION_BITS)

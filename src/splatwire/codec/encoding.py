@@ -155,7 +155,14 @@ def can_repack(stream: SceneStream) -> bool:
 
 
 def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, progress: Progress | None) -> SceneStream:
-    """Encodes all packets in the order of the packet plan, and computes the digest of the decoded integers."""
+    """Encodes all packets of a prepared scene, and returns the stream.
+
+    Args:
+        schema: Codec schema of the scene.
+        prepared: The prepared scene.
+        threads: Number of threads, which does not affect the result; None for one per processor.
+        progress: Called with the completed fraction of the work, 0 to 1; None for no calls.
+    """
     plan, digest, packets = prepared.plan, hashlib.sha256(), list[Packet]()
     hashed, encoder, held = plan.packetization.hashed, prepared.encoder, 0
     ids = () if hashed else plan.ids
@@ -177,9 +184,14 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
 
 
 def _check_sizes(packetization: Packetization, packets: list[Packet], elements: str) -> None:
-    """Checks that each packet of limited size is within its limit.
+    """Checks that no packet exceeds the size limit of the packetization.
 
-    A packet exceeds the limit if a single element is larger than the packet size allows.
+    This happens if a single element is larger than the limit.
+
+    Args:
+        packetization: Parameters of the split into packets, with the limit.
+        packets: All packets of the stream.
+        elements: Name of the elements in the error message, e.g. "anchors".
     """
     if not packetization.hashed:
         return

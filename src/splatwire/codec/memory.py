@@ -81,9 +81,9 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
 
 
 def words_bytes(packets: Sequence[Packet]) -> int:
-    """Returns the memory for the words of the largest packet, bytes.
+    """Returns the memory that kernels need to read the largest packet, bytes.
 
-    Kernels read a packet as overlapping seven-byte integers (words), which take eight times the memory of its bytes.
+    They read a packet as overlapping seven-byte integers (words), which take eight times the memory of its bytes.
     """
     return 8 * max((len(packet.data) for packet in packets), default=0)
 

@@ -1,4 +1,4 @@
-"""The decoded attributes of a set of anchors."""
+"""Attributes of anchors, from which small networks compute Gaussians for each view."""
 
 import dataclasses
 from dataclasses import dataclass

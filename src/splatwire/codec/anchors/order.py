@@ -223,13 +223,13 @@ class AnchorDecoder:
         self._records = () if sizes is None else (TierSizes(sizes[tiers]),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, for a chunk of anchors and the largest packet, bytes."""
+        """Returns the working memory of a decoding thread, bytes; it depends on the largest of the packets."""
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all anchors and predicts every anchor from the side information.
 
-        Anchors whose packets are lost keep the predicted values.
+        Anchors whose packets are lost keep the predicted values. See `Decoder.expect` for the arguments.
         """
         self.allocate()
 

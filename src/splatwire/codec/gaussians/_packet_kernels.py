@@ -50,7 +50,13 @@ SLACK = 64
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _spread_cells(codes, cells, narrow):
-    """Splits Morton codes into the coordinates of grid cells, the inverse of `splatwire.ops.morton`."""
+    """Splits Morton codes into the coordinates of grid cells, the inverse of `splatwire.ops.morton`.
+
+    Args:
+        codes: int64 (n), the Morton codes.
+        cells: Output: coordinates of the cells, int64 (3, n).
+        narrow: Output: the same coordinates for a fast neighbour search, see `Near.narrow`.
+    """
     for a in range(3):
         for i in range(len(codes)):
             code = (codes[i] >> a) & 0x1249249249249249

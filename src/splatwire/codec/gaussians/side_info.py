@@ -137,7 +137,7 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
 
 
 def write_header(of: SideInfo | SplatCoding) -> bytes:
-    """Serialises the quantisation parameters and the transform of the spherical harmonics."""
+    """Serialises the quantisation parameters and the transform of the spherical harmonics, which `of` contains."""
     writer = ByteWriter()
     writer.u8(RELATIVE if of.coarsest < 0 else VERSION)
     writer.u8(math.isqrt(len(of.transform) + 1) - 1)

@@ -82,6 +82,11 @@ def _find_candidates(squares, count, lanes, some):
 def _smallest_candidates(squares, some, count):
     """Finds the `NUM_NEIGHBOURS` nearest candidates by their squared distances, for the prediction of motion.
 
+    Args:
+        squares: Squared distances of all tracks, float64.
+        some: Indices of the candidates in `squares`.
+        count: Number of candidates.
+
     Returns:
         One integer for each of them, in ascending order: the squared distance in the high bits, and the index of the
         candidate in the low bits.

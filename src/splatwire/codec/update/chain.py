@@ -63,7 +63,15 @@ class UpdateChain:
         return self._with(source, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
-        """Adds an update. Drops the oldest updates if together they have more bytes than the scene."""
+        """Returns the chain with a further update.
+
+        The oldest updates are dropped if all together have more bytes than the scene.
+
+        Args:
+            source: The new state of `source`.
+            scene: The new state of `scene`.
+            update: The update from the old to the new state of `scene`.
+        """
         updates = (*self.updates, update)[-MAX_UPDATES:]
         sizes = accumulate(each.num_bytes for each in reversed(updates))
         useful = sum(size <= scene.num_bytes for size in sizes)

@@ -30,7 +30,10 @@ class UpdateFields(NamedTuple):
 
 
 def manifest_digest(manifest: Manifest) -> str:
-    """Returns the SHA-256 of a manifest, hexadecimal; with the digests in the manifest it covers the whole stream."""
+    """Returns the SHA-256 of a manifest, hexadecimal; it identifies a stream and its content.
+
+    The manifest contains digests of the side information and of all decoded integers.
+    """
     return hashlib.sha256(manifest_to_bytes(manifest)).hexdigest()
 
 

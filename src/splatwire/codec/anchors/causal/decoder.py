@@ -118,7 +118,7 @@ class CausalDecoder(AnchorDecoder):
         return (anchor_rows(*decode_packets(self._context, positions, run.counts, run.payloads)),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
+        """Dequantises the attributes of decoded anchors, and writes them to the scene (see `Decoder.store`)."""
         ranks = run.ranks
         place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask

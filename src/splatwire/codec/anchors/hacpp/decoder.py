@@ -54,11 +54,8 @@ def scene_bytes(info: SideInfo) -> int:
 
 
 def row_bytes(info: SideInfo) -> int:
-    """Returns the working memory for one anchor during decoding, bytes.
-
-    The memory is for the inputs, hidden units and outputs of the networks (64 bits each), and for the quantised
-    attributes.
-    """
+    """Returns the working memory for one anchor during decoding, bytes."""
+    # Inputs, hidden units and outputs of the networks (64 bits each), and quantised attributes.
     layout, hidden = info.config.layout, [len(network.hidden.symbols) for network in (info.prior, *info.channel)]
     inputs = 2 * layout.feature_dim + info.config.grid.context_dim + info.config.prior_dim
     symbols = layout.feature_dim + 6 + 4 * layout.num_offsets
@@ -134,7 +131,7 @@ class HacppDecoder(AnchorDecoder):
         return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
+        """Dequantises the attributes of decoded anchors, and writes them to the scene (see `Decoder.store`)."""
         ranks = run.ranks
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
         store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
@@ -184,7 +181,7 @@ class SeparatedDecoder(HacppDecoder):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene.
+        """Dequantises the attributes of decoded anchors, and writes them to the scene (see `Decoder.store`).
 
         Also writes which attributes of each anchor were received.
         """
