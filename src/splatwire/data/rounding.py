@@ -12,7 +12,7 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to plain world coordinates, as training requires: positions are not relative to an origin.
+    """Converts cameras to world coordinates for training, which does not support positions relative to an origin.
 
     Logs a warning if the cameras have an origin: they are then so far from 0 that float32 rounds positions noticeably.
 

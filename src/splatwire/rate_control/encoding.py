@@ -294,7 +294,7 @@ class _Plan:
         return before.scene.select(best), before.classes[best]
 
     def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
-        """Removes some fine-tuned Gaussians to save bytes, if their stream exceeds the wanted PSNR.
+        """Removes some of the fine-tuned Gaussians to save bytes, because their stream exceeds the wanted PSNR.
 
         Args:
             found: Stream of all Gaussians of this plan.
@@ -325,9 +325,7 @@ class _Plan:
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates the share of Gaussians that gives the PSNR of a stream if they are fine-tuned.
-
-        Fine-tuning raises the PSNR, so fewer Gaussians suffice.
+        """Estimates how many Gaussians suffice for the PSNR of a stream if they are fine-tuned, as share of all Gaussians.
 
         Args:
             untuned: The stream, of Gaussians that were pruned and not fine-tuned. The quantisation steps remain the

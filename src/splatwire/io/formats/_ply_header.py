@@ -125,7 +125,7 @@ def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
 
     Args:
         path: The file, for messages.
-        lines: The lines with comments.
+        lines: The comment lines of the header.
     """
     texts, others = list[str](), list[str]()
     for line in lines:

@@ -1,7 +1,8 @@
 """`.4dgs` files: Gaussians, each with the time interval in which it exists; read and written by the package fourdgs.
 
-Such a file has no frames. When a sequence is written, a Gaussian whose values change ends, and a new one begins; motion
-and fading of the format are not used. When a file is read, the Gaussians are evaluated at the middle of each frame.
+Such a file has no frames. In a written sequence, every change of a Gaussian's values ends this Gaussian and starts a
+new one; motion and fading of the format are not used. When a file is read, the Gaussians are evaluated at the middle of
+each frame.
 """
 
 import logging
@@ -165,7 +166,7 @@ class _ConstantIntervals:
 
     The file stores one Gaussian with start and end time for each interval. Row i is the same Gaussian in consecutive
     frames
-    of equal size. If the number of Gaussians changes, all intervals end.
+    if these have equally many Gaussians. Otherwise, all intervals end.
 
     Attributes:
         num_frames: Number of frames so far.

@@ -222,7 +222,7 @@ def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high:
 def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> None:
     """Logs a warning if Gaussians look different because their scales are clipped to the range of a format.
 
-    A few Gaussians that are too small for it, among larger ones, stay invisible, and give no warning.
+    There is no warning if only a few are too small for the format, because they are hardly visible.
 
     Args:
         path: The file, for the message.

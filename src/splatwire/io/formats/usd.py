@@ -362,7 +362,7 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def _unknown_attributes(prim: Usd.Prim) -> list[str]:
-    """Returns the names of attributes that are ignored although they may change how a prim looks, for a warning.
+    """Returns the names of a prim's attributes that are ignored although they may change how it looks, for a warning.
 
     Among them is the projection, unless it is the usual perspective projection.
     """
@@ -424,7 +424,10 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
 
 @contextmanager
 def _as_dataset_errors(path: Path) -> Iterator[None]:
-    """Raises errors of usd-core as DatasetError: in a damaged file any function of it may fail."""
+    """Context in which errors of usd-core are raised as DatasetError.
+
+    Every function of usd-core may fail in a damaged file.
+    """
     try:
         yield
     except (Tf.ErrorException, UnicodeDecodeError) as error:
