@@ -325,7 +325,7 @@ class _Plan:
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates how many Gaussians suffice for the PSNR of a stream if they are fine-tuned, as share of all Gaussians.
+        """Estimates the share of Gaussians that is enough for the PSNR of a given stream, if they are fine-tuned.
 
         Args:
             untuned: The stream, of Gaussians that were pruned and not fine-tuned. The quantisation steps remain the

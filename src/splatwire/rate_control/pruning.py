@@ -93,7 +93,7 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level, so that the stream is smallest for its quality.
+        """Returns the share of Gaussians to keep at a quantisation level, for the smallest stream of its quality.
 
         The share never decreases with the level.
 
