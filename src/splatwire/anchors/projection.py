@@ -107,7 +107,7 @@ def project(
 
 
 def _radii(covs2d: Float[np.ndarray, "N 3"], near: Bool[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
-    """Returns the radius of each Gaussian: three standard deviations of its longest axis, in whole pixels.
+    """Returns the radius of each Gaussian: three standard deviations of its longest axis, rounded up to whole pixels.
 
     The radius is 0 if the Gaussian is too near. The longest axis follows from the eigenvalues of the covariance. As in
     3DGS, the term under the square root of their formula is at least 0.1.

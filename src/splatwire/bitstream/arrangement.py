@@ -91,8 +91,7 @@ def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = 
     Args:
         plan: The stream's packet plan (mapping between elements and packets).
         packets: Received packets, in any order.
-        gaps: True to yield blocks without any received packet, too, as runs without packets. If False, such blocks take
-            neither time nor memory.
+        gaps: True to also yield a run without packets for each block without received packets.
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.

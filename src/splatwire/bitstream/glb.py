@@ -59,8 +59,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
     """Returns the position of the stream in the binary chunk of a `.glb` file: byte offset and number of bytes.
 
-    The position is that of a buffer view. The JSON chunk (`document`) must have exactly one primitive with a stream,
-    which names this buffer view.
+    Exactly one primitive in the JSON chunk (`document`) must have a stream. Its buffer view gives the position.
     """
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]

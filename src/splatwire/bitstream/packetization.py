@@ -111,7 +111,7 @@ class Packetization:
 
     @property
     def common(self) -> bool:
-        """True if every codec supports this packetization: whole elements in Morton order."""
+        """True if every codec supports this packetization: packets of whole elements, in Morton order."""
         return not self.separated and self.order == "morton"
 
 

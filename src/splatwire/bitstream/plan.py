@@ -220,8 +220,8 @@ class PacketPlan:
     def count(self, packet_id: PacketId) -> int:
         """Number of elements of one packet; 0 if the plan has no such packet.
 
-        With hashed grouping, this is the maximum: the elements from the packet's first position to the end of its
-        block. The cost is at most proportional to the size of one block.
+        With hashed grouping, the plan determines only the maximum: the elements from the packet's first position to the
+        end of its block. The cost is at most proportional to the size of one block.
         """
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
@@ -321,7 +321,7 @@ class PacketPlan:
 
 
 def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
-    """Counts the elements of each packet of an importance tier, for the lane hash (stratified grouping).
+    """Counts the elements of each packet of an importance tier, if a hash assigns elements to packets (lanes).
 
     Args:
         span: Blocks of the tier.

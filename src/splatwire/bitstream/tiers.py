@@ -59,7 +59,7 @@ class Span(NamedTuple):
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:
-        """Returns the index of a block's first element, counted over all elements of the stream sorted by tier.
+        """Returns the place of a block's first element: its index after sorting all elements by tier, then by rank.
 
         Args:
             block: Index of the block, counted over all blocks of the stream.

@@ -99,8 +99,7 @@ def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.n
     Returns:
         Distance of each box from the camera; mask of boxes that are at least partly in the picture; and area of each
         box in the picture, square pixels. For a box in the picture, the area is that of its bounding rectangle, clipped
-        to the picture. For other boxes, it is the mean area over all orientations of the box if the camera were turned
-        towards it.
+        to the picture. For other boxes, it is the mean area of the box if the camera looked at it.
     """
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
     eye = np.array(

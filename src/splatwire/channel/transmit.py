@@ -29,8 +29,7 @@ class TransmitRecord(CheckedFields):
 
     Attributes:
         loss: Loss model as text, in the syntax of `parse_loss`.
-        unit: Unit that the loss model counts: `datagram` if it lost datagrams, or lost packets that each fit one
-            datagram; otherwise `pak` (whole packets).
+        unit: Unit of loss: `datagram`, or `pak` for whole packets that may be larger than a datagram.
         seed: Random seed of the loss mask.
         send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
         num_sent: Number of packets sent.

@@ -1,8 +1,8 @@
 """Numba kernels of a range decoder that reads several bytes at once.
 
-The decoder of `range_kernels` reads byte by byte and is the plain reference: both decode the same numbers. The kernels
-here read the array from `words_of` instead. Processors predict the number of bytes of a symbol badly, so no kernel
-branches on it.
+They read the array from `words_of`. The decoder of `range_kernels` reads byte by byte and is the plain reference: both
+decode the same numbers. No kernel branches on the number of bytes of a symbol, because processors predict such branches
+badly.
 """
 
 from typing import no_type_check

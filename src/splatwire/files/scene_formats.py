@@ -25,9 +25,9 @@ class FileFormat:
             built-in formats, which `splatwire.files.kinds` detects.
         read: Function that reads all Gaussians of a file into `splatwire.io.formats.FileContent` or
             `splatwire.types.splats.Splats`; with `scene_type`, into a scene of that type. None for write-only formats.
-        write: Function called with batches of Gaussians (at least one `Splats`, all of one degree), the path, and the
-            keywords of `keeps` that have a value; returns the number of Gaussians. With `scene_type`, called with a
-            scene and the path. None for read-only formats.
+        write: Function that writes Gaussians, and returns their number. Called with batches of Gaussians (at least one
+            `Splats`, all of one degree), the path, and those properties in `keeps` that have a value. With
+            `scene_type`, called with a scene and the path. None for read-only formats.
         scene_type: Type of the scenes in such files; None for explicit Gaussians.
         ending: File name extension without the first dot; `name` if empty.
         keeps: Names of scene properties that `write` accepts as keywords: `antialiased`, `origin`, `metadata`, `note`.

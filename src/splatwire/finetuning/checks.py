@@ -20,14 +20,15 @@ CHECK_VIEWS = 16
 class Check:
     """Measures the loss of a fine-tuning on a fixed sample of views and simulated packet losses.
 
+    The loss of a view is its mean squared error, divided by the error at the start of the fine-tuning.
+
     Attributes:
         scene: Background, origin and antialiasing of the scene; its Gaussians are ignored.
         pictures: Views of the sample.
-        receptions: Simulated packet losses, each applied to all views. The loss is the mean of the loss without packet
-            loss and the mean loss with packet losses.
-        least: Lower limit of the first state's error, by which later errors are divided.
-        first: Mean squared errors of the first state of the Gaussians. Rows: no packet loss, then each simulated one;
-            columns: views.
+        receptions: Simulated packet losses, each applied to all views. Together they have the same weight as the views
+            without packet loss.
+        least: Lower limit of this divisor.
+        first: Mean squared errors at the start. Rows: no packet loss, then each simulated one; columns: views.
     """
 
     scene: SplatScene
@@ -45,11 +46,11 @@ class Check:
         least: float,
         rng: np.random.Generator,
     ) -> "Check":
-        """Prepares a check: chooses views at random, and measures the errors of the first state of the Gaussians.
+        """Prepares a check: chooses views at random, and measures their errors at the start of the fine-tuning.
 
         Args:
             scene: The scene.
-            splats: First state of the Gaussians, rounded.
+            splats: The Gaussians at the start, rounded.
             pictures: All fitted pictures.
             receptions: Simulated packet losses; empty for none.
             least: Lower limit of the error by which later errors are divided.
@@ -65,8 +66,8 @@ class Check:
     def loss(self, splats: Splats) -> float:
         """Returns the mean loss of rounded Gaussians.
 
-        The loss of a view is its mean squared error, divided by that of the first state or by `least`, whichever is
-        more. The loss of the first state is thus at most 1.
+        The loss of a view is its mean squared error, divided by the error at the start (at least by `least`). The loss
+        at the start is thus at most 1.
         """
         losses = (self._errors(splats) / np.maximum(self.first, self.least)).mean(axis=1)
         return float(losses[0] if len(losses) == 1 else (losses[0] + losses[1:].mean()) / 2)

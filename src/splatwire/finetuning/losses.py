@@ -38,7 +38,11 @@ class Reception:
 
     @staticmethod
     def of(known: Bool[np.ndarray, "N"]) -> "Reception":
-        """Computes how much received Gaussians are enlarged to cover lost ones, as the concealer `grow` does."""
+        """Computes how much the concealer `grow` enlarges received Gaussians to cover lost ones.
+
+        Args:
+            known: Mask of the received Gaussians.
+        """
         gain, coverage = float(_GROW.gain(np.array([known.mean()]), known)[0]), SplatScene.COVERAGE
         return Reception(known, gain**coverage.size, gain**coverage.opacity)
 

@@ -113,14 +113,12 @@ def tuned_gaussians(
     Pictures are rendered with the values that a decoder obtains, and gradients pass through the rounding unchanged
     (straight-through).
 
-    The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered, or
-    by `LEAST_SCALE` if that is more. All views thus have similar weight, and a view that becomes much worse gets more
-    weight. With the logarithm of the error as the loss, Gaussians that are large in a single view would be sacrificed
-    for other views.
+    The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered (at
+    least by `LEAST_SCALE`). All views thus have similar weight, and a view that becomes much worse gets more weight.
 
     Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures (`Check`). If it has grown
-    since the check before, the Gaussians of that check are restored, and the learning rates become smaller by the
-    factor `SLOWER`. The loss of the result is thus not above that of the rounded Gaussians at the start.
+    since the check before, the Gaussians of that check are restored, and the learning rates are multiplied by `SLOWER`.
+    The loss of the result is thus not above that of the rounded Gaussians at the start.
 
     The result depends only on the arguments, not on the number of threads.
 
@@ -176,6 +174,8 @@ def tuned_gaussians(
         mask = None if pictures.masks is None else pictures.masks[view]
         target = pictures.images[view].astype(np.float32) / 255
         one = replace(scene, splats=shown, coding=None, hints=None)
+        # The divisor is fixed: with the logarithm of the error as the loss, Gaussians that are large in a single view
+        # would be sacrificed for other views.
         error, found = picture_gradients(
             one, pictures.cameras, view, target, mask, scales.get((view, reception is None))
         )
@@ -298,7 +298,10 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
 def _first_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Prepares the check of the loss, with random views and packet losses that differ from those of the iterations."""
+    """Prepares the check that monitors the loss during fine-tuning.
+
+    Its random views and packet losses differ from those of the iterations.
+    """
     rounded, receptions = round_splats(splats, coding), list[Reception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))
     if options.loss is not None:

@@ -124,8 +124,8 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Divides the Gaussians of a coarser tile among the finer tiles that it replaces.
 
-    The share of a finer tile grows with its number of Gaussians (`counts`, with the weight `EVEN`) and with their size
-    (`extents`, with the weight 1 - `EVEN`).
+    The share of a finer tile is a weighted mean of its share of `counts` and its share of `extents`. The weight of
+    `counts` is `EVEN`.
 
     Args:
         size: Number of Gaussians of the coarser tile, at most the number of Gaussians of all finer tiles.

@@ -1,4 +1,4 @@
-"""glTF file with a stream, and a few Gaussians for programs that cannot read the stream."""
+"""Writer of glTF files that contain a stream, and a few Gaussians for programs that cannot read the stream."""
 
 from pathlib import Path
 

@@ -46,9 +46,9 @@ class Cari:
 
     Our choices for details that the paper does not specify:
 
-    * Signature of a query. In the first pass only the prior of a lost anchor is known. Its residuals are zero, the
-      cosine with the zero signature is 0, and `w_sig` is equal for all candidates, so it has no effect. From the second
-      pass on, the signature is computed from the residuals of the previous pass.
+    * Signature of a query. In the first pass, a lost anchor has no residuals and thus a zero signature. `w_sig` is then
+      equal for all candidates. From the second pass on, the signature is computed from the residuals of the previous
+      pass.
     * Refinement. In later passes, anchors concealed in the previous pass are also candidates (except for themselves),
       with confidence `recovered_confidence`. All queries are updated at once, so their order does not matter.
     * Offsets that do not exist have no residual; their weight is distributed over the other neighbours, per offset. The

@@ -142,7 +142,7 @@ def kriging_weights(
     distance: Float[Tensor, "Q k"],
     fit: Correlogram,
 ) -> Float[Tensor, "Q k"]:
-    """Computes with which weights the neighbours of a lost anchor (query) predict it with the least expected error.
+    """Computes the weights with which neighbours predict a lost anchor (query) with the least expected error.
 
     These kriging weights are `R^-1 r`. R has the correlations between the neighbours, and r their correlations with the
     query; `fit` gives the correlation at each distance.

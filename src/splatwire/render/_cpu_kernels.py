@@ -108,10 +108,8 @@ def prefetch_splat(splats, ids, k):
 @njit(inline="always")
 @no_type_check
 def splat_numbers(splats, g, left, top):
-    """Returns the values of a projected Gaussian that blending needs, with its centre relative to the tile's corner.
-
-    Single values are read, because an array view of the row would be slower (reference counting).
-    """
+    """Returns the values of a projected Gaussian that blending needs, with its centre relative to the tile's corner."""
+    # Single values are read, because an array view of the row would be slower (reference counting).
     at = np.int64(g) * SPLAT
     x, y = pick(splats, at) - np.float32(left), pick(splats, at + 1) - np.float32(top)
     return (

@@ -124,7 +124,7 @@ def _rows_between(low, high, top, bottom):
     """Clips a range of pixel rows to the rows from `top` to `bottom` (exclusive).
 
     Returns:
-        First whole row from `low` on, and end of the whole rows up to `high` (exclusive), int32 each.
+        First row, and end of the rows (exclusive), int32 each.
     """
     first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
     return np.int32(first), np.int32(last) + np.int32(1)

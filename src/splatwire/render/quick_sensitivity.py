@@ -4,9 +4,8 @@ The first half of the views only measures the effect of removing Gaussians, whic
 selects the most important anchors. The second half also measures the effect of changing the features, scalings and
 offsets of these anchors, by back-propagation through the networks.
 
-So few views give a precise sum of these effects over all selected anchors, but imprecise values of single anchors. An
-anchor with too small a value would get too coarse a copy in the side information. The sum is therefore divided among
-the anchors in proportion to the effect of removing them (`_distribute`).
+With few views, the sum of these effects over all selected anchors is precise, but the values of single anchors are not.
+The sum is therefore divided among the anchors in proportion to the effect of removing them (`_distribute`).
 """
 
 from collections.abc import Callable, Iterator
@@ -94,8 +93,8 @@ class _NetworkErrors:
         metric: Matrix M for features and logarithms of scalings: `d . M d` is the error if the values of one anchor
             change by the vector d, summed over the anchors.
         offset: Error if a coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
-        offset_share: Sum over all Gaussians of the squared error of removing one, times `_relative_size` of its anchor;
-            normalises the shares of single Gaussians in `offset`.
+        offset_share: Divisor when `_distribute` divides `offset` among the Gaussians: sum over all Gaussians of the
+            squared error of removing one, times `_relative_size` of its anchor.
         removal: Sum over all Gaussians of the squared error of removing one.
     """
 
@@ -142,9 +141,9 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns the square of each anchor's offset scale, relative to the base size of its Gaussians.
+    """Returns for each anchor the squared ratio of its offset scale to the base size of its Gaussians.
 
-    An offset that changes by 1 moves its Gaussian by the offset scale. Both numbers are means along the three axes.
+    An offset that changes by 1 moves its Gaussian by the offset scale. Scale and size are means along the three axes.
     """
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2

@@ -51,7 +51,7 @@ def load_gain_network(path: Path) -> GainNetwork:
 
 
 def load_element_network(path: Path) -> ElementNetwork:
-    """Reads the network of the concealer `scene_free` for explicit Gaussians; raises as `load_gain_network` does."""
+    """Reads the network of the concealer `scene_free` for explicit Gaussians from a file."""
     return _load(path, ElementNetwork)
 
 

@@ -162,7 +162,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Returns the concealed scene: anchors next to lost ones are enlarged.
+        """Returns the result of the concealer: hides anchors that remain lost, and enlarges anchors next to them.
 
         Args:
             section: Section `sketch` of the side information, which has the parameters of the enlargement.

@@ -76,10 +76,10 @@ class SketchSizes:
 
 @dataclass(frozen=True, eq=False)
 class SketchBasis:
-    """Parameters for dequantising the copies of anchors in a sketch: basis vectors and quantisation steps.
+    """Basis vectors and quantisation steps with which a sketch (coarse copies of anchors) is dequantised.
 
-    The D channels of an anchor are its features, and logarithms of its scalings relative to the prior. They are coded
-    as the mean plus a sum of C basis vectors, each multiplied by a coded integer.
+    The D channels of an anchor are its features, and the logarithms of its scalings relative to those that the prior
+    predicts. They are coded as the mean plus a sum of C basis vectors, each multiplied by a coded integer.
 
     Attributes:
         mean: Mean of the channels, float32 (D), exact in half precision.
@@ -97,7 +97,7 @@ class SketchBasis:
     num_levels: int
 
     def channels(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Dequantises the channels of copies: features, and logarithms of the scalings relative to the prior.
+        """Dequantises the channels of coarse copies: features, and logarithms of scalings relative to their prediction.
 
         Args:
             levels: Precision level of each copied anchor, from 1, (M).
@@ -112,7 +112,7 @@ class SketchBasis:
         return (self.mean.astype(np.float64) + scaled @ matrix.T).astype(np.float32)
 
     def offsets(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Dequantises the offsets of copies, float32 (M, 3 K).
+        """Dequantises the offsets of coarse copies, float32 (M, 3 K).
 
         Args:
             levels: Precision level of each copied anchor, from 1, (M).

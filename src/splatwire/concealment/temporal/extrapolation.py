@@ -103,7 +103,7 @@ def _query_neighbors(
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns a factor on the opacity of tracks that may have begun in a frame of a group, float64 (frames).
+    """Returns for each frame of a group of pictures the opacity factor of lost tracks that may begin in the group.
 
     The motion data of a track contains its first frame. If the data is lost, the track may not exist yet. The fraction
     of received tracks that have begun by a frame serves as the probability that the track exists, and its opacity is
@@ -114,7 +114,7 @@ def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
         frames: Number of frames of the group.
 
     Returns:
-        Factor for each frame, at least `UNLIKELY`.
+        Factor for each frame, float64 (frames), at least `UNLIKELY`.
     """
     share = (begins[:, None] <= np.arange(frames)).mean(axis=0) if len(begins) else np.ones(frames)
     return np.maximum(share, UNLIKELY)
@@ -137,7 +137,7 @@ def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray
 
     Args:
         own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
-        rounding: Quantisation steps of the positions, (n); a deviation is small relative to them.
+        rounding: Quantisation steps of the positions, (n).
         concealed: Mask of tracks whose motion was only estimated, bool (n); their deviations are not kept.
 
     Returns:

@@ -138,8 +138,8 @@ class _Around(NamedTuple):
     Attributes:
         points: Positions, (t, 3).
         density: Sum over the Gaussians of opacity times falloff at the point, (t).
-        colour: Sum of the Gaussians' colours, weighted with the terms of `density`; the fourth channel is
-            `OPACITY_ERROR` in place of a colour, (t, 4).
+        colour: Sum over the Gaussians of colour times the same weight, (t, 4). The fourth channel stands for opacity;
+            its colour is the constant `OPACITY_ERROR`.
     """
 
     points: np.ndarray

@@ -230,8 +230,8 @@ class CalibrationRun:
     def result(self, seconds: float) -> CalibrationResult:
         """Ends the calibration: returns the final network with its errors on the held-out pseudo-losses.
 
-        For attributes that were not trained, concealment with the result uses the interpolation only. With
-        `CalibrationConfig.selected`, the same applies to attributes that the network predicts no better than the
+        The network is disabled for attributes that were not trained; they are interpolated instead. With
+        `CalibrationConfig.selected`, it is also disabled for attributes that it predicts no better than the
         interpolation.
 
         Args:

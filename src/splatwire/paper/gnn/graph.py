@@ -76,7 +76,7 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
 
 
 def _graph_idw(settings: GnnSettings) -> Idw:
-    """Returns an IDW concealer; the neighbours that it finds are the neighbours of each lost anchor in the graph."""
+    """Returns the concealer `idw` that interpolates each lost anchor from its neighbours in the graph."""
     return Idw(neighbors=settings.neighbors, metric=settings.metric)
 
 

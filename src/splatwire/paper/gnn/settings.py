@@ -23,11 +23,12 @@ class GnnSettings:
         layers: Number of EdgeConv layers.
         heads: Number of heads of the cross-attention; must divide `hidden`.
         cross_attention: False to disable the cross-attention (for the ablation).
-        interpolation: Interpolation used as teacher, for blending and as fallback: `cari`, `kriging`, or `idw` over the
-            graph's neighbours.
-        query_input: Method that fills the lost attributes in the inputs of a query: `idw` (over the graph's
-            neighbours), or `interpolation` (the method of the setting `interpolation`).
-        baseline: Baseline to which residuals are added: `prior` or `interpolation`.
+        interpolation: Interpolation that serves as a training target (`LossWeights.distill`), is blended with the
+            network's output, and replaces it at low confidence: `cari`, `kriging`, or `idw` over the graph's
+            neighbours.
+        query_input: Method that fills lost attributes in the network's inputs: `idw` (over the graph's neighbours), or
+            `interpolation` (the method of that setting).
+        baseline: Values to which the network's residuals are added: `prior` (its mean) or `interpolation`.
         clip: Maximum absolute residual in prior standard deviations, tau.
         sharpness: alpha of the confidence `exp(-alpha z)`; 0 for full confidence always (for the ablation).
         feature_threshold: Minimum confidence for blending a feature, T_f; above 1 the interpolation is always used.
