@@ -126,7 +126,7 @@ class Registry(Generic[Entry]):
         return dict(self._entries)
 
     def known_names(self) -> set[str]:
-        """Returns the names of all registered or announced entries, without loading any."""
+        """Returns the names of all entries, including those that installed packages announce; loads none."""
         return {*self._entries, *(point.name for point in self._announced())}
 
     def packages(self, name: str) -> tuple[str, ...]:
@@ -136,7 +136,10 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns text to append to an entry's name in messages: ` of PACKAGE`; empty for entries of splatwire."""
+        """Returns the words ` of PACKAGE` for messages about an entry of another package.
+
+        The result is empty for entries of splatwire.
+        """
         return "".join(f" of {package}" for package in self.packages(name)[:1])
 
     def _announced(self) -> Iterator["EntryPoint"]:

@@ -1,4 +1,4 @@
-"""Thumbnail of a scene: its initial view, or a view of all of it from the side with the most detail."""
+"""Thumbnail of a scene from a given view, or from the side that shows the most detail."""
 
 import io
 import math
@@ -41,8 +41,8 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
     Args:
         scene: The scene.
         size: Width and height, pixels.
-        viewpoint: View of the thumbnail. None to choose among eight views around the scene: the one whose picture has
-            the most detail. These eight views show the whole scene.
+        viewpoint: View of the thumbnail. None to choose, among eight views of the whole scene, the one with the most
+            detail.
 
     Returns:
         The picture, uint8 (height, width, 3).

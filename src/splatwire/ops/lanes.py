@@ -178,9 +178,9 @@ def power_of_two(typingctx, power):
 @intrinsic
 @no_type_check
 def pairs(typingctx, a, b):
-    """Adds adjacent elements of two vectors: eight sums of `a`, then eight sums of `b`.
+    """Adds adjacent elements of two vectors: returns eight sums of `a`, then eight sums of `b`.
 
-    Four rounds of this function reduce sixteen vectors to one vector with the sum of each of them.
+    Four rounds of this addition reduce sixteen vectors to one, whose elements are the sums of the vectors.
     """
 
     def build(context, builder, signature, arguments):

@@ -71,7 +71,7 @@ class SequenceScore:
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
     def worst_below(self, complete: "SequenceScore") -> float:
-        """Largest amount by which the PSNR of a frame is below that of the same frame without losses, decibels.
+        """Largest loss of PSNR of a frame compared with the sequence without losses, decibels.
 
         The first group of pictures is excluded.
 
@@ -81,7 +81,7 @@ class SequenceScore:
         return float(self._below(complete).max())
 
     def mean_below(self, complete: "SequenceScore") -> float:
-        """Mean amount by which the PSNR of a frame is below that of the same frame without losses, decibels.
+        """Mean loss of PSNR of a frame compared with the sequence without losses, decibels.
 
         The first group of pictures is excluded.
 

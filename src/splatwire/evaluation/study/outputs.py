@@ -140,7 +140,7 @@ def _tables(
 
 
 def _save_masks(result: StudyResult, store: Store) -> None:
-    """Writes every mask into the store, so that another codec can be evaluated on the same losses."""
+    """Writes all loss masks of an evaluation into the store, to evaluate other codecs on the same losses."""
     folders = dict(zip(result.scenes, distinct_names(result.scenes), strict=True))
     for scene in result.scenes.values():
         for (variant, loss, seed), mask in scene.masks.items():

@@ -76,9 +76,9 @@ class StudyResult:
 
     @property
     def lpips_note(self) -> str:
-        """Reason for missing LPIPS values, or the views and pixels that LPIPS covers.
+        """Note for the report on LPIPS: why values are missing, or which views and pixels LPIPS covers.
 
-        Empty if it covers all or was not requested.
+        Empty if it covers everything or was not requested.
         """
         if LPIPS_SCALED.keys().isdisjoint(self.study.metrics):
             return ""

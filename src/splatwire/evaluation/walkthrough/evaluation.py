@@ -97,10 +97,10 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time from which on all images look nearly like those of the complete scene, seconds.
+    """Returns the time in seconds at which the image quality has settled, that is, nearly reached its final value.
 
-    From that time on, the PSNR of every image is at most `SETTLED_DB` lower than that of the completely received scene.
-    Returns None if this is not even true of the last image.
+    From then on, the PSNR of each image is at most `SETTLED_DB` below that of the completely received scene. Returns
+    None if even the last image is worse.
     """
     found = None
     for moment in reversed(moments):

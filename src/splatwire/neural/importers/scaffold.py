@@ -65,7 +65,7 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
 
 
 def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:
-    """Reads the weights of all networks of a model, and its appearance embedding if it has one."""
+    """Reads the tensors of all networks of a Scaffold-GS model by name, and its appearance embedding if it has one."""
     if (iteration / "feature_bank_mlp.pt").exists():
         raise DatasetError(f"{iteration}: the model uses the feature bank (--use_feat_bank), which is not supported")
     together = iteration / "checkpoints.pth"

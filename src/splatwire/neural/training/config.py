@@ -24,7 +24,8 @@ class LearningRate:
     Attributes:
         initial: Learning rate in the first iteration.
         final: Learning rate after the last iteration.
-        late: Factor on the learning rate in all iterations after `Milestones.growth_end`.
+        late: Factor on the learning rate in the iterations after the last change of the set of anchors
+            (`Milestones.growth_end`).
     """
 
     initial: float

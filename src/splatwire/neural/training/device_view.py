@@ -88,7 +88,9 @@ class AllGaussians:
 def visible_anchors(
     views: ViewConstants, view: int, positions: Float[Tensor, "N 3"], sizes: Float[Tensor, "N S"]
 ) -> Bool[Tensor, "N"]:
-    """Returns the mask of the anchors that a view may see, as `neural.model.gaussian_heads.visible_anchors`.
+    """Returns the mask of the anchors that a view may see.
+
+    The result is that of `neural.model.gaussian_heads.visible_anchors`.
 
     Args:
         views: The cameras.
@@ -111,7 +113,10 @@ def visible_anchors(
 
 @torch.no_grad()
 def on_image(views: ViewConstants, view: int, gaussians: Gaussians) -> Bool[Tensor, "G"]:
-    """Returns the mask of the Gaussians that may intersect the image, as `neural.training.growth.on_image`."""
+    """Returns the mask of the Gaussians that may intersect the image.
+
+    The result is that of `neural.training.growth.on_image`.
+    """
     ratio, depth, is_far = views.local(gaussians.means, view)
     focal = views.focals[view]
     center = torch.addcmul(views.middles[view], ratio, focal)

@@ -45,7 +45,7 @@ def noise_from_host(
 ) -> Float[Tensor, "rows width"]:
     """Draws a matrix of uniform random numbers in [0, 1) on the CPU and copies it to a device.
 
-    The numbers are equal to the results of one call of `uniform_from_host` for each group of columns.
+    Each group of columns equals the result of a separate call of `uniform_from_host`.
 
     Args:
         rows: Number of rows.

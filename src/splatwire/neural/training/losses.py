@@ -19,12 +19,12 @@ C1, C2 = 0.01**2, 0.03**2
 
 @dataclass(frozen=True, eq=False)
 class Photo:
-    """A photo with the precomputed terms of SSIM that depend only on the photo.
+    """A photo with the terms of SSIM that depend only on the photo, computed in advance.
 
     Attributes:
         image: RGB in [0, 1].
-        moments: Blurred values and blurred squares. None for a photo with a mask, because masked pixels are replaced
-            by the rendered picture.
+        moments: Blurred values and blurred squares. None for a photo with a mask, whose masked pixels are later
+            replaced by the rendered picture.
         mask: True for pixels that are compared; None if all pixels are compared.
     """
 

@@ -139,7 +139,7 @@ class _PhotometricLoss(torch.autograd.Function):
 def _similarity(
     own: Float[Tensor, "3 3 H W"], other: Float[Tensor, "2 3 H W"]
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "3 3 H W"]]:
-    """Returns the mean SSIM, and the gradient of the sum of SSIM with respect to the blurred moments of the picture.
+    """Computes SSIM from blurred images: its mean, and the gradient of its sum with respect to `own`.
 
     Args:
         own: Blurred picture, its blurred square, and its blurred product with the photo.

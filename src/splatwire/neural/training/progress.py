@@ -35,10 +35,9 @@ class Progress:
         loss: Running mean of the loss.
         l1: Running mean of the mean absolute error of rendered pictures.
         num_elements: Number of anchors or Gaussians.
-        estimated_bytes: Estimated size of the encoded scene; None before the context phase.
+        estimated_bytes: Estimated size of the encoded scene; None until the loss includes the bit rate.
         seconds: Seconds since this training was started or resumed.
-        iterations_per_second: Speed from the median of the last iterations, which excludes those that compiled
-            kernels; None in the first iterations.
+        iterations_per_second: Speed, from the median duration of the last iterations; None in the first iterations.
         elements: Name of the elements in messages.
     """
 
@@ -87,7 +86,7 @@ class RunningMeans:
         means: The running means by name.
         recent: Durations of the last iterations, seconds.
         unread: Reports of the iterations since the last update.
-        size: Estimated bytes of the encoded scene at the last update; None before the context phase.
+        size: Estimated bytes of the encoded scene at the last update; None until the loss includes the bit rate.
     """
 
     iterations: int

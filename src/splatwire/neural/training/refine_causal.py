@@ -63,8 +63,8 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
         alive: Anchors to use: those that have at least one offset.
 
     Returns:
-        Inputs of the position network; attributes in units of their quantisation steps: features, logarithms of base
-        scale and sizes, offsets; offset masks, 0 or 1.
+        Inputs of the position network. Attributes in units of their quantisation steps (features, logarithms of base
+        scale and sizes, offsets). Offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
     feature, form, offset = channel_steps(coding.steps.log(), coding.config)

@@ -112,7 +112,7 @@ class _AnchorTraining:
         )
 
     def step(self, view: int, photo: Photo) -> StepReport:
-        """Performs one iteration, and adjusts lambda to the target size."""
+        """Performs one iteration; also adjusts the weight of the bit rate towards the target size of the stream."""
         report = self._step(self.state, view, photo)
         steer(self.state, self._config, self._step.size_estimate)
         return report

@@ -170,12 +170,12 @@ class GaussianConfig:
         return rules.start <= share <= rules.end and iteration % self.change_interval == 0
 
     def wanted(self, iteration: int, count: int) -> int:
-        """Returns the number of Gaussians that the training should have after the change at an iteration.
+        """Returns the number of Gaussians after a change of the set of Gaussians.
 
         The number grows from change to change, so that it reaches the budget at the end of the growth phase or before.
 
         Args:
-            iteration: The iteration, counted from 1.
+            iteration: Iteration of the change, counted from 1.
             count: Number of Gaussians before the change, at least 1.
         """
         left = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1
