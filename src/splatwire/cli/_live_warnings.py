@@ -40,7 +40,7 @@ class Warnings:
 
 
 def print_if_read(text: str) -> None:
-    """Prints a line on standard error; drops it if this would block, because nobody reads a pipe that is full."""
+    """Prints a line on standard error, or drops it if a full pipe would block."""
     try:
         writable = bool(select.select([], [sys.stderr], [], 0)[1])
     except (OSError, ValueError, TypeError, AttributeError):  # not a file with a descriptor

@@ -105,10 +105,10 @@ def _describe_levels(stream: SceneStream) -> dict[str, Any]:
 
 
 def _describe_update(stream: SceneStream) -> dict[str, Any]:
-    """Describes an update: to which stream it applies, which stream results, and the bytes of its list of removals.
+    """Describes an update: the streams before and after it, and the size of its list of removed elements in bytes.
 
     Returns:
-        The description, with the streams given by the digests of their manifests; empty if the stream is no update.
+        The description, with a digest of each stream's manifest; empty if the stream is no update.
     """
     if UPDATE not in (sections := sections_of(stream)):
         return {}

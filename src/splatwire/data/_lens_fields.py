@@ -61,8 +61,9 @@ def states_axes(name: str, value: object) -> bool:
 def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float], size: tuple[int, int]) -> str | None:
     """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.
 
-    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal. An angle along y
-    may be that of Blender's sensor, as written by BlenderNeRF and scripts, if the one along x is that of the picture.
+    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal. `camera_angle_y`
+    may
+    also refer to Blender's sensor, as written by BlenderNeRF (`is_sensor_angle`).
 
     Args:
         values: Fields of the camera.
@@ -93,7 +94,9 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
-    """Returns True if the vertical angle of view is probably that of Blender's sensor, not of the picture.
+    """Returns True if the vertical angle of view probably refers to Blender's sensor instead of the picture.
+
+    The two angles of view then have the ratio of the sensor's sides.
 
     Args:
         values: Fields of the camera; angles in radians.

@@ -139,7 +139,7 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
 def _check_statements(
     path: Path, name: str, view: dict[str, Any], viewmat: np.ndarray, K: np.ndarray, size: tuple[int, int]
 ) -> None:
-    """Checks that fields of a camera which are not read do not contradict its pose and intrinsics.
+    """Checks that unused fields of a camera, such as a second matrix, agree with its pose and intrinsics.
 
     Args:
         path: The file, for messages.
@@ -150,7 +150,7 @@ def _check_statements(
         size: Width and height of the picture, pixels.
 
     Raises:
-        DatasetError: If another matrix or an angle of view of the camera is a different one.
+        DatasetError: If a matrix or an angle of view contradicts them.
     """
     if (why := contradicting_angle(view, (float(K[0, 0]), float(K[1, 1])), size)) is not None:
         raise DatasetError(f"{path}: view '{name[:120]}' {why}: remove the wrong one")

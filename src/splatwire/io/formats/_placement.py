@@ -2,8 +2,7 @@
 
 Comments may describe shifts, scales, axes and units of positions, or the encoding of opacities, scales and colours.
 There is no standard for them. This package applies only its own comment of an origin, and comments that name the up
-axis (`splatwire.io.formats.ply_metadata`). All other comments of this kind, and such fields of SOG and glTF, are
-logged, and values are read as they are in the file.
+axis (`splatwire.io.formats.ply_metadata`). All others cause a warning, as do such fields of SOG and glTF.
 """
 
 import logging
