@@ -28,7 +28,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
         references: The reference images of the scene.
 
     Returns:
-        Description of the result, with no packets; None if the row has no result for the scene.
+        Path, digest and size of the result, with no packets; None if the row has no result for the scene.
 
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.

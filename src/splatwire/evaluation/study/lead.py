@@ -113,8 +113,8 @@ def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lea
     """Creates the first part of the report of an evaluation that has one table row and no losses.
 
     Returns:
-        PSNR and size of the stream in a sentence, and a pair of images. None if there are several rows, or if the PSNR
-        is infinite because the images equal the references.
+        First part with PSNR and size of the stream in a sentence, and two images. None if there are several rows, or if
+        the PSNR is infinite because the images equal the references.
     """
     found, *others = summarize(result)
     figure = found.figures.get("psnr")

@@ -51,8 +51,7 @@ def channel_networks(state: Mapping[str, Tensor]) -> tuple[tuple[Mlp, ...], tupl
     """Builds the networks that predict feature channels (HAC++'s channel context) from the tensors of a checkpoint.
 
     Each network predicts one group of channels from the previous groups and the output of the prior network. HAC++'s
-    small variant lacks some inputs, and has constants in place of the first network. It is converted to full networks
-    with zero weights.
+    small variant has smaller networks without some of these inputs; they are extended with zero weights.
 
     Returns:
         One network per feature group, and the number of channels of each group.

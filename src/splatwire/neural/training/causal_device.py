@@ -204,7 +204,7 @@ class _OutputOrder:
 
     Attributes:
         outputs: For each output in this order, its index when the outputs of the networks are simply concatenated.
-        numbers: Number of means (as of standard deviations): attribute values per anchor.
+        numbers: Number of attribute values per anchor; each has a mean and a standard deviation.
     """
 
     outputs: tuple[int, ...]

@@ -98,9 +98,9 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns how far the stream may exceed the target size after `iteration`, as a share of the target size.
+    """Returns by which share of the target size the stream may exceed it after an iteration.
 
-    It falls linearly during the training, from `HEADROOM` to `LAST`.
+    The share falls linearly during the training, from `HEADROOM` to `LAST`.
     """
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
