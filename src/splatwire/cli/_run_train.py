@@ -113,7 +113,7 @@ def _continued_training(
         command: Options of `splatwire train`.
         scene: The finished scene.
         model: Name of the scene's model.
-        details: Text about the scene, at the end of the message that is printed.
+        details: End of the printed message, such as the training device.
 
     Returns:
         Initial state, configuration, training photos, and test photos or None.

@@ -12,10 +12,9 @@ from splatwire.ops.arrays import to_numpy
 
 @checked
 def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> Float[np.ndarray, "C H W 3"]:
-    """Sets pixels outside the masks to black, which equals the zero padding of a convolution.
+    """Sets pixels outside the masks to black, for metrics that compare neighbourhoods (SSIM, LPIPS).
 
-    Metrics with neighbourhoods (SSIM, LPIPS) mask both images in this way, so that the images are equal outside the
-    masks.
+    Both images are then equal outside the masks. Black equals the zero padding of a convolution.
 
     Args:
         images: RGB in [0, 1].

@@ -32,14 +32,14 @@ camera from the nearest other one."""
 
 @dataclass(frozen=True)
 class Tuning:
-    """Options of fine-tuning within an encoder with a target.
+    """Options of the fine-tuning of Gaussians by an encoder that aims at a target size or PSNR.
 
     Attributes:
         iterations: Number of iterations of each fine-tuning, each with one view, 1 to 100,000.
         num_views: Number of fitted views, 2 to 10,000.
         size: Maximum width and height of fitted pictures, pixels, 16 to 4096. All pictures together have at most
             `MAX_PIXELS`.
-        loss: Loss model of the channel, which every second iteration applies to the packets of the scene; None for no
+        loss: Loss model of the channel. Every second iteration drops packets of the scene with this model. None for no
             losses.
         seed: Random seed of the order of views, of losses and of moved cameras, 0 to 2^63 - 1.
 

@@ -101,8 +101,9 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
 def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
     """Divides sorted Gaussians into chunks; returns the number of Gaussians of each chunk.
 
-    A larger range of positions means larger rounding errors in a chunk. A chunk therefore ends before the Gaussian that
-    would make the error of any of its Gaussians exceed its limit.
+    Rounding errors grow with the range of positions in a chunk. A chunk ends where one more Gaussian would make an
+    error
+    larger than allowed.
 
     Args:
         means: Centres in the order of the file, world units, float64 (n, 3).
