@@ -150,9 +150,9 @@ def remove_unfinished(folder: Path) -> None:
     The temporary folder of a writer (workspace) is a hidden folder in `folder`. Workspaces of running writers are
     locked, and remain untouched.
 
-    `folder` may be from an archive that imitates workspaces to gain control. Therefore only workspaces are accepted
-    that belong to this user and are closed to others (`_is_workspace`). Symbolic links are neither followed nor
-    restored. Hidden folders are not restored, because a planted `.git` could make programs run foreign code.
+    `folder` may be from an untrusted archive that contains imitations of workspaces. Therefore, workspaces must belong
+    to this user and be closed to others (`_is_workspace`). Symbolic links are neither followed nor restored. Hidden
+    folders such as `.git` are not restored, because they could make programs run foreign code.
     """
     if fcntl is None:
         return

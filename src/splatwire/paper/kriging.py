@@ -50,8 +50,9 @@ class Kriging:
 
     The estimate of a lost anchor (query) is `v_q = m + r^T R^-1 (v_k - m)`. Here m is the expected value (`target`),
     and v_k are the values of the neighbours. R has the correlations between the neighbours, and r the correlations
-    between the neighbours and the query. Each attribute has its own `Correlogram` (correlation as a function of
-    distance), chosen from a small grid. The choice minimises the squared error, relative to each channel's variance,
+    between the neighbours and the query.
+
+    Each attribute has its own `Correlogram` (correlation as a function of distance): the one with the smallest error
     when a sample of received anchors is predicted from its received neighbours. If no correlogram predicts better than
     the mean m, the estimate is m.
 

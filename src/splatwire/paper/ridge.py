@@ -14,19 +14,21 @@ def ridge_correction(
     weight: Float[Tensor, "Q k"],
     strength: float,
 ) -> Float[Tensor, "Q D"]:
-    """Improves the interpolated residual of a lost anchor (query): returns a correction to add to the weighted mean.
+    """Corrects the interpolated residual of a lost anchor (query), because residuals vary with the position.
 
-    The mean ignores that residuals change from place to place. Here a linear function of the position, with slope B, is
-    fitted to the neighbours' residuals by weighted least squares, with the penalty `strength * |B| ** 2`. The
-    correction is the difference between the value of this function at the query and the mean. Positions are in units of
-    the standard deviation of the neighbours' positions. The paper mentions only a "lightweight ridge-refinement"; this
-    is our interpretation.
+    A linear function of the position, with slope B, is fitted to the neighbours' residuals by weighted least squares,
+    with the penalty `strength * |B| ** 2`. The correction is the value of this function at the query minus the weighted
+    mean of the residuals. Positions are in units of the standard deviation of the neighbours' positions. This is our
+    interpretation of the paper's "lightweight ridge-refinement".
 
     Args:
         offsets: Positions of the neighbours relative to the query.
         residuals: Residuals of the neighbours.
         weight: Weights of the neighbours.
         strength: Weight of the penalty, positive; with a large weight, the correction approaches 0.
+
+    Returns:
+        Correction to add to the weighted mean.
     """
     share = weight / weight.sum(dim=1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
     center = torch.einsum("qk,qkd->qd", share, offsets)

@@ -3,9 +3,9 @@
 Removing a Gaussian sets its opacity to 0. An image is an affine function of the opacity of each single Gaussian, so the
 effect of the removal follows from the gradient of the image with respect to the opacity.
 
-The sum of the squared gradients of all pixels would take one back-propagation per pixel. It is estimated instead: the
-pixels are multiplied by random signs (-1 or 1) and added up, and one back-propagation gives the gradient of this
-number. The mean of its square over many random signs is the sum of the squared gradients.
+The squared error is the sum of the squared gradients of all pixels. To compute it exactly would take one
+back-propagation per pixel. It is estimated from the sum of all pixels, each multiplied by a random sign (-1 or 1). The
+gradient of this sum takes one back-propagation; the expected value of its square is the squared error.
 """
 
 import math

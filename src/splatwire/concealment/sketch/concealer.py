@@ -45,11 +45,10 @@ class Sketch(CheckedFields):
     The copies (the sketch) are a section of the side information, which `splatwire calibrate sketch` adds to a stream.
     An element with a copy counts as received. A copy never replaces received values.
 
-    For anchors, the concealer `grow` determines the enlargement. The neural network of the concealer `scene_free`
-    corrects it, with the strength `trust` in the section.
-
-    For explicit Gaussians, the copies are those of the codec (`Copies`). The network of `scene_free` for explicit
-    Gaussians computes the factors on size and opacity, with the parameters in `Copies.growth`.
+    For anchors, the enlargement is that of the concealer `grow`, corrected by the network of the concealer
+    `scene_free`. The section contains the strength `trust` of the correction. For explicit Gaussians, the codec stores
+    the copies (`Copies`), and the network of `scene_free` for explicit Gaussians computes the factors on size and
+    opacity.
     """
 
     @property
