@@ -147,7 +147,11 @@ class _Fit:
         self._rounded = False
 
     def run(self, show: Progress) -> Preview:
-        """Fits the Gaussians and returns the rounded preview."""
+        """Fits the Gaussians of the preview; returns the preview, with parameters rounded to values that can be sent.
+
+        Args:
+            show: Called with the name of the current task and its completed share, 0 to 1.
+        """
         config, num_views = self._config, self._pictures.cameras.num_views
         every = max(1, round(config.still * config.steps / (config.rounds + 1)))
         moments = {every * (number + 1) for number in range(config.rounds)}

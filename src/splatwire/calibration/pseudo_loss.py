@@ -17,12 +17,12 @@ from splatwire.types import AnchorScene, Cameras, ReceivedScene
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """Complete scene and its division into packets, with which a calibration simulates packet losses.
+    """Complete scene and its division into packets, from which a calibration simulates packet losses.
 
     Attributes:
         complete: The complete scene as a decoder returns it.
         groups: Indices of the anchors in each packet.
-        cameras: Cameras for a training loss on rendered pictures; None if there is no such loss.
+        cameras: Cameras of the pictures with which a concealer is trained; None to train without pictures.
     """
 
     complete: ReceivedScene[AnchorScene]
@@ -35,7 +35,12 @@ class CalibrationData:
         return self.complete.scene
 
     def pseudo_losses(self, rates: Sequence[float], seed: int | np.random.SeedSequence) -> list[Bool[np.ndarray, "N"]]:
-        """Simulates one packet loss (pseudo-loss) per rate; returns the masks of received anchors, bool (N) each."""
+        """Simulates packet losses, one for each rate; returns the masks of received anchors, bool (N) each.
+
+        Args:
+            rates: Share of the packets that is lost, 0 to 1, in each simulation.
+            seed: Seed of the random choices.
+        """
         seeds = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
         each = zip(rates, seeds.generate_state(len(rates)).tolist(), strict=True)
         return [pseudo_loss(self.groups, self.complete.scene.num_elements, rate, number) for rate, number in each]
@@ -50,7 +55,7 @@ def calibration_data(
     Args:
         stream: The complete stream; determines the anchors of each packet.
         complete: The decoded scene.
-        cameras: Cameras for a training loss on rendered pictures; None if there is no such loss.
+        cameras: Cameras of the pictures with which a concealer is trained; None to train without pictures.
 
     Raises:
         InvalidValueError: If a packet was lost, or the stream has fewer than two packets.

@@ -1,8 +1,7 @@
-"""Sketch of a scene of explicit Gaussians: coarse copies of the most important Gaussians.
+"""Coarse copies of a scene's most important Gaussians (a sketch), which a receiver draws if the Gaussians are lost.
 
-A few Gaussians cause most of the error after a packet loss: the most important 1 % cause 60 to 96 % of the error
-(scenes luigi, tiger, guitar, truck), and no concealer can predict them. The size of a sketch is about proportional to
-the number of copies.
+The most important 1 % of the Gaussians cause 60 to 96 % of the error after a packet loss (scenes luigi, tiger, guitar,
+truck), and no concealer can predict them.
 """
 
 from collections.abc import Callable

@@ -108,12 +108,11 @@ class PipeSource:
 
 
 class FolderSource:
-    """Source of the frames in a folder; a replaced file is a new frame.
+    """Source of the frames in a folder: each new or replaced file is a new frame.
 
-    A frame is returned as soon as its file is complete, that is, no longer grows. Names that start with a dot or end
-    with a suffix of `UNFINISHED` are ignored. A file that still grows delays the later frames for at most `GROWING_S`,
-    then the file is ignored. A file or folder that is not a frame and keeps changing (for example a working folder of
-    another program) is ignored after `GROWING_S` of continuous change or after `MOST_LOOKS` changes.
+    A frame is returned when its file is complete, that is, no longer grows. A file that still grows delays later frames
+    for at most `GROWING_S`; then it is ignored. Ignored are also names that start with a dot or end with a suffix of
+    `UNFINISHED`.
 
     Args:
         folder: The folder; it may be missing temporarily.
@@ -263,11 +262,10 @@ class Patience:
 
 
 class Backlog:
-    """Decides how many frames to drop from the queue of a live encoder, so that the stream is not delayed for long.
+    """Decides how many waiting frames a live encoder drops, so that the stream is not delayed for long.
 
-    A queue counts as too long above one second of frames and above two groups of pictures. If such a queue does not
-    shrink, its oldest frames are dropped. A queue that shrinks is kept: files that are copied into the folder all at
-    once are encoded at the frame rate.
+    The oldest frames are dropped if the queue is too long and does not shrink. Too long is more than one second of
+    frames, and more than two groups of pictures.
 
     Args:
         rate: Frames per second.
@@ -324,7 +322,7 @@ def signature_of(path: Path, status: os.stat_result) -> Signature:
 
 
 def signature_at(path: Path) -> Signature | None:
-    """Returns the signature of a file (`signature_of`); None if the file does not exist."""
+    """Returns three numbers that change when a file changes (`signature_of`); None if the file does not exist."""
     try:
         return signature_of(path, path.stat())
     except (OSError, ValueError):

@@ -11,9 +11,9 @@ from splatwire.sequence.tracking import SECTION, TrackingReport
 
 
 def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
-    """Returns the properties of a sequence: number of frames; numbers of new, ending and static tracks; bytes.
+    """Returns the properties of an encoded sequence by name, such as numbers of frames, groups of pictures and tracks.
 
-    Bytes are counted separately for keyframes and for motion.
+    Bytes are counted separately for keyframes (`base_bytes`) and motion (`motion_bytes`).
     """
     manifest, plan = stream.manifest, stream.manifest.plan
     info = open_side_info(manifest, stream.side_info)

@@ -52,11 +52,10 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        classes: Function that returns precision classes of new Gaussians; None derives the classes from renderings from
-            all sides (`splatwire.render.precision`).
+        classes: Function that returns the precision class of each new Gaussian, which selects its quantisation steps.
+            None measures classes by rendering (`splatwire.render.precision`).
         live: Low-latency mode: does more of the work before the last frame of a group arrives, at a higher total cost.
-            The output differs only in sequences with scene cuts: after the first group, Gaussians of a new scene get
-            the median precision class, and groups keep their length even if most frames are scene cuts.
+            After scene cuts, new Gaussians get the median precision class instead of a measured one.
     """
 
     @checked

@@ -38,7 +38,7 @@ class BoundingSphere:
 
 
 def bounding_sphere(splats: Splats) -> BoundingSphere | None:
-    """Returns a sphere around nearly all Gaussians, from a sample; None without Gaussians."""
+    """Returns a sphere around nearly all Gaussians, computed from a sample of them; None without Gaussians."""
     if not splats.num_gaussians:
         return None
     few = slice(None, None, -(-splats.num_gaussians // SAMPLES))

@@ -24,9 +24,7 @@ class LiveDecoder:
     """Decoder of a live sequence that outputs each group of pictures as soon as possible.
 
     The frames of a group are output when the group is complete, or when the next group begins. Motion packets that
-    arrive afterwards are dropped; packets with keyframe Gaussians are always used. A receiver that joins late starts
-    with the current group. A live sequence is divided into periods, each an independent stream; when a period begins,
-    the earlier state is dropped, and frame numbers continue.
+    arrive afterwards are dropped. A receiver that joins late starts with the current group.
 
     Args:
         concealer: Name of the concealer for tracks with lost motion.

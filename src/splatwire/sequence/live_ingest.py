@@ -143,12 +143,24 @@ class LiveIngest:
         return None
 
     def _remove_first(self, signature: Signature | None) -> None:
-        """Removes the first file from the queue, and records its state so that it is not read again."""
+        """Removes the first file from the queue, and marks it as read.
+
+        Args:
+            signature: State of the file when it was read, as in `FrameSource.mark_read`.
+        """
         self._patience.clear()
         self._source.mark_read(self._waiting.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
-        """Returns a frame unchanged if it is compatible with the frames before it; None if it is skipped."""
+        """Returns a frame unchanged if it can be encoded with the frames before it; None if it is skipped.
+
+        A frame is skipped if it has no valid Gaussian, or differs in degree of harmonics or antialiasing. After several
+        such frames with these new properties, the encoder restarts with them.
+
+        Args:
+            path: File of the frame, for messages.
+            frame: The frame.
+        """
         count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
@@ -199,7 +211,11 @@ def _has_valid_rows(frame: Frame) -> bool:
 
 
 def _described(kind: tuple[int, bool]) -> str:
-    """Describes the degree of harmonics and the antialiasing of a frame, for error messages."""
+    """Describes the properties in which all frames must agree, for error messages.
+
+    Args:
+        kind: Degree of harmonics, and True for antialiasing.
+    """
     degree, antialiased = kind
     return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
 

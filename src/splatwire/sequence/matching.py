@@ -145,7 +145,14 @@ def _appearance(splats: Splats) -> np.ndarray:
 
 
 def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion between two frames by trimmed iterative closest points; returns `positions` moved by it."""
+    """Fits an affine motion to the Gaussians of two frames; returns the positions of the previous frame moved by it.
+
+    Uses trimmed iterative closest points: distant pairs are ignored.
+
+    Args:
+        positions: Positions in the previous frame, (N, 3).
+        now: Positions in the current frame, (M, 3).
+    """
     some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(np.int64))]
     tree, matrix = cKDTree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(some) < 8:

@@ -230,9 +230,12 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around
 
 
 def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | None) -> bool:
-    """True if most tracks move like their neighbours.
+    """True if most tracks move like their neighbours; tests a sample of the tracks that exist in all frames.
 
-    Only a sample of the tracks that exist in all frames is tested.
+    Args:
+        means: Positions of all tracks in all frames, float32 (n, F, 3).
+        stays: Mask of the tracks that exist in all frames, bool (n).
+        sample: Sample of tracks with their neighbours; None to draw the sample here.
     """
     tested = None if sample is None else sample.part(stays[sample.tracks]).only(stays, means)
     if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE):

@@ -48,7 +48,12 @@ class SequenceFormat:
         return int(write(self._checked(frames, path), path, rate))
 
     def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
-        """Yields the frames; logs the properties of the first one that the format cannot store."""
+        """Yields the frames unchanged; logs which properties of the first frame the file format cannot store.
+
+        Args:
+            frames: The frames to write.
+            path: File to write, for log messages.
+        """
         form = FileFormat(self.name, "a sequence", keeps=self.keeps)
         for number, frame in enumerate(frames):
             if not number:

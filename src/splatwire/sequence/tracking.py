@@ -123,6 +123,10 @@ class Tracker:
         """Assigns track keys by index, for frames in which each Gaussian keeps its index.
 
         A Gaussian gets the key of the same index in the previous frame, or a new key if it was invisible then.
+
+        Args:
+            frame: The frame.
+            count: True to count Gaussians with new keys in the statistics.
         """
         keys = np.where(frame.drawn, self._keys, -1)
         new = frame.drawn & (keys < 0)

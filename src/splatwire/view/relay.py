@@ -21,10 +21,8 @@ AT_ONCE = 1 << 16
 class Relay:
     """Receives a stream from another server and passes it on to browser pages while it arrives.
 
-    A page gets the stream as one growing `.swz` file, which has a single init segment (manifest and side information).
-    Of a live sequence, a page therefore shows only what was received before the page connected: later groups of
-    pictures need a new init segment. Only the current period, the newest independent part of a live sequence, is kept
-    in memory.
+    A page gets the stream as one `.swz` file that grows during the transfer. Of a live sequence, a page shows only the
+    groups of pictures that were received before the page connected.
 
     Args:
         url: URL of the stream, for error messages.

@@ -59,11 +59,11 @@ class SequenceLoad:
 
 @dataclass(frozen=True, eq=False)
 class MotionTransfer:
-    """Model of the transfer of a sequence or of one group of pictures: its packets and parity as datagrams.
+    """Model of the transfer of a sequence, or of one group of pictures, from which the planner simulates losses.
 
     Attributes:
-        order: Sending order of the packets: index of the first packet that is sent, of the second, and so on, int64.
-        model: Model of the datagrams; packets are numbered by their position in `order`.
+        order: Indices of the packets in the order in which they are sent, int64.
+        model: Sizes and kinds of the datagrams. Packets are numbered by their position in `order`.
     """
 
     order: np.ndarray

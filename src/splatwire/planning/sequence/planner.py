@@ -42,10 +42,10 @@ class SequenceVariant:
 
 @dataclass(frozen=True)
 class SequencePlan(Plan):
-    """Result of the planner for a sequence: amounts of redundancy, and the expected quality (see `Plan`).
+    """Result of the planner for a sequence: amounts of redundancy, and the expected quality.
 
-    The inherited attribute `lost` contains the lost fraction of the motion of each group of pictures, weighted by
-    packet importance.
+    The attribute `lost` of the base class is the mean lost fraction of the motion of each group of pictures, weighted
+    by packet importance.
 
     Attributes:
         unprotected: Mean PSNR of the best variant without parity, decibels.

@@ -1,4 +1,4 @@
-"""Preparation of planning: measures the size and the distortion model of several encodings of a sequence."""
+"""Measures several encodings of a sequence as input of the planner: sizes, and errors that packet losses cause."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -144,7 +144,11 @@ def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
 def _link_preview(name: str, url: str | None, page: str, picture: str | None) -> str:
     """Returns the HTML elements from which messengers and other programs build a preview of a link to a page.
 
-    Returns an empty text if the URL of the site is unknown.
+    Args:
+        name: Name of the scene, the title of the preview.
+        url: Address of the site; None returns an empty text.
+        page: Path of the page relative to the site.
+        picture: Path of a picture relative to the site; None for no picture.
     """
     if url is None:
         return ""

@@ -221,7 +221,15 @@ class PageServer:
     async def _respond(
         self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
     ) -> None:
-        """Sends a response to the client, counts it and logs it; closes the connection if `close` is True."""
+        """Sends a response to the client, counts it and logs it.
+
+        Args:
+            head: Head of the request, for the log.
+            answer: The response.
+            network: Network of the client, for the log.
+            writer: Connection to the client.
+            close: True to close the connection afterwards.
+        """
         loop, status = asyncio.get_running_loop(), int(answer.head[9:12])
         began, sent, complete = loop.time(), _Count(), False
         self.statuses[status] += 1

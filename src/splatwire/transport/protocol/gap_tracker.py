@@ -14,7 +14,10 @@ see if one has been received.
 
 
 class GapTracker:
-    """Missing sequence numbers, stored as ascending ranges, so that a long gap takes no more memory than one loss."""
+    """Tracks sequence numbers of missing datagrams on the receiver, and decides when to request them.
+
+    Missing numbers are stored as ascending ranges, so that a long gap takes no more memory than one loss.
+    """
 
     def __init__(self) -> None:
         self._starts: list[int] = []

@@ -38,8 +38,8 @@ class KnownPackets:
     def has(self, kind: int, symbol: int) -> bool:
         """True if a scheduled datagram need not be sent to this client.
 
-        These are the packets that the client already has. If it has the init segment, they are also all symbols of the
-        init segment, and all repair symbols: the client then requests missing packets by NACKs instead.
+        Packets that the client already has are not sent. A client with the init segment gets none of its symbols, and
+        no repair symbols either: it requests missing packets by NACKs.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet), `SIDE` (init segment), `PARITY` (repair symbol) or `WELCOME`.

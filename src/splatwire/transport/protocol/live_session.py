@@ -123,11 +123,10 @@ class LiveSession:
     def _protect(self, tiers: tuple[TierHead, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures.
 
-        The repair symbols of earlier groups of pictures are dropped. The numbers of their parity groups are not used
-        again.
+        The repair symbols of earlier groups of pictures are dropped.
 
         Args:
-            tiers: Parity of each run of the newest packets, in sending order.
+            tiers: Parity of each run (consecutive packets with equal protection) of the group, in sending order.
         """
         before, newest = max(self._codes, -(-self._newest // MAX_SYMBOLS)), self._packets[self._newest :]
         past = (TierHead(self._newest, before, 0),) if self._newest else ()

@@ -143,10 +143,10 @@ class ReceiveState:
 
 
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
-    """Returns parameters of a stream; if two transfers have equal ones, their packets have the same sending order.
+    """Returns the parameters of a stream on which the sending order of its packets depends.
 
-    A receiver stores packets by their index in sending order. When it resumes a transfer, it may keep the packets of
-    the earlier transfer only if these parameters are unchanged.
+    A receiver that resumes a transfer may keep the received packets only if these parameters are unchanged, because it
+    stores packets by their index in sending order.
 
     Args:
         welcome: Declaration of the stream by the server.

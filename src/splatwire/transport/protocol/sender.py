@@ -397,10 +397,7 @@ class Server:
         self._schedule(key)
 
     def _schedule(self, key: Key) -> None:
-        """Schedules the next datagram of a transfer; ends the transfer if its maximum of bytes or datagrams was sent.
-
-        A time that was scheduled before stays in the queue, but has no effect when it is reached.
-        """
+        """Schedules the next datagram of a transfer; ends the transfer at its maximum number of bytes or datagrams."""
         transfer = self._transfers[key]
         at = transfer.next_at()
         if transfer.is_exhausted:
@@ -408,6 +405,7 @@ class Server:
         elif at is None:
             self._planned.pop(key, None)
         elif self._planned.get(key) != at:
+            # an earlier time stays in the heap, but has no effect when it is reached
             self._planned[key] = at
             self._tick += 1
             heapq.heappush(self._due, (at, self._tick, key))
