@@ -50,9 +50,9 @@ DECODING, ENCODING = np.bool_(True), np.bool_(False)
 class Coder(NamedTuple):
     """State of the entropy coder of one packet, and the tables of its stream.
 
-    Residuals are differences of values from their prediction. The context of a residual is a triple: kind of value
-    (`stream`, see `gaussians.layout.STREAMS`), class of the deviation of the neighbours (`spread`), and class of the
-    quantisation step or of the preceding residuals (`second`).
+    Residuals are differences of values from their prediction. The context of a residual has three parts: the kind of
+    value (`stream`, see `gaussians.layout.STREAMS`), how much the neighbours differ (`spread`), and the quantisation
+    step or the preceding residuals (`second`).
 
     Attributes:
         decoding: True when decoding, False when encoding.

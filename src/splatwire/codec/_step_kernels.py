@@ -35,7 +35,7 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
     """Computes the quantisation step of one attribute of a Gaussian, which depends on its size, shape and opacity.
 
     The step halves from each precision class to the next higher one. It also varies with powers of the scales and of
-    the opacity, whose exponents are `gaussians.layout.COEFFICIENTS`.
+    the opacity (exponents: `gaussians.layout.COEFFICIENTS`).
 
     Args:
         bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
@@ -58,8 +58,8 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
 def position_shift(bases, level, s0, long, thin, opacity, unit, most):
     """Computes the quantisation step of a Gaussian's position, which depends on its size and shape.
 
-    The step halves from each precision class to the next higher one. It also varies with powers of the scales, whose
-    exponents are `gaussians.layout.COEFFICIENTS`. It is at most half the second scale.
+    The step halves from each precision class to the next higher one. It also varies with powers of the scales
+    (exponents: `gaussians.layout.COEFFICIENTS`). It is at most half the second scale.
 
     Args:
         bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.

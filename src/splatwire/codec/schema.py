@@ -51,7 +51,7 @@ class Encoder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Encoder, side information and packet plan of a scene, from which all packets can be encoded.
+    """A scene that is ready to be encoded: its encoder, side information and packet plan.
 
     Attributes:
         encoder: Encoder of the scene's elements.

@@ -16,7 +16,7 @@ _MOST = 255
 
 
 def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Encodes the typical size of each tier's anchors, with which concealers weight lost anchors.
+    """Encodes the typical size of each tier's anchors, which concealers use as the weight of lost anchors.
 
     Args:
         anchors: Anchors in coding order, N.

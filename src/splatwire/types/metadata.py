@@ -91,7 +91,7 @@ NO_METADATA = SceneMetadata()
 
 
 def metadata_to_json(metadata: SceneMetadata) -> dict[str, Any]:
-    """Returns a JSON object with those fields of the metadata that have a value."""
+    """Returns a JSON object with the fields of the metadata that have a value."""
     found: dict[str, Any] = {name: getattr(metadata, name) for name in metadata.known()}
     for name in {"title", "author", "license"} & set(found):
         found[name] = clean_text(found[name])

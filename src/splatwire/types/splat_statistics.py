@@ -27,9 +27,9 @@ def describe_gaussians(splats: Splats, origin: Origin = NO_ORIGIN) -> dict[str, 
         origin: World coordinates of the point that positions are relative to.
 
     Returns:
-        `num_gaussians`, `degree`, `bounds` and `core` (the middle 98 % on each axis; world units), quantiles of `sizes`
-        (largest standard deviation of each Gaussian, world units) and `opacities`, and `problems` (sentences about
-        likely defects; empty for an ordinary file).
+        Statistics by name: `num_gaussians`; `degree`; `bounds` and `core` (the middle 98 % on each axis), world units;
+        quantiles of `sizes` (largest standard deviation of each Gaussian, world units) and of `opacities`; and
+        `problems`, sentences about likely defects.
     """
     if not splats.num_gaussians:
         return {"num_gaussians": 0, "degree": splats.degree, "problems": ["no Gaussian is left"]}

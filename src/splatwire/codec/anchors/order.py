@@ -195,8 +195,7 @@ def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
 def update_digest(digest: Any, rows: SymbolRows) -> None:
     """Adds the decoded integers of anchors to a hash, anchor by anchor.
 
-    The encoder stores this hash of all integers in the manifest, and a receiver compares it with that of its own
-    integers.
+    The manifest contains the hash of all integers. A receiver compares it with the hash of its own integers.
     """
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
 

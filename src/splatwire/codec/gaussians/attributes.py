@@ -106,8 +106,8 @@ def to_colours(splats: Splats) -> np.ndarray:
 def to_harmonics(splats: Splats) -> np.ndarray:
     """Converts spherical harmonics above degree 0 to Y Co Cg multiplied by `2**BITS`, float64 (N, K, 3).
 
-    The result is not rounded: harmonics of a decoded scene lie between integers, and the transform must map them back
-    to exactly the integers of the stream.
+    The result is not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of
+    its stream.
     """
     flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
     return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
@@ -226,8 +226,8 @@ def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
     """Hashes the decoded integers of one block.
 
-    A receiver compares the hash of all blocks with that of the encoder, to check that it decodes the same integers.
-    Blocks must be added in the order of the packet plan.
+    A receiver compares the hash of all blocks with the manifest, to check that it decodes the same integers as the
+    encoder. Blocks must be added in the order of the packet plan.
 
     Args:
         digest: hashlib object that is updated.

@@ -108,7 +108,7 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Chooses the cell size of the coarse grid on which a packet's positions are coded, as log2 in lattice units.
+    """Chooses the cell size of the coarse grid for coding a packet's positions; returns its log2 in lattice units.
 
     The box of a block with n Gaussians is divided into about `16 * sqrt(n)` cells per side, which suits Gaussians on a
     surface. A few Gaussians far away from the others do not enlarge the cells.
@@ -133,7 +133,7 @@ def _extent_bits(places: np.ndarray) -> int:
 
 
 def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
-    """Returns the order in which a block's Gaussians are filled into packets, as indices of the Gaussians.
+    """Sorts a block's Gaussians for the division into packets; returns their indices in this order.
 
     Args:
         codes: int64 (n), Morton codes of the grid cells of the block's Gaussians.
@@ -176,7 +176,7 @@ def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the typical cell size of the grids on which packets code positions (see `cell_shift`).
+    """Estimates the typical cell size of the coarse grids for coding positions (see `cell_shift`).
 
     The estimate uses a sample of the scene, because it is needed before the scene is divided into blocks.
 

@@ -129,7 +129,7 @@ class GaussianDecoder:
 
 
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
-    """Returns the quantisation parameters of a decoded scene, with which it can be encoded again without further loss.
+    """Returns the quantisation parameters of a decoded scene, for encoding it again without further loss.
 
     The encoder then obtains the same integers.
 

@@ -170,7 +170,7 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     """Encodes Gaussians of a block in packets.
 
     Args:
-        source: Attributes of the Gaussians, in the order in which packets are filled.
+        source: Attributes of the Gaussians, sorted for the division into packets.
         info: The stream's side information.
         block: Index of the block.
         sizes: int64 (P), number of Gaussians in each packet; ignored if `most` is not 0.

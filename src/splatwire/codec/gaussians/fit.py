@@ -34,8 +34,8 @@ from the entries' mixture distributions needs `scipy.special`, and its import ta
 def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
     """Returns zero counters for statistics of coded symbols by context.
 
-    A context of a residual is a triple: kind of value (stream), class of the deviation of the neighbours (spread), and
-    class of the quantisation step or of the preceding residuals (second), see `layout.SPREADS`.
+    The context of a residual has three parts: the kind of value (stream), how much the neighbours differ (spread), and
+    the quantisation step or the preceding residuals (second), see `layout.SPREADS`.
 
     Returns:
         Number of zeros and ones coded with each adaptive bit model, int64 (contexts, 2); and the number and the sum of
@@ -66,8 +66,8 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
         residuals: Number and sum of magnitudes of residuals by context, int64 (streams, spreads, seconds, 2).
 
     Returns:
-        Scale of each context, int64 (streams, spreads, seconds). It is a scale table index divided by `SCALE_UNIT`:
-        that of the narrower of the two normals in the mixture distribution.
+        Scale of each context, int64 (streams, spreads, seconds): index of the narrower normal's standard deviation in
+        the scale table, divided by `SCALE_UNIT`.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
@@ -82,7 +82,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Estimates the mean magnitude of the residuals in each context, also for contexts with few residuals.
 
-    A context has three parts: kind of value (stream), deviation of the neighbours (spread), and step or preceding
+    A context has three parts: kind of value (stream), how much the neighbours differ (spread), and step or preceding
     residuals (second). For each stream, the means are modelled as a factor for `spread` times a factor for `second`.
 
     Args:

@@ -26,11 +26,11 @@ class Quality:
     """Quality setting, from which the quantisation steps of Gaussians are derived.
 
     Attributes:
-        level: Octaves by which all quantisation steps are finer than at level 0, -8 to 24.
-        classes: Number of precision classes, 1 to 8. The steps of each class are twice those of the next higher class.
-            Scenes with harmonics use at most 4 classes; a larger number makes all of their steps slightly coarser.
-        position: Octaves by which only positions are finer, -16 to 16; for scenes with many Gaussians at nearly equal
-            depth.
+        level: Precision, -8 to 24: all quantisation steps are `2**-level` times as large as at level 0.
+        classes: Number of precision classes, 1 to 8. Each class has twice the steps of the next higher class. Scenes
+            with harmonics use at most 4 classes; a larger number makes all of their steps slightly coarser.
+        position: Additional precision of positions, -16 to 16: their steps are `2**-position` times as large. For
+            scenes with many Gaussians at nearly equal depth.
 
     Raises:
         InvalidValueError: If an attribute is out of range.

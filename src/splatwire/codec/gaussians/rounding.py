@@ -35,8 +35,8 @@ def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> 
 def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
     """Rounds Gaussians to the values that a decoder obtains, in the same order.
 
-    Encoding the result with the same quantisation steps does not change it, apart from positions whose float32 value
-    falls into a neighbouring cell.
+    Encoding the result with the same quantisation steps does not change it, except for a few positions that float32
+    rounding moves into a neighbouring cell.
 
     Args:
         splats: The Gaussians.

@@ -58,7 +58,7 @@ quantisation steps are adapted to the scene.
 
 
 class BlockSource(NamedTuple):
-    """Input of the encoding kernels: n Gaussians of one block, in the order in which packets are filled.
+    """Input of the encoding kernels: n Gaussians of one block, sorted for the division into packets.
 
     Attributes:
         cells_at: log2 of the cell size of the coarse grid of positions, in lattice units.
@@ -227,7 +227,7 @@ class SourceScene:
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
 
     def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
-        """Returns the order in which the Gaussians of a block are filled into packets, as indices of the Gaussians.
+        """Sorts the Gaussians of a block for the division into packets; returns their indices in this order.
 
         Gaussians in the same cell of a coarse grid stay together. With contiguous packets, neighbouring cells are next
         to each other. Otherwise, each packet is spread evenly over the block.
@@ -240,7 +240,7 @@ class SourceScene:
         return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
     def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
-        """Returns Gaussians of a block as input of the encoding kernels, in the order in which packets are filled.
+        """Returns Gaussians of a block as input of the encoding kernels, sorted for the division into packets.
 
         Args:
             block: Index of the block.

@@ -106,11 +106,11 @@ def prediction_order(places, moving, shifts):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights):
-    """Computes the weights of a track's neighbours, with which its motion coefficients are predicted.
+    """Computes the weights of a track's neighbours for the prediction of its motion coefficients.
 
-    The weights add up to `1 << WEIGHT_BITS`. With at least four neighbours, a plane is fitted to the neighbours' values
-    by least squares, and the prediction is the value of the plane at the track's position. With fewer neighbours, the
-    prediction is their mean. All values stay below 2**53, so that they are exact in float64 (`docs/format.md`).
+    The weights add up to `1 << WEIGHT_BITS`. With at least four neighbours, the prediction is a plane fitted to their
+    values by least squares, evaluated at the track's position. With fewer neighbours, it is their mean. All values stay
+    below 2**53, so that they are exact in float64 (`docs/format.md`).
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).

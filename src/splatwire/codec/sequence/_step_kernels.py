@@ -20,7 +20,7 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
-    """Computes the quantisation steps of tracks' keyframe Gaussians, from which the steps of motion are derived.
+    """Computes the quantisation steps of keyframe Gaussians; the steps of their motion are derived from them.
 
     Args:
         columns: Precision class, opacity and three scale values of each keyframe Gaussian as decoded integers, int64

@@ -347,7 +347,7 @@ class _BlockMap:
 def update_digest(digest: Any, rows: SymbolRows) -> None:
     """Adds the decoded integers of one block, of keyframe Gaussians or of motion, to a hash.
 
-    A receiver compares the hash of all blocks with that of the encoder.
+    A receiver compares the hash of all blocks with the manifest.
 
     Args:
         digest: hashlib object that is updated.

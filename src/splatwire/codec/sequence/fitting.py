@@ -49,7 +49,7 @@ class Fitting:
 
         Args:
             keys: Keys of the tracks of the group.
-            frames: Number of frames in the group, which must be that of this fit.
+            frames: Number of frames in the group; it must equal that of this fit.
         """
         room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)

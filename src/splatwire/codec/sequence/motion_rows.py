@@ -26,8 +26,7 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
     """Adds the decoded integers of one block of motion to a hash.
 
-    A receiver compares the hash of all blocks with that of the encoder. Blocks are added in the order of the packet
-    plan.
+    A receiver compares the hash of all blocks with the manifest. Blocks are added in the order of the packet plan.
 
     Args:
         digest: hashlib object that is updated.

@@ -49,7 +49,7 @@ class SequenceInfo:
         groups: Number of elements in each group of frames.
         keyframes: Side information of the keyframe Gaussians, with one bounding box for each block of keyframe
             Gaussians of the packet plan.
-        coarser: log2 of the ratio of a track's quantisation steps of motion to the steps of its keyframe Gaussian, by
+        coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, by
             kind of channel (`layout.KINDS`), int64 (kinds).
         bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
         sections: Named sections, content by name.

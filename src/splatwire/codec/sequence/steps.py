@@ -17,7 +17,8 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray) -> 
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, COLUMNS).
         info: Side information of the keyframe Gaussians.
-        coarser: log2 of the ratio of the steps of motion to the steps of the keyframe Gaussian, by kind of channel.
+        coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, by kind of
+            channel (`layout.KINDS`), int64 (kinds).
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.

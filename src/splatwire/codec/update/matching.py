@@ -1,4 +1,4 @@
-"""Finds the Gaussians of a stream in an edited scene: those with the same quantised attributes."""
+"""Finds the Gaussians of an edited scene that its stream already contains: their quantised attributes are the same."""
 
 import numpy as np
 

@@ -56,7 +56,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
         outputs: Outputs of the prior network, 16 fractional bits.
         mean_column: First column of the attribute's means.
         scale_column: First column of the attribute's standard deviations.
-        q_column: Column of the number from which the quantisation step is computed (`step_index`).
+        q_column: Column that determines the quantisation step (`step_index`).
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means in quantisation steps, 12 fractional bits.
         scales: Output: scale table indices.
@@ -85,7 +85,7 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
         group: Index of the group.
         prior_outputs: Outputs of the prior network.
         weight_column: Column of the group's first weight logit in `prior_outputs`.
-        q_column: Column in `prior_outputs` of the number from which the quantisation step is computed.
+        q_column: Column in `prior_outputs` that determines the quantisation step.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means of the second normal in quantisation steps, 12 fractional bits.
         scales: Output: scale table indices of the second normal.

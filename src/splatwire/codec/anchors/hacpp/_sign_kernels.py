@@ -1,4 +1,4 @@
-"""Numba kernels that code the signs of the hash grid in those table rows that at least one anchor reads."""
+"""Numba kernels that code the signs of the hash grid: all table rows that at least one anchor reads."""
 
 from typing import no_type_check
 
@@ -40,7 +40,7 @@ def sign_context(level, feature, depth, signs, row, previous):
 @njit(nogil=True)
 @no_type_check
 def encode_signs(signs, touched, level_of, models, buffer):
-    """Encodes the signs of those rows of the hash table that at least one anchor reads.
+    """Encodes the signs of all hash-table rows that at least one anchor reads.
 
     Args:
         signs: The hash table, int8 (rows, D), entries -1 or +1.

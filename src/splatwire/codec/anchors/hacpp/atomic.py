@@ -268,8 +268,8 @@ def predict_group(
     Args:
         context: Coding context, which contains the networks.
         group: Index of the feature group.
-        shared: Partial sums of the network's hidden units over the outputs of the prior network, float64 (n, hidden):
-            entry `group` of the result of `CodingContext.shared_sums`.
+        shared: Contribution of the prior network's outputs to the network's hidden units, float64 (n, hidden): entry
+            `group` of the result of `CodingContext.shared_sums`.
         activations: Features of the groups before, as network inputs from `CodingContext.feature_activations`, float64
             (n, channels of these groups).
         outputs: Outputs of the prior network, int32 (n, prior outputs).

@@ -30,7 +30,7 @@ class PriorColumns:
         scaling_scale: Standard deviations of the six scalings.
         offset_mean: Means of the 3 K offset coordinates.
         offset_scale: Standard deviations of the 3 K offset coordinates.
-        steps: Numbers from which the quantisation steps of feature, scaling and offset are computed, three columns.
+        steps: Three columns that determine the quantisation steps of feature, scaling and offset.
     """
 
     feature_mean: int
@@ -193,8 +193,8 @@ class CodingContext:
 
         Args:
             group: Index of the group.
-            shared: Partial sums of the network's hidden units over the outputs of the prior network: entry `group` of
-                the result of `shared_sums`.
+            shared: Contribution of the prior network's outputs to the network's hidden units: entry `group` of the
+                result of `shared_sums`.
             activations: Features of the groups before, as network inputs from `feature_activations`, float64 (N,
                 channels of these groups).
 

@@ -9,7 +9,7 @@ from splatwire.types.anchor_config import HashGridConfig
 
 
 def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig) -> bytes:
-    """Encodes the signs of those hash-grid rows that at least one anchor reads.
+    """Encodes the signs of all hash-table rows that at least one anchor reads.
 
     Args:
         signs: int8 (rows, D), -1 or +1, all levels.
@@ -23,7 +23,7 @@ def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig)
 
 
 def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np.ndarray:
-    """Decodes the signs of those hash-grid rows that at least one anchor reads.
+    """Decodes the signs of all hash-table rows that at least one anchor reads.
 
     Args:
         data: Bytes written by `encode_signs`.

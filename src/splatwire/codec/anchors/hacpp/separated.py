@@ -168,7 +168,7 @@ def _edges(context: CodingContext) -> np.ndarray:
 
 
 def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
-    """Returns the normal distributions with which scalings or offsets of some anchors are coded.
+    """Returns the normal distributions for coding the scalings or the offsets of some anchors.
 
     Args:
         pair: Means and scale indices of all anchors, (n, D) each.
@@ -182,7 +182,7 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
 def _feature_mixtures(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
-    """Returns the mixture distributions with which the channels of one feature group are coded, for a range of anchors.
+    """Returns the mixture distributions for coding one feature group of a range of anchors.
 
     Args:
         predicted: Prediction of all anchors, which contains the first mixture component.
