@@ -24,7 +24,7 @@ def tier_context(tier, count, recent):
     Args:
         tier: Index of the tier.
         count: Share of the preceding anchors in this tier or in a more important one, a decaying average, out of 2**16.
-        recent: The same for the last two anchors, one bit each: 0 to 3.
+        recent: Two bits for the last two anchors, 0 to 3: 1 if the anchor was in this tier or in a more important one.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4

@@ -20,14 +20,14 @@ def origin_of(voxels: np.ndarray) -> np.ndarray:
 
 
 def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
-    """Returns the order of anchors for packetization.
+    """Sorts anchors for the division into packets.
 
     Args:
         voxels: Voxel indices of the anchors, int64 (N, 3).
         order: `morton` (Z-order) or `raster` (z, then y, then x, called Morton order in HAC++).
 
     Returns:
-        int64 (N): index of the anchor at each rank; equal positions keep their order.
+        Indices of the anchors in sorted order, int64 (N); anchors at equal positions keep their order.
     """
     if order == "raster":
         return np.lexsort((voxels[:, 0], voxels[:, 1], voxels[:, 2]))

@@ -15,7 +15,7 @@ SECTION = "tiers"
 
 
 def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Serialises the importance tier of every anchor; contexts are the tiers of the preceding anchors.
+    """Entropy-codes the importance tier of every anchor, with the tiers of the preceding anchors as context.
 
     Args:
         tiers: Tier of each anchor in coding order, N.

@@ -168,7 +168,7 @@ def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.
     """Returns log2 of the largest power of two that divides all weights in each row or column.
 
     Args:
-        twos: The same for each single weight.
+        twos: log2 of the largest power of two that divides each weight.
         some: Mask of non-zero weights; the others are ignored.
         axis: Axis over which the minimum is taken: 0 for a result by column, 1 for a result by row.
     """

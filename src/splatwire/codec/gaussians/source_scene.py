@@ -302,8 +302,8 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
-    With a coarse step, a flat Gaussian is decoded with a smallest scale of up to 31 % of the second scale. With the
-    returned precision classes, it is at most 0.4 %.
+    After rounding with a coarse step, the smallest scale of a flat Gaussian can be up to 31 % of the second scale. With
+    the returned precision classes, it is at most 0.4 %.
 
     Args:
         splats: The N Gaussians.

@@ -181,7 +181,7 @@ def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _predict_coefficients(known, moving, neighbours, weights, found, means):
-    """Computes the coefficients of a track predicted from its neighbours, and writes them to `means`.
+    """Predicts the motion coefficients of a track from its neighbours, and writes them to `means`.
 
     Sums of products stay below 2**53, so that they are exact in float64.
 

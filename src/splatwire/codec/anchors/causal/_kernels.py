@@ -90,8 +90,6 @@ def add_predicted_means(symbols, outputs, first, numbers):
 def offset_probability(weights, logit):
     """Returns the predicted probability that an offset exists, in units of 2**-16.
 
-    The range coder uses the probability as the width of an interval.
-
     Args:
         weights: Table of the logistic function, the probability for each of 256 quantised logits.
         logit: Predicted logit, 16 fractional bits.

@@ -37,7 +37,7 @@ from splatwire.types.prior import MIN_SCALE
 
 @dataclass(frozen=True, eq=False)
 class DecodedArrays:
-    """Attributes and prior of N anchors in coding order, filled packet by packet; zero for missing anchors.
+    """Attributes and predictions of N anchors in coding order, filled packet by packet; zero for missing anchors.
 
     Attributes:
         received: Mask of received attributes, bool (N, 4), one column per `Attribute`.
@@ -55,7 +55,7 @@ class DecodedArrays:
 
     @staticmethod
     def empty(info: SideInfo) -> "DecodedArrays":
-        """Allocates arrays before any packet is decoded; prior and context are uninitialised."""
+        """Allocates arrays before any packet is decoded; `outputs` and `context` are uninitialised."""
         num, layout, config = len(info.voxels), info.config.layout, info.config
         widths = (layout.feature_dim, 6, 3 * layout.num_offsets)
         return DecodedArrays(
@@ -101,7 +101,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
 
     Args:
         info: The stream's side information.
-        arrays: Decoded attributes, and the prior of all anchors.
+        arrays: Decoded attributes, and the predictions of all anchors.
     """
     num, layout = len(info.voxels), info.config.layout
     positions = (info.voxels.astype(np.float64) * info.voxel_size).astype(np.float32)

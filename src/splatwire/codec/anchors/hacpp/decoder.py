@@ -63,7 +63,7 @@ def row_bytes(info: SideInfo) -> int:
 
 
 def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int) -> Decoder:
-    """Reads the side information of a stream, and returns the decoder for the stream's packaging.
+    """Reads the side information of a stream, and returns the decoder for its atomic or separated packets.
 
     Args:
         manifest: The stream's manifest.
