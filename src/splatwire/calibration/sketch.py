@@ -1,7 +1,7 @@
-"""Calibration of a sketch: coarse copies of the most important elements of a scene, sent as side information.
+"""Creates a sketch of a scene: coarse copies of the most important elements, sent as side information.
 
-Elements are anchors or explicit Gaussians. A sketch also sets the growth: the amount by which a receiver enlarges
-received elements next to lost ones. The growth is chosen by comparing rendered pictures after simulated packet losses.
+Elements are anchors or explicit Gaussians. A sketch also contains how much a receiver enlarges received elements next
+to lost ones. The best enlargement is chosen by comparing rendered pictures after simulated packet losses.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""Settings for computing a sketch: coarse copies of important elements, sent as side information."""
+"""Settings for computing a sketch: coarse copies of important elements of a scene, sent as side information."""
 
 from dataclasses import dataclass, field
 

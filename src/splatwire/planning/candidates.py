@@ -187,9 +187,9 @@ def _init_segment_candidates(
 ) -> list[Protection]:
     """Returns the most promising settings for the redundancy of the init segment, which the planner then compares.
 
-    Settings are preferred with which the side information arrives more often, up to the required fraction of transfers
-    (`PlanConstraints.head_target`). Among equal ones, those with fewer bytes are preferred. The last setting is the
-    best one with additional redundancy.
+    These are the settings that deliver the side information in the required fraction of transfers
+    (`PlanConstraints.head_target`), or as often as possible, with the fewest bytes. One setting with additional
+    redundancy is added.
 
     Args:
         load: Sizes of the stream.
@@ -220,7 +220,8 @@ def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
         pass_bytes: Bytes of the complete transfer.
 
     Returns:
-        Fraction of `pass_bytes`, 0 to 1. If the budget ends before the transfer does: shortly before that end.
+        Fraction of `pass_bytes`, 0 to 1: shortly before the budget of bytes is spent, or 1 if the budget suffices for
+        the complete transfer.
     """
     fit = constraints.budget_bytes / pass_bytes
     return 1.0 if fit >= 1 else _NEARLY * fit

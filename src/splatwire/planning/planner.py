@@ -330,11 +330,13 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
 def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
     """Selects the plan with the highest PSNR, or a simple baseline if its PSNR is close to that.
 
-    Further preferences are the first stream variant among baselines, and more redundancy among plans with equal PSNR.
+    Among baselines, those of the first stream variant are preferred. Among plans with equal PSNR, the one with the most
+    redundancy is preferred.
 
     Args:
         scored: Plans with their results.
-        whole_psnr: PSNR without losses, decibels. The difference that counts as close grows with the loss of PSNR.
+        whole_psnr: PSNR without losses, decibels. The more PSNR is lost, the larger the difference that counts as
+            close.
     """
     top = max(scored, key=lambda found: found.plan.psnr)
     lost = max(whole_psnr - top.plan.psnr, 0.0)

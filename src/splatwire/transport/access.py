@@ -32,8 +32,8 @@ class Access:
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
-            exists: False if there is no such scene. The request is then refused like that for a private scene, if any
-                scene is private, so that the response does not reveal the names of private scenes.
+            exists: False if there is no such scene. A server with private scenes then requires a token as for these, so
+                that the response does not reveal their names.
         """
         if name not in self.private and (exists or not self.private):
             return None

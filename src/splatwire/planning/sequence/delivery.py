@@ -1,4 +1,4 @@
-"""Delivery model of motion packets: parity per group of pictures on a lossy channel."""
+"""Models the delivery of motion packets over a lossy channel, for planning the parity of each group of pictures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -92,12 +92,11 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
     """Finds the IP prefix of a given width that has the most connections.
 
-    A network is a tuple of nested prefixes, widest first (see `network_of`).
-
     Args:
-        held: Number of connections per network.
+        held: Number of connections per network. A network is a tuple of nested prefixes, widest first (see
+            `network_of`).
         within: Prefix to search in, as the first items of a network; empty for all addresses.
-        depth: Width of the prefixes to compare, as a number of items: 1 for the widest, such as /24 for IPv4.
+        depth: Number of the first items of a network that form the prefixes to compare: 1 for the widest prefixes.
 
     Returns:
         The prefix and its number of connections; None if there are no connections in `within`.

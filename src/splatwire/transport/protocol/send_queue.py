@@ -188,7 +188,7 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            if_begun: True to do nothing unless some packets of the tile have already been sent.
+            if_begun: True to queue them only if another part of the tile has already been sent.
         """
         tiles = self._stream.tiles
         assert tiles is not None

@@ -369,9 +369,9 @@ class Server:
         return None
 
     def _default_stream(self) -> str:
-        """Returns the name of the stream for clients that request no name: the first one that is not unlisted.
+        """Returns the name of the stream for clients that request no name: the first public or, without one, private stream.
 
-        Public streams are preferred to private ones. Returns an empty name if all streams are unlisted.
+        Unlisted streams must be requested by name; the result is empty if there are only these.
         """
         if self.access is None:
             return next(iter(self._streams))
