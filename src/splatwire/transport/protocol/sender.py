@@ -369,7 +369,7 @@ class Server:
         return None
 
     def _default_stream(self) -> str:
-        """Returns the name of the stream for clients that request no name: the first public or, without one, private stream.
+        """Returns the name of the stream for clients that request no name: the first public or else first private one.
 
         Unlisted streams must be requested by name; the result is empty if there are only these.
         """
