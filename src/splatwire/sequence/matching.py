@@ -240,9 +240,10 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns a typical value of distances, by which they are divided to become comparable: 1.5 times the median.
+    """Returns 1.5 times the median of some distances, as a unit in which different kinds of distances are comparable.
 
-    The result is always above 0.
+    Args:
+        values: The distances, at least 0. The result is above 0 even if all are 0.
     """
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 

@@ -75,7 +75,7 @@ class MotionTransfer:
 
         Args:
             load: Sizes of all packets of the sequence.
-            found: Sending order of the packets, and the parity of each run of consecutive packets.
+            found: Sending order of the packets, and the parity of each run (consecutive packets with equal protection).
             protection: Amounts of redundancy, which determine when repair symbols are sent.
         """
         order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.tiers))

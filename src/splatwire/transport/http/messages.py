@@ -60,7 +60,7 @@ class Answer(NamedTuple):
     body: bytes | memoryview | GrowingFile
 
     def for_method(self, method: str) -> "Answer":
-        """Returns the response to a request of a method: without a body for HEAD."""
+        """Returns this response as sent for a request method: without a body for HEAD, otherwise unchanged."""
         return self._replace(body=b"") if method == "HEAD" else self
 
 

@@ -107,7 +107,8 @@ class Welcome(NamedTuple):
         num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
         packet_bytes: Maximum size of a packet in bytes.
         bundled: Number of packets bundled in the init segment: the first in sending order.
-        tiers: Parity of each run of packets in sending order; together the runs contain all packets.
+        tiers: Parity of each run (consecutive packets with equal protection), in sending order. Together the runs
+            contain all packets.
         preview: Preview to show until the scene is decoded, not validated here; empty without a preview.
         is_live: True for a live stream: updated welcomes will follow in the same transfer.
         viewable: True if the server sends packets by visibility after it has received the client's viewpoint (`View`).

@@ -128,22 +128,21 @@ def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
     """Returns the parity groups (packets that share repair symbols) of a stream, in the order of their indices.
 
     Args:
-        tiers: Parity of each run of packets, in sending order.
+        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
     """
     finder = GroupFinder(tiers)
     return [finder.group(number) for number in range(finder.num_groups)]
 
 
 class GroupFinder:
-    """Finds the parity group of a packet, or the packets of a parity group.
-
-    Groups are computed from the runs of packets at each call, because a table of all groups would need much memory.
+    """Finds the parity group (packets that share repair symbols) of a packet, or the packets of a parity group.
 
     Args:
-        tiers: Parity of each run of packets, in sending order.
+        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
     """
 
     def __init__(self, tiers: Sequence[TierHead]) -> None:
+        # groups are computed from the runs at each call: a table of all groups would need much memory
         self._tiers = tuple(tiers)
         self.num_groups = sum(tier.groups for tier in self._tiers)
 

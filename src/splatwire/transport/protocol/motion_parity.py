@@ -106,7 +106,11 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
 
 
 def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
-    """Simplifies a list of runs of packets: merges neighbouring runs without parity, and removes empty runs."""
+    """Simplifies a list of runs (consecutive packets with equal protection): merges unprotected runs, drops empty runs.
+
+    Args:
+        tiers: Number of packets and parity of each run, in sending order.
+    """
     out = list[TierHead]()
     for tier in tiers:
         if tier.num_packets and out and not (tier.groups or out[-1].groups):

@@ -350,7 +350,7 @@ def parity_symbols(
 
     Args:
         packets: Packets in sending order.
-        tiers: Parity of each run of packets, in sending order.
+        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
         symbol_bytes: Size of a symbol in bytes; each packet is one source symbol.
     """
     out = []
