@@ -206,8 +206,7 @@ class _Fit:
     def _current_gaussians(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
         """Returns the Gaussians of the preview in the current state of the optimisation.
 
-        In the last part of the fit, which begins with the call of `_start_rounding`, the parameters are rounded to the
-        values that the preview can store.
+        In the last part of the fit, the parameters are rounded to the values that the preview can store.
 
         Returns:
             Parameters as in `PreviewFrame.values`, float64 (G, 10); and the Gaussians with these parameters.
@@ -272,10 +271,11 @@ class _Fit:
         self._raw.values[:] = values / self._rates
 
     def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
-        """Measures how visible each Gaussian is, and how wrong the pictures are where it is visible.
+        """Measures, for each Gaussian, how visible it is, and how wrong the pictures are where it is visible.
 
-        Returns for each Gaussian the sum of its blending weights over the pixels of some views, and the sum of blending
-        weight times squared error of the pixel.
+        Returns:
+            Sum of the blending weights of each Gaussian over the pixels of some views; and the same sum with each
+            weight multiplied by the squared error of the pixel.
         """
         now = self._current_gaussians()[1]
         shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)

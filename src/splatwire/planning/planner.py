@@ -1,9 +1,9 @@
-"""Planner of redundancy: splits a budget of bytes between side information and importance tiers.
+"""Planner for static scenes: distributes redundancy over side information and importance tiers within a budget.
 
-The inputs are the distortion by losses of each tier (`DistortionModel`, measured by rendering) and a loss model of the
-channel. The planner simulates transfers with many allocations of redundancy, and returns the allocation with the best
-expected picture. The best allocations and simple baselines are compared by rendering simulated transfers. Datagrams
-after the budget is spent are not sent, which also models a deadline at a given rate.
+It simulates transfers with many allocations of redundancy, and predicts the picture quality from measured effects of
+losses (`DistortionModel`). The best allocations and simple baselines are then compared by rendering.
+
+Datagrams beyond the budget are not sent. A budget can thus also stand for a deadline at a given rate.
 """
 
 import math

@@ -304,7 +304,8 @@ class Backlog:
 def signature_of(path: Path, status: os.stat_result) -> Signature:
     """Returns three numbers that change when a file or folder changes: modification time, size and inode.
 
-    For a folder, these are the newest modification time and the total size of its files, and the inode of the folder.
+    For a folder, the numbers are the newest modification time of its files, their total size, and the inode of the
+    folder.
 
     Args:
         path: The file or folder.

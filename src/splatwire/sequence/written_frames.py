@@ -165,8 +165,11 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
     """Numbers frames for their file names; yields each frame with its number.
 
-    Numbers always increase: if the server restarts and counts its frames from 0 again, the numbers here continue, so
-    that no file is overwritten.
+    The numbers always increase, even if the server restarts and counts its frames from 0 again, so that no file is
+    overwritten.
+
+    Args:
+        frames: The frames, with the numbers that the server gives them.
     """
     last, offset = -1, 0
     for frame in frames:

@@ -193,7 +193,7 @@ class LossMeter:
         return late if rose else None
 
     def test_done(self, before: LossCounter, during: LossCounter) -> bool:
-        """True if a test at a lower sending rate has lasted long enough to compare the loss rates before and during it.
+        """True if a test at a lower sending rate has lasted long enough for comparing its loss rate with that before.
 
         Args:
             before: Sent and lost datagrams before the test.

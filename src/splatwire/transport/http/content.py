@@ -242,8 +242,12 @@ class PageContent:
     def _unauthorized(self, name: str, request: Request) -> Answer | None:
         """Returns the response that refuses a request for a scene; None if the request may have it.
 
-        If there are private scenes, a scene that does not exist is refused like one of them, so that responses do not
-        reveal their names.
+        The response is the same for a private scene and, on a server with private scenes, for a scene that does not
+        exist. It thus does not reveal which private scenes exist.
+
+        Args:
+            name: Name of the scene; empty if the request needs no token.
+            request: Parsed request.
         """
         if self.access is None or not name:
             return None

@@ -62,9 +62,8 @@ class PublishedScene:
 def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None) -> dict[str, bytes]:
     """Returns the files of a static site, by path relative to its folder, in the order in which they are to be written.
 
-    Files with the hash of their content in their name come first, pages last. When a site is published again, the new
-    files can therefore be written over the old site: it is consistent at any time, and pages that visitors have already
-    loaded still find their files.
+    Pages are last, after the files to which they refer. A new version of a site can therefore be written over the old
+    one while visitors load it.
 
     Args:
         scenes: Scenes by name; the first one is shown by `index.html`, each other one by `NAME.html`.

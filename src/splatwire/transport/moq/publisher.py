@@ -1,7 +1,7 @@
-"""Publisher of streams to a relay of Media over QUIC (MoQ); each tile of a scene is a track.
+"""Publisher of streams to a relay of Media over QUIC (MoQ), with one track per tile of a scene.
 
-A relay subscribes to a track once, for all its clients. Static scenes use objects on reliable streams, not datagrams:
-relays do not cache datagrams, so that clients that connect later would miss them.
+Static scenes are sent as objects on reliable streams. Datagrams would not reach clients that connect later, because
+relays do not cache them.
 """
 
 import asyncio

@@ -186,8 +186,7 @@ class PacketCollector:
     def update(self, welcome: Welcome) -> None:
         """Prepares for more packets after a live stream has grown; packets received so far are kept.
 
-        New packets are accepted only after the new manifest is known. Received repair symbols of a parity group are
-        discarded if the group does not exist unchanged in the new state of the stream.
+        Received repair symbols are kept only if their parity group is unchanged.
 
         Args:
             welcome: New declaration of the stream by the server, already checked.
@@ -290,8 +289,8 @@ class PacketCollector:
     def _take(self, index: int, data: bytes) -> Packet | None:
         """Checks a received packet and stores it if it is valid; returns the packet, or None if it is invalid.
 
-        A packet is invalid if its checksum is wrong, if it belongs to another stream, or if the packet plan of the
-        manifest has no such packet. Packets that arrive before the manifest are compared with the plan later.
+        A valid packet has the right checksum, belongs to the stream, and is listed in the manifest. If the manifest has
+        not arrived yet, this last check is made later.
 
         Args:
             index: Index of the packet in sending order.

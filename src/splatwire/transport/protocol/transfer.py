@@ -106,9 +106,8 @@ class ServerTransfer:
     def update(self, stream: ServedStream) -> None:
         """Continues with the new state of a live stream, or with a different stream.
 
-        For a new state, sends the new init segment, then the remaining packets of the earlier state, then the new
-        packets. Queued packets that are no longer useful are dropped (`ServedStream.may_retransmit`). For a different
-        stream, everything that is queued is dropped.
+        For a new state, the new init segment is sent first, then packets that remain from the earlier state and are
+        still useful, then the new packets. For a different stream, everything that is queued is dropped.
 
         Args:
             stream: New state of the prepared live stream, or another prepared stream.
@@ -176,10 +175,13 @@ class ServerTransfer:
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """True if a request of this client may be accepted (answered with a welcome) now; counts the response.
+        """True if the server may respond to this client's request with a welcome (acceptance) now; counts the response.
 
-        A repeated request is accepted again because the first welcome may be lost: at most `MAX_WELCOMES` times, at
-        intervals of at least `WELCOME_S`, and only until the client's first feedback.
+        The response can be lost, so a client may repeat its request. It gets at most `MAX_WELCOMES` responses, at
+        intervals of at least `WELCOME_S`, and none after its first feedback.
+
+        Args:
+            now: Time, seconds.
         """
         if self._reported or now - self._welcomed_at < WELCOME_S or self._welcomes == MAX_WELCOMES:
             return False
