@@ -33,7 +33,7 @@ def test_serve_accepts_a_plan_file(run, datagrams, tmp_path):
     stream = read_stream(datagrams)[0]
     assert planned == stream.manifest.stream_id
     assert content["protection"] == json.loads(json.dumps(vars(protection)))
-    (program,) = _run_serve._served_streams(serve, protection, planned).values()
+    (program,) = _run_serve._served_streams(serve, protection, planned).served.values()
     assert program.schedule == make_served_stream(stream, protection).schedule
     told = run("plan", datagrams, *words).out
     assert f"splatwire serve {datagrams} --plan {target}" in told

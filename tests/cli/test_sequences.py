@@ -306,7 +306,7 @@ def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_
     serve = Serve((str(clip),), plan=target)
     protection, planned = _run_serve.protection(serve)
     assert [list(pair) for pair in protection.motion] == content["protection"]["motion"]
-    (program,) = _run_serve._served_streams(serve, protection, planned).values()
+    (program,) = _run_serve._served_streams(serve, protection, planned).served.values()
     assert program.sizes()["packet_protection"] == content["parity_bytes"]
     told = run("plan", clip, *words).out
     assert "group 1: parity" in told

@@ -145,7 +145,7 @@ def test_serve_without_a_stream_serves_the_bundled_gaussians():
     from splatwire.codec.viewpoint import SECTION
 
     stream, _ = read_stream(_bundled.ASSETS / _bundled.SPLATS)
-    ((name, program),) = _run_serve._served_streams(Serve(), Protection()).items()
+    ((name, program),) = _run_serve._served_streams(Serve(), Protection()).served.items()
     assert (name, program.stream_id) == ("snowmiku_gaussians", stream.manifest.stream_id)
     assert stream.manifest.elements == "Gaussians"
     assert SECTION in sections_of(stream)

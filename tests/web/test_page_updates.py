@@ -72,7 +72,7 @@ def test_pages_swap_updates_in_without_another_picture_in_between() -> None:
     async def work() -> None:
         async with AsyncExitStack() as stack:
             content = PageContent({"ball": stream_to_bytes(base)}, attributes={"updates": ""})
-            pages = await stack.enter_async_context(PageServer(content))
+            pages, updates = await stack.enter_async_context(PageServer(content)), dict[str, bytes]()
             with isolated_page() as page:
 
                 async def call(method: str, *given: object) -> object:
@@ -82,8 +82,8 @@ def test_pages_swap_updates_in_without_another_picture_in_between() -> None:
                     name = update_name(manifest_digest(state.manifest))
                     recording = asyncio.ensure_future(call("resolve", PICTURES))
                     await asyncio.sleep(1)
-                    data = damaged.get("data", stream_to_bytes(update))
-                    pages.content = replace(pages.content, updates={**pages.content.updates, name: data})
+                    updates[name] = damaged.get("data", stream_to_bytes(update))
+                    pages.content = replace(content, updates=dict(updates))
                     return await recording
 
                 await call("prepare", COUNT)
