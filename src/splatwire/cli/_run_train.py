@@ -8,7 +8,7 @@ from typing import Any
 from splatwire.cli._files import prepared_output
 from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
-from splatwire.cli._trained_gaussians import GAUSSIANS, check_gaussian_options, run_gaussians
+from splatwire.cli._trained_gaussians import GAUSSIAN_MODEL, check_gaussian_options, run_gaussians
 from splatwire.cli._training import (
     ANCHOR_RECIPE,
     CPU_ITERATIONS,
@@ -55,12 +55,12 @@ FINE_TUNING_ITERATIONS = 720
 
 def run(command: Train) -> None:
     """Runs `splatwire train`."""
-    if command.model == GAUSSIANS:
+    if command.model == GAUSSIAN_MODEL:
         check_gaussian_options(command)
     else:
-        refuse_options(command, _OF_GAUSSIANS, f"is for --model {GAUSSIANS}")
+        refuse_options(command, _OF_GAUSSIANS, f"is for --model {GAUSSIAN_MODEL}")
     device = _check(command)
-    if command.model == GAUSSIANS:
+    if command.model == GAUSSIAN_MODEL:
         run_gaussians(command, device, _PLACES[device])
         return
     output = prepared_output(Path(command.output), suffix="")

@@ -47,7 +47,7 @@ from splatwire.neural.training.presets import PRESETS
 from splatwire.types import SplatScene
 from splatwire.types.background import BLACK
 
-GAUSSIANS = "gaussians"
+GAUSSIAN_MODEL = "gaussians"
 """Value of `--model` for explicit Gaussians."""
 _OF_ANCHORS = ("lmbda", "size", "voxel_size", "growth_interval", "refine", "loss_share")
 """Options that apply only to anchors."""
