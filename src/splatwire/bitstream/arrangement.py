@@ -121,16 +121,16 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 
 
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Divides the elements of a stream with hashed grouping into received packets and the gaps between them.
+    """Yields the received packets of a stream in the order of its elements, with the gaps that lost packets leave.
 
-    The elements are in the order of their hash within each block, block after block.
+    For packets of limited size (hashed grouping), where the number of packets is not known in advance.
 
     Args:
         plan: The stream's packet plan.
         arrived: Received packets, by id.
 
     Yields:
-        Number of elements, and the received packet with these elements; None for a gap of missing elements. The numbers
+        Number of elements, and the received packet that contains them; None instead of a packet for a gap. The numbers
         add up to the number of elements of the stream.
     """
     ordered = sorted(arrived)

@@ -50,7 +50,7 @@ class CalibrationData:
 def calibration_data(
     stream: SceneStream, complete: ReceivedScene[AnchorScene], cameras: Cameras | None = None
 ) -> CalibrationData:
-    """Prepares a decoded stream for calibration.
+    """Prepares a scene and its division into packets, so that a calibration can simulate packet losses.
 
     Args:
         stream: The complete stream; determines the anchors of each packet.

@@ -41,7 +41,13 @@ class InputWarnings(logging.Handler):
         self.damaged = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints a log record as one line on standard error, unless another file of its folder has the same warning."""
+        """Prints a warning as one line on standard error.
+
+        It is not printed if the same warning was printed for another file of the same folder.
+
+        Args:
+            record: Log record of the warning.
+        """
         self.damaged |= record.name == _DAMAGE
         kind = "warning: " if record.levelno > logging.INFO else ""
         text = record.getMessage()

@@ -196,13 +196,15 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
 def _code_steps(coder, stream, spread, second, q, eighths):
     """Encodes or decodes a residual in quantisation steps, with the probability distribution of its context.
 
+    The distribution is a mixture of two normal distributions with a common mean.
+
     Args:
         coder: Entropy coder.
         stream: Kind of value, part of the context (see `Coder`).
         spread: Part of the context: how much the neighbours differ.
         second: Part of the context: the step, or the preceding residuals.
         q: The residual; only used by an encoder.
-        eighths: Common mean of the two normals of the mixture, in eighths of a step, -4 to 3.
+        eighths: Mean of the distribution, in eighths of a step, -4 to 3.
 
     Returns:
         The residual.

@@ -145,7 +145,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
 @njit(nogil=True)
 @no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
-    """Encodes a set of points, given as ascending Morton codes, as the counts of a binary tree.
+    """Encodes a set of points: halves space again and again, and codes how many points are in the first half.
 
     Args:
         codes: Morton codes, ascending, int64 (N).

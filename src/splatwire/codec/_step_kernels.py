@@ -58,11 +58,11 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
 def position_shift(bases, level, s0, long, thin, opacity, unit, most):
     """Computes the quantisation step of a Gaussian's position, which depends on its size and shape.
 
-    The step halves from each precision class to the next higher one. It also varies with powers of the scales
-    (exponents: `gaussians.layout.COEFFICIENTS`). It is at most half the second scale.
+    Gaussians of a higher precision class have a smaller step. It is at most half the second scale.
 
     Args:
-        bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
+        bases: log2 of the quantisation steps of the lowest precision class, `STEP_BITS` fractional bits; one number for
+            each attribute, see `SideInfo`.
         level: Precision class of the Gaussian, 0 for the lowest.
         s0: log2 of the largest scale, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.

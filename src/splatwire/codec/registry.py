@@ -58,7 +58,9 @@ def schema_named(name: str) -> Schema:
 
 @checked
 def schema_of(scene: Any) -> Schema:
-    """Returns the schema that encodes a scene; the most specific scene type wins.
+    """Returns the schema (the codec for one type of scene) that encodes a scene.
+
+    If several schemas fit, the one for the most derived class of the scene is returned.
 
     Raises:
         InvalidValueError: If no schema applies, or several packages have one for the same type.

@@ -100,10 +100,10 @@ def weighted_mean_of_existing(
     """Averages each of the K offsets of a lost anchor (query) over those of its neighbours that have this offset.
 
     Args:
-        values: K offsets of each anchor, D / K values each; zero if the offset does not exist.
+        values: K offsets of each anchor, side by side in D columns; zero if an offset does not exist.
         exists: True for offsets that exist.
         index: Neighbours of each query.
-        weight: Weights of the neighbours, not negative. Averages are multiplied by the sum of the weights, usually 1.
+        weight: Weights of the neighbours, not negative; their sum is usually 1. Averages are scaled by the sum.
 
     Returns:
         Two items:

@@ -25,7 +25,7 @@ class Slots:
 
     @property
     def num_slots(self) -> int:
-        """Number of possible Gaussians, S."""
+        """Number of Gaussians that the scene can draw, S."""
         return int(self.anchor_index.shape[0])
 
     def part(self, first: int, last: int) -> "Slots":

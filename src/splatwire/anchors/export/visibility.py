@@ -62,15 +62,14 @@ def visible_areas(
 ) -> VisibleAreas:
     """Measures the visible area of each Gaussian in each view: its area without the parts behind nearer Gaussians.
 
-    The areas are the weights of the views when a Gaussian is fitted to them. An area is the sum of the Gaussian's
-    blending weights over the image, divided by its opacity minus 1/255 (the minimum alpha that renderers draw), so that
-    it does not depend on the opacity.
+    A view in which a Gaussian is larger counts more when the exported Gaussian is fitted to several views.
 
     Args:
         scene: The scene.
-        slots: Possible Gaussians of the scene.
+        slots: Gaussians to measure: all that the anchors of the scene can draw.
         cameras: Views in which areas are measured.
-        find: Computes image gradients, see `splatwire.render.cpu.each_gradient_cpu`.
+        find: Renderer with gradients, such as `splatwire.render.cpu.each_gradient_cpu`. The gradients are the blending
+            weights.
         progress: Called with the completed fraction of the views, 0 to 1.
 
     Raises:
@@ -84,6 +83,7 @@ def visible_areas(
             now = slot_view(scene, part, cameras.centers[view].astype(np.float32))
             opacities = np.maximum(now.opacities, np.float32(GHOST_OPACITY))
             gaussians = Gaussians(part.means, now.quats, now.scales, opacities, np.zeros_like(now.colors))
+            # Divided by its opacity above the minimum that is drawn, the area does not depend on the opacity.
             areas.put(view, seen, _blending_weights(gaussians, cameras.select([view]), find) / (opacities - MIN_ALPHA))
         if progress is not None:
             progress((view + 1) / cameras.num_views)

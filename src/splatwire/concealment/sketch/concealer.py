@@ -161,7 +161,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Returns the result of the concealer: hides anchors that remain lost, and enlarges anchors next to them.
+        """Returns the concealed scene, in which lost anchors without a copy are hidden and those around them enlarged.
 
         Args:
             section: Section `sketch` of the side information, which has the parameters of the enlargement.

@@ -204,12 +204,12 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
 
 
 def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchSection:
-    """Decodes a sketch; the inverse of `write_sketch`.
+    """Decodes the coarse copies of anchors from the section `sketch` of the side information.
 
     Args:
         data: Bytes of the section.
         sizes: Array dimensions of the scene.
-        buckets: Result of `size_buckets`, int64 (N).
+        buckets: Size class of each anchor, a context of the entropy coder, int64 (N); from `size_buckets`.
 
     Raises:
         UnsupportedVersionError: If this release does not support the section's version.

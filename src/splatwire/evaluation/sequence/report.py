@@ -20,7 +20,7 @@ HEADINGS = ("method", "loss", "PSNR dB", "below complete", "worst below", "first
 
 
 class Film:
-    """JPEG images of the first view for the player of the report, one per configuration and frame.
+    """Images of a sequence for the HTML report, which plays them; one per configuration and frame, all of one view.
 
     Args:
         num_rows: Number of configurations, without the reference.

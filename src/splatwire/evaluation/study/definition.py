@@ -144,7 +144,7 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Short name of the stream that this method sends, usable in file names."""
+        """Short name of the stream that is sent when this method (table row) is evaluated; usable in file names."""
         if self.decoded:
             return f"decoded-{self.key}"
         if self.packetization is None:

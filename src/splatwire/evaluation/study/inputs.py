@@ -86,7 +86,8 @@ class PreparedScene:
     def _why_unfit(self, row: Row) -> str:
         """Returns why a method (table row) cannot be applied to the scene's stream; an empty text if it can be.
 
-        Checks the concealer, and the loss of a single attribute (`Row.erode`).
+        Some concealers need data that this stream lacks. Some methods lose one attribute alone, which only streams of
+        anchors can (`Row.erode`).
         """
         name = row.conceal.partition(":")[0]
         if self.references.frames:

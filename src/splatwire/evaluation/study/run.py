@@ -26,11 +26,11 @@ LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole pi
 
 @dataclass(frozen=True)
 class ReportImages:
-    """Selection of a scene's images for the report: loss, seed and views.
+    """Selection of the images of a scene that the report shows: after which packet loss, and from which views.
 
     Attributes:
-        loss: The loss; None if nothing is sent.
-        seed: Seed of the loss.
+        loss: Loss model; None to show images without loss only.
+        seed: Seed of the loss model.
         views: Views with the lowest PSNR, lowest first.
     """
 

@@ -300,9 +300,7 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
 
 
 def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
-    """Returns all pairs of table rows (methods), in the order of the table.
-
-    Pairs of neighbouring rows come first.
+    """Returns all pairs of table rows (methods): first pairs of neighbouring rows, then the other pairs.
 
     Args:
         rows: Table rows with published values, in the order of the table.

@@ -263,7 +263,9 @@ def number_bits(
 
 @torch.no_grad()
 def calibrate_causal(state: TrainState, config: TrainConfig, place: Float[Tensor, "N P"]) -> None:
-    """Initialises the causal model so that it predicts the present mean and standard deviation of each channel.
+    """Initialises the networks of the causal model, so that they begin with a plausible prediction.
+
+    For every anchor, they predict the same mean and standard deviation of each attribute: those of all present anchors.
 
     Args:
         state: State of the training; the networks are changed in place.

@@ -1,4 +1,4 @@
-"""Redundancy options of a sender, and the division of a static scene's packets into runs with equal parity."""
+"""Redundancy options of a sender, and which packets of a still scene get how many repair symbols."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -43,7 +43,11 @@ def scale_index(scale):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def step_index(q):
-    """Returns the index in the table of step factors for a network output (16 fractional bits), clipped to [-4, 4]."""
+    """Returns the index in the table of step factors for a network output.
+
+    Args:
+        q: Network output with 16 fractional bits. Values outside of [-4, 4] get the first or last index.
+    """
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
 
