@@ -353,6 +353,20 @@ def test_vertical_angles_of_the_sensor_of_blender_are_no_contradiction(focal, is
     assert not caplog.messages
 
 
+@pytest.mark.parametrize("sensor", [(32, 24), (24.89, 18.66), (23.6, 15.6)])
+def test_vertical_angles_of_other_sensors_of_blender_are_no_contradiction(sensor, capture):
+    """As written by BlenderNeRF: the other three values agree, and the vertical angle is not needed."""
+    path, (across, down) = capture.write_nerfstudio() / "transforms.json", sensor
+    focal = 35 / across * 40
+    angles = {f"camera_angle_{axis}": 2 * math.atan(side / 70) for axis, side in (("x", across), ("y", down))}
+    K = read_transforms(rewritten(path, fl_x=focal, fl_y=focal, **angles)).views[0].K
+    assert K[[0, 1], [0, 1]] == pytest.approx([focal] * 2)
+    with pytest.raises(DatasetError, match="camera_angle_y"):
+        read_transforms(rewritten(path, fl_y=1.1 * focal))
+    with pytest.raises(DatasetError, match="camera_angle_x"):
+        read_transforms(rewritten(path, fl_y=focal, camera_angle_x=1.1 * angles["camera_angle_x"]))
+
+
 def test_focal_lengths_of_frames_may_differ_from_a_common_angle_of_view(capture):
     """As in captures of phones, which focus anew for each frame."""
     path = capture.write_nerfstudio() / "transforms.json"

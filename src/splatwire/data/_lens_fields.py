@@ -78,6 +78,8 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
         named = _FIELD_OF_VIEW.fullmatch(key)
         if named is None or isinstance(value, bool) or not isinstance(value, int | float) or value == 0:
             continue
+        if key == "camera_angle_y" and _is_square_pinhole(values, focals):
+            continue
         angle = value if abs(value) < math.pi else math.radians(value)
         axis = "".join(letter for letter in named.groups() if letter).lower() or "xyd"
         allowed = [ratios[letter] for letter in axis]
@@ -91,6 +93,19 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
                 f"of {size[0]} x {size[1]}"
             )
     return None
+
+
+def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
+    """Returns True if equal focal lengths and an angle of view along x are stated, so that one along y adds nothing.
+
+    BlenderNeRF writes all four, and the angle along y is that of a sensor of any shape. The angle along x is compared.
+
+    Args:
+        values: Fields of the camera.
+        focals: Focal lengths along x and y, pixels.
+    """
+    stated = {"fl_x", "fl_y", "camera_angle_x"} <= values.keys()
+    return stated and math.isclose(*focals, rel_tol=_SAME_ANGLE)
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
