@@ -1,10 +1,12 @@
 """`serve --updates` sends the updates of a folder, and `receive --follow` and `view` take them."""
 
+import asyncio
 import json
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -16,6 +18,7 @@ from codec.update.test_chain import edits
 from explicit import encode_splats
 from processes import server_process
 from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
+from splatwire.cli import _run_serve
 from splatwire.cli._served_updates import PATIENCE_S, UpdateFolder, chains_of
 from splatwire.codec import apply_update
 from splatwire.codec.update.section import manifest_digest, update_name
@@ -64,6 +67,35 @@ def test_cut_and_foreign_files_are_reported_once(tmp_path: Path, caplog: pytest.
     assert "it is not an update" in caplog.text
     write_stream(edits(base)[0], place / "cut.swz")
     assert list(folder.poll(100.0)) == ["room"]
+
+
+def test_an_unexpected_error_is_logged_once_and_later_updates_are_served(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_run_serve, "LOOK_S", 0)
+    answers = iter([ZeroDivisionError("a fault"), ZeroDivisionError("a fault"), {"room": "changed"}])
+
+    def poll() -> dict[str, str]:
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    async def watch() -> dict[str, str]:
+        published: asyncio.Future[dict[str, str]] = asyncio.get_running_loop().create_future()
+        folder = SimpleNamespace(poll=poll, updates={})
+        scenes = _run_serve._Scenes({"room": "before"}, folder)
+        opened = SimpleNamespace(publish=lambda served, updates: published.done() or published.set_result(served))
+        watching = asyncio.ensure_future(_run_serve._watch_updates(scenes, opened))
+        try:
+            return await asyncio.wait_for(published, 60)
+        finally:
+            watching.cancel()
+
+    assert asyncio.run(watch()) == {"room": "changed"}
+    assert [(record.message, "a fault" in str(record.exc_info[1])) for record in caplog.records] == [
+        ("updates failed", True)
+    ]
 
 
 def test_scenes_without_updates_are_refused() -> None:

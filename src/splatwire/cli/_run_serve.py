@@ -239,15 +239,24 @@ async def _offer_downloads(command: Serve, opened: RunningServer, stack: context
 async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
     """Publishes changed scenes to the clients of a server whenever updates appear in the folder of `--updates`.
 
+    An unexpected error is logged, once if it repeats itself, and the next updates are still served.
+
     Args:
         scenes: The served scenes.
         opened: The running server.
     """
+    last = ""
     while True:
         await asyncio.sleep(LOOK_S)
         folder = scenes.folder
         assert folder is not None
-        changed = await start_thread(folder.poll, "updates")
+        try:
+            changed = await start_thread(folder.poll, "updates")
+        except Exception as error:
+            if repr(error) != last:
+                last = repr(error)
+                LOG.exception("updates failed")
+            continue
         if changed and folder is scenes.folder:  # the streams were not read again meanwhile
             scenes.served = scenes.served | changed
             opened.publish(scenes.served, scenes.updates)

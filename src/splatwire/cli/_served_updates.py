@@ -94,8 +94,8 @@ class UpdateFolder:
             except SplatwireError as error:
                 log_event(LOG, logging.ERROR, "update refused", file=str(path), error=str(error))
                 continue
-            self._chains[name] = chain
             changed[name] = self._prepare(chain.scene)
+            self._chains[name] = chain
             elements, size = chain.scene.manifest.num_elements, chain.updates[-1].num_bytes
             log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
         if changed:

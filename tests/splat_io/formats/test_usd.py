@@ -1,6 +1,8 @@
 """OpenUSD scenes, checked by usd-core itself."""
 
+import random
 import re
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +12,14 @@ pytest.importorskip("pxr", reason="usd-core is not installed")
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdValidation, UsdVol, Vt
 
 from splatwire.errors import DatasetError
-from splatwire.io.formats import read_content, read_splats, write_splats
+from splatwire.io.formats import _usd_process, read_content, read_splats, write_splats
 from splatwire.io.formats._columns import concatenate
+from splatwire.io.formats._usd_limits import Limits
+from splatwire.io.formats._usd_process import SCENE
+from splatwire.io.formats._usd_stage import PRIM
+from splatwire.io.formats._usd_worker import answers
 from splatwire.io.formats.content import FileContent
-from splatwire.io.formats.usd import PRIM, usd_frames, write_usd_frames
+from splatwire.io.formats.usd import usd_frames, write_usd_frames
 from splatwire.types.metadata import SceneMetadata, StartView
 
 from .handmade import some_splats
@@ -25,6 +31,12 @@ SUFFIXES = ("usd", "usda", "usdc", "usdz")
 def assert_same(found, expected, tolerance=1e-7):
     for name in FIELDS:
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=tolerance, err_msg=name)
+
+
+def read_here(path):
+    """Reads a scene in this process, without limits, so that a test can observe or change how."""
+    ((_, content),) = answers(SCENE, path, Limits(are_set=False))
+    return content.splats
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -169,9 +181,100 @@ def test_errors_of_usd_core_after_opening_are_one_error(tmp_path, monkeypatch):
         Tf.RaiseRuntimeError("the property has no name")
 
     write_splats([some_splats()], tmp_path / "a.usdc")
-    monkeypatch.setattr("splatwire.io.formats.usd._unknown_attributes", damaged)
+    monkeypatch.setattr("splatwire.io.formats._usd_stage._unknown_attributes", damaged)
     with pytest.raises(DatasetError, match="usd-core cannot read it"):
-        read_splats(tmp_path / "a.usdc")
+        read_here(tmp_path / "a.usdc")
+
+
+def changed_byte(tmp_path, from_end, value):
+    """A scene with one changed byte."""
+    write_splats([some_splats(degree=1)], tmp_path / "a.usdc")
+    content = bytearray((tmp_path / "a.usdc").read_bytes())
+    content[-from_end] = value
+    (tmp_path / "a.usdc").write_bytes(content)
+    return tmp_path / "a.usdc"
+
+
+def test_a_damaged_size_takes_little_memory(tmp_path):
+    pytest.importorskip("resource", reason="limits of memory are those of Unix")
+    with pytest.raises(DatasetError, match=r"a\.usdc: usd-core cannot read it: it needs more than 1\.1 GB of memory"):
+        read_splats(changed_byte(tmp_path, 345, 128))
+
+
+@pytest.mark.slow
+def test_a_changed_byte_is_one_error_or_none(tmp_path):
+    generator = random.Random(7)
+    for _ in range(24):
+        path = changed_byte(tmp_path, generator.randrange(1, 1500), generator.choice([0, 1, 127, 128, 255]))
+        with suppress(DatasetError):
+            read_splats(path)
+
+
+LIMITED = """
+import time
+from splatwire.io.formats import _usd_limits
+_usd_limits._FREE_SECONDS = 0.1
+limits = _usd_limits.Limits(are_set=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("work", "message"),
+    [
+        ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)", "its process was ended by SIGSEGV"),
+        (f"{LIMITED}while True:\n    pass", "it takes too much time for its size"),
+        (f"{LIMITED}time.sleep(600)", "it takes too much time for its size"),
+        ("raise ImportError('gone')", "its process ended with status 1: ImportError: gone"),
+        ("print('{\"content\": ', end='')", "its process ended with status 0"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_splats, usd_frames])
+def test_the_end_of_the_reading_process_is_one_error(tmp_path, monkeypatch, work, message, read):
+    pytest.importorskip("resource", reason="signals and limits of processor time are those of Unix")
+    (tmp_path / "usd_worker_for_tests.py").write_text(work)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("splatwire.io.formats._usd_process._WORKER", "usd_worker_for_tests")
+    write_splats([some_splats()], tmp_path / "a.usdc")
+    with pytest.raises(DatasetError, match=rf"a\.usdc: usd-core cannot read it: {message}"):
+        read(tmp_path / "a.usdc")
+
+
+def test_limits_grow_with_files_and_gaussians(tmp_path):
+    limits = Limits(are_set=False)
+    start = limits.memory
+    write_splats([some_splats()], tmp_path / "a.usdc")
+    for _ in range(2):
+        limits.add_file(tmp_path / "a.usdc")  # counted once
+    binary = limits.memory - start
+    assert binary == 24 * (tmp_path / "a.usdc").stat().st_size
+    (tmp_path / "a.usda").write_text("#usda 1.0")
+    limits.add_file(tmp_path / "a.usda")
+    assert limits.memory - start - binary == 120 * 9
+    limits.add_gaussians(1000)
+    assert limits.memory - start - binary == 120 * 9 + 24 * 1000
+    limits.restart()
+    assert limits.memory - start - binary == 120 * 9
+
+
+def test_frames_that_are_left_early_end_their_process(tmp_path, monkeypatch):
+    started, popen = [], _usd_process.subprocess.Popen
+    monkeypatch.setattr(
+        _usd_process.subprocess, "Popen", lambda *words, **more: started.append(popen(*words, **more)) or started[-1]
+    )
+    write_usd_frames((FileContent(some_splats()) for _ in range(3)), tmp_path / "a.usdc", 24.0)
+    frames = usd_frames(tmp_path / "a.usdc").read()
+    next(frames)
+    frames.close()
+    assert [process.returncode is None for process in started] == [False, False]
+
+
+def test_a_clip_that_was_changed_meanwhile_is_refused(tmp_path):
+    path = tmp_path / "a.usdc"
+    write_usd_frames((FileContent(some_splats()) for _ in range(3)), path, 24.0)
+    found = usd_frames(path)
+    write_usd_frames((FileContent(some_splats()) for _ in range(2)), path, 24.0)
+    with pytest.raises(DatasetError, match="was changed while it was read"):
+        next(found.read())
 
 
 def test_harmonics_that_contradict_their_degree_are_refused(tmp_path):
@@ -226,7 +329,7 @@ def test_prims_that_are_referred_to_many_times_are_counted_before_all_are_read(t
     monkeypatch.setattr("splatwire.io.formats._columns.FREE_GAUSSIANS", 100)
     assert (tmp_path / "a.usdc").stat().st_size // 4 < 8000
     with pytest.raises(DatasetError, match="is more than") as raised:
-        read_splats(tmp_path / "a.usdc")
+        read_here(tmp_path / "a.usdc")
     assert int(re.search(r"a count of (\d+)", str(raised.value))[1]) < 20 * 401
 
 
@@ -323,11 +426,11 @@ def test_files_outside_of_the_folder_are_refused_and_not_opened(around, part, na
     opened = []
     monkeypatch.setattr(Usd.Stage, "Open", lambda path: opened.append(path))
     with pytest.raises(DatasetError, match="outside of its folder"):
-        read_splats(composed(around / "a.usda", part, name))
+        read_here(composed(around / "a.usda", part, name))
     (around / "a.usda").write_text('#usda 1.0\ndef Xform "B" (references = @./deep/b.usda@</A>) {}\n')
     composed(around / "deep" / "b.usda", part, f"../{name}" if name[0] == "." else name)
     with pytest.raises(DatasetError, match="outside of its folder"):
-        read_splats(around / "a.usda")
+        read_here(around / "a.usda")
     assert not opened
 
 

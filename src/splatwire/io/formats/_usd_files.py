@@ -6,7 +6,7 @@ are. A downloaded scene must not read other files of this machine, so only those
 
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from glob import escape, glob
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,14 @@ MAX_LAYERS = 10_000
 _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 
 
-def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
+def checked_layers(path: Path, opening: Callable[[Path], None]) -> tuple[list[Sdf.Layer], list[str]]:
     """Opens the files of an OpenUSD scene, and checks that all of them are in the folder of the scene.
 
     Logs a warning about each file that is missing or that usd-core cannot read.
+
+    Args:
+        path: Path of the scene.
+        opening: Called with each file before usd-core reads it; possibly several times with the same one.
 
     Returns:
         The opened files (layers), and the paths of files that are missing or that usd-core cannot read. The caller
@@ -37,13 +41,14 @@ def checked_layers(path: Path) -> tuple[list[Sdf.Layer], list[str]]:
             there are too many; or if usd-core cannot find the scene.
         Tf.ErrorException: If usd-core cannot open the scene.
     """
+    opening(path)
     scene = Sdf.Layer.FindOrOpen(str(path))
     if scene is None:
         raise DatasetError(f"{path}: usd-core cannot find it")
     layers, seen, unread = [scene], {scene.identifier}, list[str]()
     for layer in layers:  # grows
         for name, composed in _named_files(layer):
-            found, exists = _resolved_file(path, layer, name)
+            found, exists = _resolved_file(path, layer, name, opening)
             if not exists:
                 unread.append(found)
             if not composed or not exists or found in seen:
@@ -99,13 +104,14 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
             yield from (one.path for one in names if one.path)
 
 
-def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> tuple[str, bool]:
+def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[Path], None]) -> tuple[str, bool]:
     """Finds a file that another file of an OpenUSD scene names; logs a warning if it does not exist.
 
     Args:
         path: Path of the scene.
         layer: The file (layer) that contains the name.
         name: The name, relative to the layer.
+        opening: Called with the file if it exists; see `checked_layers`.
 
     Returns:
         Identifier of the found file in usd-core, and True if it exists.
@@ -121,6 +127,8 @@ def _resolved_file(path: Path, layer: Sdf.Layer, name: str) -> tuple[str, bool]:
     outer = Ar.SplitPackageRelativePathOuter(resolved or place)[0]
     if not is_in_folder_of(path, path.parent / outer):  # a name without a path is relative if no such file is found
         raise DatasetError(f"{path}: names {name[:200]}, which is outside of its folder: only files in there are read")
-    if not resolved:
+    if resolved:
+        opening(path.parent / outer)
+    else:
         LOG.warning("%s: names %.200s, which does not exist: parts of the scene may be missing", path, name)
     return identifier, bool(resolved)

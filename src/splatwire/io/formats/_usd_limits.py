@@ -1,0 +1,103 @@
+"""Limits of the memory and time of a process that reads an OpenUSD scene, in proportion to the size of the scene."""
+
+import faulthandler
+import os
+import time
+from pathlib import Path
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
+_FREE_BYTES = 1 << 30
+"""Memory for a scene of any size, beyond that of the process before, bytes of address space; usd-core takes 0.43 GB."""
+_BYTES_PER_BYTE, _BYTES_PER_CHARACTER = 24, 120
+"""Additional memory for each byte of binary files and Gaussians, and of text files and packages, which may have text.
+
+Measured were up to 6.4 for binary files, and 55 for text files whose numbers have one digit.
+"""
+_FREE_SECONDS = 10.0
+"""Processor time for a scene of any size, and for each frame, seconds."""
+_SECONDS_PER_BYTE = 1e-6
+"""Additional processor time for each byte of files and Gaussians; measured were up to 0.05e-6 seconds."""
+_PATIENCE = 10.0
+"""Ratio of the longest time by the clock to the processor time, for busy machines and slow disks."""
+_BINARY = b"PXR-USDC"
+"""First bytes of binary files."""
+
+
+class Limits:
+    """Limits of the memory and time of this process, which grow with the files and Gaussians that it reads.
+
+    Memory is limited on Linux, processor time on Unix, and time by the clock everywhere. Beyond the memory, allocation
+    fails; after the time, the process ends.
+
+    Args:
+        are_set: False to limit nothing.
+    """
+
+    def __init__(self, *, are_set: bool) -> None:
+        self._are_set = are_set
+        self._files, self._bytes, self._characters, self._gaussians = set[str](), 0, 0, 0
+        status = Path("/proc/self/statm")
+        self._before = int(status.read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE") if status.exists() else None
+        if are_set and resource is not None:
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        self.restart()
+
+    @property
+    def memory(self) -> int:
+        """Memory beyond that of the process before, bytes."""
+        binary = self._bytes + self._gaussians
+        return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
+
+    def add_file(self, file: Path) -> None:
+        """Raises the limits for a file before it is read, once for each file."""
+        name = os.path.realpath(file)
+        if name in self._files or not os.path.isfile(name):
+            return
+        self._files.add(name)
+        with open(name, "rb") as opened:
+            is_binary = opened.read(len(_BINARY)) == _BINARY
+        if is_binary:
+            self._bytes += os.path.getsize(name)
+        else:
+            self._characters += os.path.getsize(name)
+        self._set()
+
+    def add_gaussians(self, size: int) -> None:
+        """Raises the limits for the processing of Gaussians that were read, and whose number was checked.
+
+        Args:
+            size: Their size in bytes.
+        """
+        self._gaussians += size
+        self._set()
+
+    def restart(self) -> None:
+        """Starts the limits of time again, such as for the next frame."""
+        self._gaussians = 0
+        self._since, self._since_clock = time.process_time(), time.monotonic()
+        self._set()
+
+    def pause(self) -> None:
+        """Stops the limit of time by the clock, until `restart`."""
+        faulthandler.cancel_dump_traceback_later()
+
+    def _set(self) -> None:
+        if not self._are_set:
+            return
+        seconds = _FREE_SECONDS + _SECONDS_PER_BYTE * (self._bytes + self._characters + self._gaussians)
+        if resource is not None:
+            _limit(resource.RLIMIT_CPU, int(self._since + seconds) + 1)
+            if self._before is not None:
+                _limit(resource.RLIMIT_AS, self._before + self.memory)
+        passed = time.monotonic() - self._since_clock
+        faulthandler.dump_traceback_later(max(1.0, _PATIENCE * seconds - passed), exit=True)
+
+
+def _limit(kind: int, value: int) -> None:
+    """Sets a soft limit of this process, at most to the hard limit."""
+    hard = resource.getrlimit(kind)[1]
+    resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

@@ -1,0 +1,119 @@
+"""Reading of OpenUSD scenes in a process of its own, because usd-core may crash in a damaged file.
+
+The process is `_usd_worker`. It limits its own memory and time.
+"""
+
+import json
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Generator, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.io.formats.content import FileContent
+from splatwire.types.metadata import metadata_from_json
+from splatwire.types.splats import Splats
+
+SCENE, TIMES, FRAMES = "scene", "times", "frames"
+"""Tasks: read the first frame with all warnings, the times of the frames, or all frames."""
+_WORKER = "splatwire.io.formats._usd_worker"
+_ONE_THREAD = ("PXR_WORK_THREAD_LIMIT", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment variables for the number of threads: each thread takes address space, which is limited."""
+
+
+def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
+    """Reads a scene in a process of its own, and logs its warnings.
+
+    Args:
+        task: A task of `_usd_worker`.
+        path: The scene.
+
+    Yields:
+        `FileContent`, or the frames as time codes and rate (None for a still scene).
+
+    Raises:
+        DatasetError: If the scene cannot be read, or reading it takes too much memory or time or ends the process.
+        OSError: If the file does not exist, or the process cannot be started.
+    """
+    path.stat()
+    places = os.pathsep.join(place or os.getcwd() for place in sys.path)  # as imported here
+    environment = os.environ | dict.fromkeys(_ONE_THREAD, "1") | {"PYTHONPATH": places}
+    command = [sys.executable, "-P", "-m", _WORKER, task, str(path)]
+    with tempfile.TemporaryFile() as printed:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=printed, env=environment
+        )
+        assert process.stdout is not None
+        try:
+            yield from _received(path, process.stdout)
+        except EOFError:
+            process.wait()
+            printed.seek(0)
+            text = printed.read().decode(errors="replace")
+            raise DatasetError(f"{path}: usd-core cannot read it: {_end(process.returncode, text)}") from None
+        finally:
+            process.kill()
+            process.stdout.close()
+            process.wait()
+
+
+def _received(path: Path, source: BinaryIO) -> Iterator[Any]:
+    """Yields what the messages of the process contain, and logs its warnings.
+
+    Raises:
+        DatasetError: If the process refused the scene.
+        EOFError: If the process ended early.
+    """
+    while line := source.readline():
+        if not line.endswith(b"\n"):
+            raise EOFError
+        ((key, value),) = json.loads(line).items()
+        if key == "end":
+            return
+        if key == "refused":
+            raise DatasetError(value)
+        if key == "log":
+            name, level, text = value
+            logging.getLogger(name).log(level, "%s", text)
+        elif key == "content":
+            yield _content(value, source)
+        else:
+            yield value
+    raise EOFError
+
+
+def _content(found: dict[str, Any], source: BinaryIO) -> FileContent:
+    """Reads the arrays of Gaussians that follow a message."""
+    splats = Splats.empty(found["count"], found["degree"])
+    for field in fields(splats):
+        rest = memoryview(getattr(splats, field.name).reshape(-1).view(np.uint8))
+        while len(rest):
+            count = source.readinto(rest)  # type: ignore[attr-defined]
+            if not count:
+                raise EOFError
+            rest = rest[count:]
+    return FileContent(splats, tuple(found["origin"]), metadata=metadata_from_json(found["metadata"]))
+
+
+def _end(status: int, printed: str) -> str:
+    """Returns the cause of the end of a process, as part of a message.
+
+    Args:
+        status: Exit status, negative for a signal.
+        printed: What the process printed as errors.
+    """
+    if status == -getattr(signal, "SIGXCPU", 0) or re.search(r"^Timeout \(", printed, re.MULTILINE):
+        return "it takes too much time for its size, so that it is probably damaged"
+    if status >= 0:
+        return f"its process ended with status {status}: {(printed.strip().splitlines() or [''])[-1]:.200}"
+    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+    return f"its process was ended by {name}, so that it is probably damaged"
