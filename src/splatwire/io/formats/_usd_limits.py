@@ -39,7 +39,8 @@ class Limits:
 
     def __init__(self, *, are_set: bool) -> None:
         self._are_set = are_set
-        self._files, self._bytes, self._characters, self._gaussians = set[str](), 0, 0, 0
+        self._files, self._bytes, self._characters = set[str](), 0, 0
+        self._gaussians = self._most_gaussians = 0
         status = Path("/proc/self/statm")
         self._before = int(status.read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE") if status.exists() else None
         if are_set and resource is not None:
@@ -49,7 +50,7 @@ class Limits:
     @property
     def memory(self) -> int:
         """Memory beyond that of the process before, bytes."""
-        binary = self._bytes + self._gaussians
+        binary = self._bytes + self._most_gaussians  # the previous frame may still be in memory
         return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
 
     def add_file(self, file: Path) -> None:
@@ -58,8 +59,11 @@ class Limits:
         if name in self._files or not os.path.isfile(name):
             return
         self._files.add(name)
-        with open(name, "rb") as opened:
-            is_binary = opened.read(len(_BINARY)) == _BINARY
+        try:
+            with open(name, "rb") as opened:
+                is_binary = opened.read(len(_BINARY)) == _BINARY
+        except OSError:  # usd-core cannot read it either, and reports it
+            return
         if is_binary:
             self._bytes += os.path.getsize(name)
         else:
@@ -73,6 +77,7 @@ class Limits:
             size: Their size in bytes.
         """
         self._gaussians += size
+        self._most_gaussians = max(self._most_gaussians, self._gaussians)
         self._set()
 
     def restart(self) -> None:
@@ -82,8 +87,14 @@ class Limits:
         self._set()
 
     def pause(self) -> None:
-        """Stops the limit of time by the clock, until `restart`."""
+        """Stops the limit of time by the clock, until `resume`."""
         faulthandler.cancel_dump_traceback_later()
+        self._paused = time.monotonic()
+
+    def resume(self) -> None:
+        """Continues the limit of time by the clock after `pause`."""
+        self._since_clock += time.monotonic() - self._paused
+        self._set()
 
     def _set(self) -> None:
         if not self._are_set:

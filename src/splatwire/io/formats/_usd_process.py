@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Generator, Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
             process.wait()
 
 
-def _received(path: Path, source: BinaryIO) -> Iterator[Any]:
+def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
     """Yields what the messages of the process contain, and logs its warnings.
 
     Raises:
@@ -91,7 +91,7 @@ def _received(path: Path, source: BinaryIO) -> Iterator[Any]:
     raise EOFError
 
 
-def _content(found: dict[str, Any], source: BinaryIO) -> FileContent:
+def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
     """Reads the arrays of Gaussians that follow a message."""
     splats = Splats.empty(found["count"], found["degree"])
     for field in fields(splats):
@@ -111,7 +111,7 @@ def _end(status: int, printed: str) -> str:
         status: Exit status, negative for a signal.
         printed: What the process printed as errors.
     """
-    if status == -getattr(signal, "SIGXCPU", 0) or re.search(r"^Timeout \(", printed, re.MULTILINE):
+    if -status == getattr(signal, "SIGXCPU", None) or re.search(r"^Timeout \(", printed, re.MULTILINE):
         return "it takes too much time for its size, so that it is probably damaged"
     if status >= 0:
         return f"its process ended with status {status}: {(printed.strip().splitlines() or [''])[-1]:.200}"

@@ -37,12 +37,12 @@ class _Sender(logging.Handler):
 
     def send(self, key: str, value: Any, arrays: tuple[np.ndarray, ...] = ()) -> None:
         """Writes a message, and arrays after it."""
-        self._limits.pause()
+        self._limits.pause()  # the receiver may take any time
         self._sink.write(json.dumps({key: value}).encode() + b"\n")
         for array in arrays:
             self._sink.write(np.ascontiguousarray(array, np.float32).reshape(-1).view(np.uint8).data)
         self._sink.flush()
-        self._limits.restart()
+        self._limits.resume()
 
     def send_content(self, content: FileContent) -> None:
         """Writes Gaussians and scene properties."""
@@ -54,6 +54,7 @@ class _Sender(logging.Handler):
             "metadata": metadata_to_json(content.metadata),
         }
         self.send("content", found, tuple(getattr(splats, field.name) for field in fields(splats)))
+        self._limits.restart()
 
     def emit(self, record: logging.LogRecord) -> None:
         self.send("log", [record.name, record.levelno, record.getMessage()])
