@@ -83,8 +83,7 @@ def test_an_unexpected_error_is_logged_once_and_later_updates_are_served(
 
     async def watch() -> dict[str, str]:
         published: asyncio.Future[dict[str, str]] = asyncio.get_running_loop().create_future()
-        folder = SimpleNamespace(poll=poll, updates={})
-        scenes = _run_serve._Scenes({"room": "before"}, folder)
+        scenes = SimpleNamespace(served={"room": "before"}, folder=SimpleNamespace(poll=poll), updates={})
         opened = SimpleNamespace(publish=lambda served, updates: published.done() or published.set_result(served))
         watching = asyncio.ensure_future(_run_serve._watch_updates(scenes, opened))
         try:
