@@ -47,7 +47,8 @@ class Loop:
         cameras = to_tensors(train.cameras, place)
         self.step, self.photos = TrainingStep(config, cameras, kernels), PhotoStore(train, place, kernels.prepare_photo)
         interval = getattr(kernels, "report_interval", None)
-        self.means = RunningMeans(config) if interval is None else RunningMeans(config, interval)
+        iterations = config.milestones.iterations
+        self.means = RunningMeans(iterations) if interval is None else RunningMeans(iterations, interval)
         self.views, self.on_gpu = train.num_views, place.type == "cuda"
 
     def run(self, state: TrainState, count: int, start: int | None = None) -> float:

@@ -218,7 +218,7 @@ def test_a_folder_of_packets_is_served_under_its_name(stream_file: Path, tmp_pat
     folder = tmp_path / "scene"
     write_stream(read_stream(stream_file)[0], folder)
     assert stream_name(str(folder)) == "scene"
-    one, other = (_served_streams(Serve((str(path),)), Protection()) for path in (folder, stream_file))
+    one, other = (_served_streams(Serve((str(path),)), Protection()).served for path in (folder, stream_file))
     assert one["scene"].packets == other["tiny"].packets
 
 

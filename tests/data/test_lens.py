@@ -143,7 +143,7 @@ def test_excessive_distortion_is_refused(tmp_path, bend):
         undistortion(Lens(*bend), np.array([[FX, 0, CX], [0, FY, CY], [0, 0, 1]]), WIDTH, HEIGHT)
 
 
-@pytest.mark.parametrize("more", [{"k4": 0.01}, {"k1": 1e9}, {"is_fisheye": True, "p1": 0.01}])
+@pytest.mark.parametrize("more", [{"k4": 0.01}, {"k1": 1e9}, {"camera_model": "OPENCV_FISHEYE", "p1": 0.01}])
 def test_unsupported_lens_models_are_refused(tmp_path, more):
     _write_transforms(tmp_path, BARREL, **more)
     with pytest.raises(DatasetError, match=r"view 'images/a.png' has (a lens|lens parameters)"):

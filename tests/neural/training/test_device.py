@@ -122,7 +122,7 @@ def test_device_run_mixes_no_cpu_tensors(
     test = dataset.select([2])
     reference = train_scene(dataset, test, config)
     monkeypatch.setattr("splatwire.neural.training.trainer.choose_kernels", lambda device: kernels)
-    monkeypatch.setattr("splatwire.neural.training.trainer.create_renderer", lambda name: _drawn_by(gsplat, name))
+    monkeypatch.setattr("splatwire.neural.training.loop.create_renderer", lambda name: _drawn_by(gsplat, name))
     with fake_device():
         result = train_scene(dataset, test, config, options=options, device=str(DEVICE))
     assert result.state.iteration == 24

@@ -42,7 +42,10 @@ def _counted(counter: Launches, dataset: Dataset, config: TrainConfig, start: in
         kernels = plain_kernels(renderer.draw)
         photos = PhotoStore(dataset, DEVICE, kernels.prepare_photo)
         cameras = to_tensors(dataset.cameras, DEVICE)
-        step, means = TrainingStep(config, cameras, kernels), RunningMeans(config, kernels.report_interval)
+        step, means = (
+            TrainingStep(config, cameras, kernels),
+            RunningMeans(config.milestones.iterations, kernels.report_interval),
+        )
         state.iteration = start - 1
         step(state, 0, photos.photo(0))
         photos.photo(1)
