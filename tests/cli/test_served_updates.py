@@ -2,8 +2,10 @@
 
 import asyncio
 import json
+import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,12 +17,15 @@ import pytest
 
 from codec.gaussians.test_gaussians import DATAGRAM, SMALL, some_splats
 from codec.update.test_chain import edits
+from codec.update.test_updates import moved, recoloured
 from explicit import encode_splats
 from processes import server_process
 from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
 from splatwire.cli import _run_serve
+from splatwire.cli._run_view import newest_updates
 from splatwire.cli._served_updates import PATIENCE_S, UpdateFolder, chains_of
-from splatwire.codec import apply_update
+from splatwire.codec import apply_update, decode_stream, encode_update
+from splatwire.codec.update.chain import MAX_UPDATES
 from splatwire.codec.update.section import manifest_digest, update_name
 from splatwire.errors import InvalidValueError
 from splatwire.transport import make_served_stream
@@ -95,6 +100,52 @@ def test_an_unexpected_error_is_logged_once_and_later_updates_are_served(
     assert [(record.message, "a fault" in str(record.exc_info[1])) for record in caplog.records] == [
         ("updates failed", True)
     ]
+
+
+def test_a_version_that_a_scene_reaches_twice_offers_its_newest_update(tmp_path: Path) -> None:
+    """An edit that is undone leads back: followers would otherwise get the first edit again and again."""
+    base = encode_splats(some_splats(), DATAGRAM)
+    first, folder, place = decode_stream(base).scene.splats, folder_of(tmp_path, base), tmp_path / "updates"
+    place.mkdir()
+    states = [base]
+    for number, splats in enumerate((moved(first), first, moved(first), first)):
+        update = encode_update(states[-1], splats)
+        states.append(apply_update(states[-1], update))
+        write_stream(update, place / f"{number}.swz")
+        assert list(folder.poll(float(number))) == ["room"]
+    assert states[4].manifest == states[2].manifest
+    assert folder.updates[update_name(manifest_digest(states[4].manifest))] is None
+    write_stream(encode_update(states[4], recoloured(first)), place / "5.swz")
+    folder.poll(9.0)
+    served = folder.updates[update_name(manifest_digest(states[4].manifest))]
+    assert stream_from_bytes(served_stream_file(served))[0] == read_stream(place / "5.swz")[0]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+def test_pipes_in_the_folder_do_not_stop_the_server(tmp_path: Path) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    folder, place = folder_of(tmp_path, base), tmp_path / "updates"
+    place.mkdir()
+    os.mkfifo(place / "0.swz")
+    write_stream(edits(base)[0], place / "1.swz")
+    polling = threading.Thread(target=folder.poll, daemon=True)
+    polling.start()
+    polling.join(20)
+    assert not polling.is_alive()
+
+
+def test_view_keeps_the_newest_updates_of_a_server_that_sends_them_without_end() -> None:
+    updates: dict[str, bytes] = {}
+    for number in range(MAX_UPDATES + 9):
+        updates = newest_updates(updates, f"{number}", b"update")
+    assert list(updates) == [f"{number}" for number in range(9, MAX_UPDATES + 9)]
+    assert list(newest_updates({"a": b"1", "b": b"2"}, "a", b"3").items()) == [("b", b"2"), ("a", b"3")]
+
+
+def test_view_bounds_the_bytes_of_updates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("splatwire.cli._run_view.MAX_BYTES", 10)
+    assert list(newest_updates({"a": bytes(5), "b": bytes(5)}, "c", bytes(5))) == ["b", "c"]
+    assert list(newest_updates({"a": bytes(5)}, "c", bytes(11))) == ["c"]
 
 
 def test_scenes_without_updates_are_refused() -> None:

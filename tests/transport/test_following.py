@@ -10,10 +10,13 @@ import pytest
 from codec.gaussians.test_gaussians import DATAGRAM, some_splats
 from codec.update.test_chain import edits
 from explicit import encode_splats
-from splatwire.api.following import follow
+from splatwire.api.following import check_follows, follow
 from splatwire.bitstream import SceneStream, stream_to_bytes
-from splatwire.codec import apply_update
+from splatwire.bitstream.sections import sections_of
+from splatwire.codec import apply_update, decode_stream, encode_update
 from splatwire.codec.update.chain import UpdateChain
+from splatwire.codec.update.section import SECTION, manifest_digest, read_update
+from splatwire.errors import InvalidValueError
 from splatwire.transport import Finished, Receiver, ReceiverOptions, ServedStream, make_served_stream
 from splatwire.transport.address import Address
 from splatwire.transport.running_server import RunningServer
@@ -165,6 +168,15 @@ def test_streams_that_do_not_follow_are_not_applied(monkeypatch: pytest.MonkeyPa
     found, warnings, _ = followed(monkeypatch, ("complete", BASE), ("complete", wrong))
     assert found == [BASE]
     assert warnings[0].startswith("an update cannot be applied: the server sends")
+
+
+def test_an_update_that_changes_nothing_is_not_requested_without_end() -> None:
+    state = apply_update(BASE, encode_update(BASE, decode_stream(BASE).scene))
+    update = encode_update(state, decode_stream(state).scene)
+    digest = manifest_digest(state.manifest)
+    assert read_update(sections_of(update)[SECTION]).result_digest == digest
+    with pytest.raises(InvalidValueError, match="changes nothing"):
+        check_follows(update, digest)
 
 
 def test_a_scene_that_does_not_arrive_at_first_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

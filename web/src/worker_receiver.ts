@@ -479,12 +479,12 @@ export class WorkerReceiver implements Receiver {
 
   /** Requests the whole scene if its file was replaced, because the next update is not there. */
   async #reload(file: string): Promise<void> {
-    const bytes = await readWhole(file);
+    const bytes = await readWhole(file, undefined, this.#updated!.digest);
     if (!bytes) return;
     const container = new ContainerReader(),
       packets = container.feed(bytes),
       { head } = container;
-    if (!head || manifestDigest(fileManifest(bytes)) === this.#updated!.digest) return;
+    if (!head) return;
     const received = new DecodedStream(head, VERIFICATION),
       pause = periodicPause(),
       { schema } = this.#received!.decoder;

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { afterEach, mock, test } from "node:test";
 
 import { HttpError } from "../src/transport/http_error.ts";
-import { readWhole } from "../src/transport/updates.ts";
+import { fileManifest, manifestDigest, readWhole } from "../src/transport/updates.ts";
 
 const URL = "https://example.org/update.swz";
 
@@ -45,4 +45,16 @@ test("a file that is larger than permitted is given up, without a declared size,
   );
   await assert.rejects(readWhole(URL, 25), /too large/);
   assert.equal(read(), 3);
+});
+
+test("of a file that is already there only the manifest is downloaded", async () => {
+  const file = Uint8Array.from({ length: 100 }, (_, n) => n),
+    pieces = Array.from({ length: 10 }, (_, n) => file.subarray(10 * n, 10 * n + 10));
+  file.set([6, 0, 0, 0], 5); // size of the manifest
+  const digest = manifestDigest(fileManifest(file)),
+    read = serve(200, pieces);
+  assert.equal(await readWhole(URL, 1000, digest), null);
+  assert.equal(read(), 2);
+  serve(200, pieces);
+  assert.deepEqual(await readWhole(URL, 1000, "00"), file);
 });

@@ -111,13 +111,16 @@ def check_follows(stream: SceneStream, digest: str) -> None:
         digest: Digest of the scene's stream, hexadecimal.
 
     Raises:
-        InvalidValueError: If the stream is no update, or that of another scene.
+        InvalidValueError: If the stream is no update, that of another scene, or changes nothing.
         BitstreamError: If its section is damaged.
     """
     if stream.manifest.codec != UPDATE:
         raise InvalidValueError(f"the server sends {stream.manifest.elements} as update")
-    if read_update(sections_of(stream).get(SECTION, b"")).base_digest != digest:
+    fields = read_update(sections_of(stream).get(SECTION, b""))
+    if fields.base_digest != digest:
         raise InvalidValueError("the server sends the update of another scene")
+    if fields.result_digest == digest:  # would be requested again without end
+        raise InvalidValueError("the server sends an update that changes nothing")
 
 
 def _reason(receiver: Receiver) -> str:

@@ -3,6 +3,7 @@
 import asyncio
 import sys
 import webbrowser
+from collections.abc import Mapping
 from dataclasses import replace
 
 from splatwire.api.following import updates_after
@@ -15,15 +16,19 @@ from splatwire.cli._listening import check_port, stop_on_signals
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli._receiving import transfer_of
 from splatwire.cli.view import View
+from splatwire.codec.update.chain import MAX_UPDATES
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
 from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
-from splatwire.transport import Receiver, ReceiverOptions
+from splatwire.transport import Receiver, ReceiverOptions, ServedStream
 from splatwire.transport.address import parse_url, without_token
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.types import Cameras
 from splatwire.view import Relay, page_of_relay, page_of_stream
+
+MAX_BYTES = 2**28
+"""Maximum size of the updates that the page may still request, bytes."""
 
 
 def run(command: View) -> None:
@@ -123,12 +128,30 @@ async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], pa
         async for update in updates_after(fetch, manifest_digest(relay.manifest), warn):
             assert isinstance(page.content, PageContent)
             base = read_update(sections_of(update)[SECTION]).base_digest
-            updates = {**page.content.updates, update_name(base): stream_to_bytes(update)}
+            updates = newest_updates(page.content.updates, update_name(base), stream_to_bytes(update))
             page.content, served = replace(page.content, updates=updates), True
         if served:
             warn("an update was missed, and the server no longer has it; start `view` again")
     except SplatwireError as error:
         warn(f"updates have ended: {error}")
+
+
+def newest_updates(updates: Mapping[str, ServedStream | bytes], name: str, update: bytes) -> dict[str, bytes]:
+    """Adds an update to those that the page may request; the oldest are dropped beyond `MAX_UPDATES` and `MAX_BYTES`.
+
+    Args:
+        updates: Files of earlier updates by name, the oldest first.
+        name: Name of the new update.
+        update: File of the new update; always kept.
+    """
+    kept, size = {name: update}, len(update)
+    for key, data in reversed(updates.items()):
+        assert isinstance(data, bytes)
+        size += len(data) if key != name else 0
+        if len(kept) == MAX_UPDATES or size > MAX_BYTES:
+            break
+        kept.setdefault(key, data)
+    return dict(reversed(kept.items()))
 
 
 def _create_relay(command: View) -> Relay:

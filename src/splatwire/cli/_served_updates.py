@@ -1,6 +1,7 @@
 """Updates of `splatwire serve --updates`: reads them from a folder and prepares the changed scenes for sending."""
 
 import logging
+import stat
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -71,6 +72,7 @@ class UpdateFolder:
         self._seen: dict[Path, tuple[Signature, float]] = {}
         self._read: dict[Path, Signature] = {}
         self._waiting: dict[Path, SceneStream] = {}
+        self._prepared: dict[int, tuple[SceneStream, ServedStream]] = {}
         self.updates: dict[str, ServedStream | None] = {}
         for chain in chains.values():
             self.updates |= dict.fromkeys(chain.offers())
@@ -100,10 +102,12 @@ class UpdateFolder:
             log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
         if changed:
             offers = {key: one for chain in self._chains.values() for key, one in chain.offers().items()}
-            self.updates = {
-                key: self.updates.get(key) or (None if one is None else self._prepare(one))
-                for key, one in offers.items()
+            # By the update and not by its name: a scene may reach a version twice, and then change otherwise.
+            known = self._prepared
+            self._prepared = {
+                id(one): known.get(id(one)) or (one, self._prepare(one)) for one in offers.values() if one is not None
             }
+            self.updates = {key: None if one is None else self._prepared[id(one)][1] for key, one in offers.items()}
         return changed
 
     def _next(self) -> tuple[str, Path] | None:
@@ -123,6 +127,8 @@ class UpdateFolder:
             try:
                 status = path.stat()
             except OSError:  # removed meanwhile
+                continue
+            if not stat.S_ISREG(status.st_mode):  # reading a pipe would wait without end
                 continue
             signature = status.st_mtime_ns, status.st_size
             if self._read.get(path) == signature:

@@ -8,6 +8,8 @@ import { HttpError } from "./http_error.ts";
 const NAME_LETTERS = 16;
 /** Largest size of an update or of a scene that is requested again, bytes. */
 const MAX_FILE_BYTES = 2 ** 30;
+/** Size of the first bytes of a scene that are searched for its manifest, bytes. */
+const MAX_BEGIN_BYTES = 2 ** 20;
 /** Time without data after which a request is given up, milliseconds. */
 const IDLE_MS = 30_000;
 
@@ -15,10 +17,10 @@ const IDLE_MS = 30_000;
 const PREFIX_BYTES = 9;
 
 /** Returns the first bytes of a file up to the end of its manifest. */
-export function fileManifest(file: Uint8Array): Uint8Array {
-  const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
-  return file.subarray(0, PREFIX_BYTES + view.getUint32(PREFIX_BYTES - 4, true));
-}
+export const fileManifest = (file: Uint8Array): Uint8Array => file.subarray(0, manifestEnd(file));
+
+const manifestEnd = (file: Uint8Array): number =>
+  PREFIX_BYTES + new DataView(file.buffer, file.byteOffset, file.byteLength).getUint32(PREFIX_BYTES - 4, true);
 
 /** Returns the SHA-256 of a manifest, hexadecimal. `file` are the first bytes of a file, up to the end of it. */
 export const manifestDigest = (file: Uint8Array): string => hex(sha256(file.subarray(PREFIX_BYTES)));
@@ -28,10 +30,11 @@ export const updateUrl = (file: string, digest: string): string =>
   new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz`, file).href;
 
 /**
- * Returns the content of a file; null if it does not exist. Throws if the server refuses, sends more than
- * `most` bytes, or sends nothing for `IDLE_MS`.
+ * Returns the content of a file; null if it does not exist, or if it is the stream whose manifest has the digest
+ * `known`: the rest of it is then not downloaded. Throws if the server refuses, sends more than `most` bytes, or sends
+ * nothing for `IDLE_MS`.
  */
-export async function readWhole(url: string, most = MAX_FILE_BYTES): Promise<Uint8Array | null> {
+export async function readWhole(url: string, most = MAX_FILE_BYTES, known = ""): Promise<Uint8Array | null> {
   const stop = new AbortController(),
     pieces: Uint8Array<ArrayBuffer>[] = [];
   let size = 0,
@@ -51,6 +54,12 @@ export async function readWhole(url: string, most = MAX_FILE_BYTES): Promise<Uin
       size += next.value.length;
       if (size > most) throw new Error("the file is too large");
       pieces.push(next.value);
+      if (!known || size < PREFIX_BYTES) continue;
+      const begin = new Uint8Array(await new Blob(pieces).arrayBuffer()),
+        manifest = fileManifest(begin);
+      if (manifest.length < manifestEnd(begin) && size < MAX_BEGIN_BYTES) continue;
+      if (manifestDigest(manifest) === known) return null;
+      known = "";
     }
   } finally {
     clearTimeout(timer);
