@@ -1,4 +1,4 @@
-"""Updates of a scene that is trained, once a second, against SPZ snapshots: the first experiment for `push`.
+"""Updates of a scene that is trained, once a second, against SPZ snapshots (`splatwire.serve_training`).
 
     python benchmarks/watched_training.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat > training.json
 
@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.bitstream import PRESETS
-from splatwire.codec import apply_update, decode_stream, encode_scene, encode_update
+from splatwire.codec import decode_stream
 from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
+from splatwire.rate_control.partial_updates import PartialUpdates
 from splatwire.render import render_scene
-from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.render.importance import surrounding_cameras
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -52,15 +52,6 @@ def trained(target: Splats, second: int) -> Splats:
     )  # fmt: skip
 
 
-def changes(before: Splats, after: Splats) -> np.ndarray:
-    """Change of each Gaussian, (N)."""
-    count = after.num_gaussians
-    moved = np.linalg.norm((after.means - before.means) / sizes_of(after), axis=1)
-    resized = np.abs(np.log(after.scales / before.scales)).mean(axis=1)
-    recoloured = np.abs(after.sh - before.sh).reshape(count, -1).mean(axis=1)
-    return np.asarray(moved + resized + recoloured + np.abs(after.opacities - before.opacities))
-
-
 def snapshot_bytes(splats: Splats) -> int:
     """Bytes of an SPZ file."""
     with tempfile.TemporaryDirectory() as folder:
@@ -85,23 +76,16 @@ def main() -> None:
 
     rows = []
     for share in SHARES:
-        held = trained(target, 0)
-        stream = encode_scene(SplatScene(held), PRESETS["datagram"])
+        state = PartialUpdates.start(trained(target, 0))
         for second in range(1, SECONDS + 1):
             trainer = trained(target, second)
-            weights = np.sqrt(footprint_importance(SplatScene(trainer), cameras).share)
-            order = np.argsort(-changes(held, trainer) * weights)[: round(share * target.num_gaussians)]
-            mixed = {name: values.copy() for name, values in vars(held).items()}
-            for name, values in mixed.items():
-                values[order] = getattr(trainer, name)[order]
-            held = Splats(**mixed)
-            update = encode_update(stream, held)
-            stream = apply_update(stream, update)
+            state = state.pushed(trainer, share)
+            update = state.chain.updates[-1]
             snapshot = snapshot_bytes(trainer)
             rows.append({
                 "share": share, "second": second, "update_bytes": update.num_bytes, "spz_bytes": snapshot,
                 "ratio": round(update.num_bytes / snapshot, 4), "trainer_db": psnr(trainer),
-                "receiver_db": psnr(decode_stream(stream).scene.splats),
+                "receiver_db": psnr(decode_stream(state.chain.scene).scene.splats),
             })  # fmt: skip
     print(json.dumps(rows, indent=1))
 

@@ -64,7 +64,7 @@ RESULTS = frozenset(
     ("Attribute", "Scene", "LossModel", "Concealer", "Renderer", "SplatwireError", "ReadReport", "StreamSizes",
      "TransmitRecord", "TrackingReport", "Arrangement", "Run", "Cut", "MovingSplats", "SceneFile", "SequenceFrame",
      "Pictures", "Scores", "Event", "Finished", "PacketArrived", "SideInfoArrived", "StreamReplaced", "Welcomed",
-     "ServedStream", "Progress", "QualityReport", "TrainResult", "GnnWeights")
+     "ServedStream", "Progress", "QualityReport", "TrainResult", "GnnWeights", "TrainingServer")
 )  # fmt: skip
 """Names that are not called by users: protocols, an enumeration, and types of results."""
 UNFINISHED = ("import_hacpp", "import_scaffold", "register_format", "register_schema", "Gnn", "train_scene")

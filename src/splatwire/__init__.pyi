@@ -6,6 +6,8 @@ from splatwire.api.network import receive as receive
 from splatwire.api.network import serve as serve
 from splatwire.api.scoring import Scores as Scores
 from splatwire.api.scoring import evaluate as evaluate
+from splatwire.api.training import TrainingServer as TrainingServer
+from splatwire.api.training import serve_training as serve_training
 from splatwire.bitstream import Packetization as Packetization
 from splatwire.bitstream import SceneStream as SceneStream
 from splatwire.bitstream import read_stream as read_stream

@@ -17,7 +17,7 @@ from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.render import Pictures
 
-MODULES = ("splatwire.api.coding", "splatwire.api.scoring", "splatwire.api.network")
+MODULES = ("splatwire.api.coding", "splatwire.api.scoring", "splatwire.api.network", "splatwire.api.training")
 
 
 @pytest.fixture(scope="module")

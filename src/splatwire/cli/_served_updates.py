@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from splatwire.api.offered_updates import OfferedUpdates
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.bitstream.limits import UPDATE
 from splatwire.bitstream.sections import sections_of
@@ -69,10 +70,10 @@ class UpdateFolder:
         self, folder: Path, chains: Mapping[str, UpdateChain], prepare: Callable[[SceneStream], ServedStream]
     ) -> None:
         self._folder, self._chains, self._prepare = folder, dict(chains), prepare
+        self._offered = OfferedUpdates(prepare)
         self._seen: dict[Path, tuple[Signature, float]] = {}
         self._read: dict[Path, Signature] = {}
         self._waiting: dict[Path, SceneStream] = {}
-        self._prepared: dict[int, tuple[SceneStream, ServedStream]] = {}
         self.updates: dict[str, ServedStream | None] = {}
         for chain in chains.values():
             self.updates |= dict.fromkeys(chain.offers())
@@ -102,12 +103,7 @@ class UpdateFolder:
             log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
         if changed:
             offers = {key: one for chain in self._chains.values() for key, one in chain.offers().items()}
-            # By the update and not by its name: a scene may reach a version twice, and then change otherwise.
-            known = self._prepared
-            self._prepared = {
-                id(one): known.get(id(one)) or (one, self._prepare(one)) for one in offers.values() if one is not None
-            }
-            self.updates = {key: None if one is None else self._prepared[id(one)][1] for key, one in offers.items()}
+            self.updates = self._offered.prepared(offers)
         return changed
 
     def _next(self) -> tuple[str, Path] | None:

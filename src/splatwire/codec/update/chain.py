@@ -10,6 +10,7 @@ from splatwire.codec.encoding import into_datagrams
 from splatwire.codec.update.apply import apply_update
 from splatwire.codec.update.encoder import encode_change
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
+from splatwire.types.splat_scene import SplatScene
 
 MAX_UPDATES = 256
 """Maximum number of updates that a chain keeps."""
@@ -61,6 +62,23 @@ class UpdateChain:
         finest = int(decode_stream(self.scene).scene.coding.classes.max())
         change = encode_change(self.scene, scene, (scene.coding.classes.astype(int) - finest).astype("int8"))
         return self._with(source, change.result, change.update)
+
+    def edited(self, scene: SplatScene) -> "UpdateChain":
+        """Encodes a changed scene as an update of `scene`, and returns the chain with the new state.
+
+        The chain is returned as it is if no Gaussian has changed by a quantisation step. The next update changes the
+        stream `scene` of the result.
+
+        Args:
+            scene: The changed scene.
+
+        Raises:
+            InvalidValueError: If an update cannot express the change, see `encode_update`.
+        """
+        change = encode_change(self.scene, scene)
+        if manifest_digest(change.result.manifest) == manifest_digest(self.scene.manifest):
+            return self
+        return self._with(change.result, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
         """Returns the chain with a further update.

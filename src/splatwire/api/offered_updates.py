@@ -1,0 +1,27 @@
+"""Updates that a server offers, prepared for sending."""
+
+from collections.abc import Callable, Mapping
+
+from splatwire.bitstream import SceneStream
+from splatwire.transport import ServedStream
+
+
+class OfferedUpdates:
+    """Prepares updates for sending, each once.
+
+    Updates are told apart by identity and not by name: a scene that returns to an earlier state has another next update
+    than before.
+
+    Args:
+        prepare: Prepares a stream for sending.
+    """
+
+    def __init__(self, prepare: Callable[[SceneStream], ServedStream]) -> None:
+        self._prepare = prepare
+        self._known: dict[int, tuple[SceneStream, ServedStream]] = {}
+
+    def prepared(self, offers: Mapping[str, SceneStream | None]) -> dict[str, ServedStream | None]:
+        """Returns the prepared updates by name, None for updates that do not exist yet (`UpdateChain.offers`)."""
+        updates = [update for update in offers.values() if update is not None]
+        self._known = {id(update): self._known.get(id(update)) or (update, self._prepare(update)) for update in updates}
+        return {name: None if update is None else self._known[id(update)][1] for name, update in offers.items()}

@@ -1,0 +1,276 @@
+"""Serving a scene while it is trained: receivers and pages get the changes."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from splatwire.api.offered_updates import OfferedUpdates
+from splatwire.arguments import array_of, checked
+from splatwire.bitstream import SceneStream
+from splatwire.errors import InvalidValueError, shown
+from splatwire.rate_control.partial_updates import SHARE, PartialUpdates
+from splatwire.transport import Protection, ServedStream, ServerLimits, make_served_stream
+from splatwire.transport.http.content import PageContent
+from splatwire.transport.protocol.preview import stream_preview
+from splatwire.transport.running_server import RunningServer
+from splatwire.transport.udp import UdpServer
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+STREAM_NAME = "scene"
+"""Name of the stream that a training server offers."""
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Settings of a training server; the fields are arguments of `serve_training`."""
+
+    host: str
+    port: int
+    page: int | None
+    share: float
+    antialiased: bool
+    protection: Protection
+    limits: ServerLimits
+
+
+@dataclass(frozen=True, eq=False)
+class _Opened:
+    """A server that runs in a thread, its event loop, and the event that stops it."""
+
+    running: RunningServer
+    loop: asyncio.AbstractEventLoop
+    stop: asyncio.Event
+
+
+class TrainingServer:
+    """Serves a scene that is trained; `serve_training` makes it.
+
+    Two threads work for it: one sends, and one encodes. All methods may be called by any thread.
+    """
+
+    def __init__(self, settings: _Settings) -> None:
+        self._settings = settings
+        self._condition = threading.Condition()
+        self._waiting: Splats | None = None
+        self._num_pushed = self._num_done = 0
+        self._error: Exception | None = None
+        self._closed = False
+        opened: Future[_Opened] = Future()
+        self._serving = threading.Thread(target=self._serve, args=(opened,), name="splatwire-serving", daemon=True)
+        self._serving.start()
+        try:
+            self._opened = opened.result()
+        except BaseException:
+            self._serving.join()
+            raise
+        self._encoding = threading.Thread(target=self._encode, name="splatwire-encoding", daemon=True)
+        self._encoding.start()
+
+    @property
+    def port(self) -> int:
+        """UDP port that receivers connect to."""
+        return self._opened.running.server.port
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Addresses for clients: `page` with the URL of the page, and `fingerprint` of its certificate, if any."""
+        return dict(self._opened.running.facts)
+
+    def push(self, means: Any, quats: Any, scales: Any, opacities: Any, sh: Any, *, wait: bool = False) -> None:
+        """Sends the Gaussians of the trainer: at first all, later the changes that matter most.
+
+        The arrays are copied, and encoded in another thread. If the scene before is still being encoded, this one
+        waits, and replaces one that already waits. The arguments are the fields of `Splats`, as numpy arrays or torch
+        tensors on any device, so that `push(**vars(splats))` works, too.
+
+        Args:
+            means: World coordinates of the centres, (G, 3).
+            quats: Rotations, unit quaternions (w, x, y, z), (G, 4).
+            scales: Standard deviations along the axes, not their logarithms, world units, (G, 3).
+            opacities: Opacities in (0, 1), not logits, (G,).
+            sh: Coefficients of spherical harmonics, (G, D, 3).
+            wait: True to return when the changes can be received.
+
+        Raises:
+            InvalidValueError: If the arrays are no Gaussians, the server is closed, or the Gaussians of an earlier call
+                could not be encoded.
+        """
+        given = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh}
+        shapes: dict[str, tuple[int | str, ...]] = {
+            "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3)
+        }  # fmt: skip
+        if not isinstance(wait, bool):
+            raise InvalidValueError(f"wait: expected True or False, not {shown(wait)}")
+        # A trainer changes its arrays in place.
+        rows = {name: np.array(_floats(value, name, shapes[name]), np.float32) for name, value in given.items()}
+        splats = Splats(**rows)
+        if not splats.num_gaussians:
+            raise InvalidValueError("means: expected at least one Gaussian")
+        with self._condition:
+            self._raise_error()
+            if self._closed:
+                raise InvalidValueError("push: the server is closed")
+            self._waiting = splats
+            self._num_pushed += 1
+            number = self._num_pushed
+            self._condition.notify_all()
+            while wait and self._num_done < number and not self._closed:
+                self._condition.wait()
+            self._raise_error()
+
+    def close(self) -> None:
+        """Stops the server and ends its threads, after the encoding that is running; a scene that waits is dropped."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+        self._encoding.join()
+        with contextlib.suppress(RuntimeError):  # the loop is closed already
+            self._opened.loop.call_soon_threadsafe(self._opened.stop.set)
+        self._serving.join()
+
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _encode(self) -> None:
+        """Encodes the scenes that wait, in a thread of its own."""
+        state: PartialUpdates | None = None
+        updates = OfferedUpdates(self._prepared)
+        while True:
+            with self._condition:
+                while self._waiting is None and not self._closed:
+                    self._condition.wait()
+                if self._closed:
+                    return
+                splats, number, self._waiting = self._waiting, self._num_pushed, None
+            assert splats is not None
+            error: Exception | None = None
+            try:
+                if state is None:
+                    state = PartialUpdates.start(splats, self._settings.antialiased)
+                else:
+                    state = state.pushed(splats, self._settings.share)
+                self._publish(self._prepared(state.chain.scene), updates.prepared(state.chain.offers()))
+            except Exception as raised:  # the next push raises it
+                error = raised
+                LOG.warning("the pushed Gaussians are not sent: %s", raised)
+            with self._condition:
+                self._num_done, self._error = number, error
+                self._condition.notify_all()
+
+    def _prepared(self, stream: SceneStream) -> ServedStream:
+        preview = stream_preview(stream.side_info, stream.manifest.codec)
+        return make_served_stream(stream, self._settings.protection, preview=preview)
+
+    def _publish(self, scene: ServedStream, updates: dict[str, ServedStream | None]) -> None:
+        """Offers a new state to clients; returns when they can request it."""
+        done: Future[None] = Future()
+
+        def publish() -> None:
+            self._opened.running.publish({STREAM_NAME: scene}, updates)
+            done.set_result(None)
+
+        self._opened.loop.call_soon_threadsafe(publish)
+        done.result()
+
+    def _serve(self, opened: "Future[_Opened]") -> None:
+        asyncio.run(self._serve_until_stopped(opened))
+
+    async def _serve_until_stopped(self, opened: "Future[_Opened]") -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            try:
+                running = await _open_server(self._settings, stack)
+            except Exception as error:
+                opened.set_exception(error)
+                return
+            stop = asyncio.Event()
+            opened.set_result(_Opened(running, asyncio.get_running_loop(), stop))
+            await stop.wait()
+
+
+def _floats(value: Any, name: str, shape: tuple[int | str, ...]) -> np.ndarray:
+    """Converts an array or a tensor, also of a type that numpy lacks (bfloat16)."""
+    if hasattr(value, "detach"):
+        value = value.detach().float()
+    return array_of(value, name, shape)
+
+
+async def _open_server(settings: _Settings, stack: contextlib.AsyncExitStack) -> RunningServer:
+    if settings.page is None:
+        server = UdpServer({}, settings.host, settings.port, limits=settings.limits)
+        stack.callback(server.close)
+        return RunningServer(server, {})
+    from splatwire.transport.quic.certificate import RenewedIdentity  # aioquic is optional
+    from splatwire.transport.quic.page import Page, open_quic_server
+
+    running = await open_quic_server(
+        {}, settings.host, settings.port, RenewedIdentity(("localhost", "127.0.0.1", "::1", settings.host)),
+        settings.limits, stack, page=Page(settings.page),
+    )  # fmt: skip
+    assert running.page is not None
+    assert isinstance(running.page.content, PageContent)
+    running.page.content = replace(running.page.content, attributes={"updates": ""})
+    return running
+
+
+@checked
+@contextmanager
+def serve_training(
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    page: int | None = None,
+    share: float = SHARE,
+    antialiased: bool = False,
+    protection: Protection | None = None,
+    limits: ServerLimits | None = None,
+) -> Iterator[TrainingServer]:
+    """Serves a scene while it is trained, by any trainer in Python; `TrainingServer.push` sends its Gaussians.
+
+    The stream is called `scene`. Receivers that follow it (`splatwire receive --follow`) and pages
+    get updates, new ones the whole scene. Nothing can be received before the first `push`.
+
+    Args:
+        host: Address to listen on; the default accepts clients of this machine only.
+        port: UDP port; 0 selects a free port, see `TrainingServer.port`.
+        page: TCP port of the viewer page, 0 for a free one; the streams are then sent over QUIC (`splatwire[relay]`).
+            None for no page, and plain UDP.
+        share: Maximum share of the Gaussians that one `push` sends after the first, above 0, at most 1.
+        antialiased: True if the trainer renders antialiased (Mip-Splatting).
+        protection: Amount of redundancy; None for the default.
+        limits: Limits on the transfers of clients; None for the defaults.
+
+    Yields:
+        The running server, which is closed at the end of the block.
+
+    Raises:
+        InvalidValueError: If a port cannot be bound, or a value is out of range.
+
+    Example:
+        >>> import splatwire
+        >>> splats = splatwire.open_scene("scene.ply").splats
+        >>> with splatwire.serve_training() as server:
+        ...     for _ in range(3):
+        ...         server.push(splats.means, splats.quats, splats.scales, splats.opacities, splats.sh)
+    """
+    if not 0 < share <= 1:
+        raise InvalidValueError(f"share: expected a number above 0, at most 1, not {shown(share)}")
+    for what, number in (("port", port), ("page", page or 0)):
+        if not 0 <= number < 1 << 16:
+            raise InvalidValueError(f"{what}: expected a port from 0 to 65535, not {shown(number)}")
+    settings = _Settings(host, port, page, share, antialiased, protection or Protection(), limits or ServerLimits())
+    server = TrainingServer(settings)
+    try:
+        yield server
+    finally:
+        server.close()

@@ -1,0 +1,165 @@
+"""Updates of a scene that is trained: each contains only the Gaussians whose change matters most.
+
+A training step changes all Gaussians, so an update with all changes is as large as the scene.
+"""
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int64
+
+from splatwire.bitstream import PRESETS
+from splatwire.codec.encoding import encode_scene
+from splatwire.codec.update.chain import UpdateChain
+from splatwire.errors import InvalidValueError
+from splatwire.ops.knn import NeighborTree
+from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.types.anchors import MIN_SIZE
+from splatwire.types.splat_scene import SplatScene
+from splatwire.types.splats import Splats
+
+LOG = logging.getLogger(__name__)
+SHARE = 0.1
+"""Default maximum share of the Gaussians in an update."""
+NUM_VIEWS, VIEW_SIZE = 4, 192
+"""Number and size (pixels) of the views in which the footprints of Gaussians are measured."""
+NEW_CHANGE = 2.0
+"""Change of a Gaussian that the receivers do not have, in the unit of `changes`."""
+MAX_GROWTH = 2.0
+"""Ratio of the numbers of Gaussians, now and when the whole scene was sent, above which the whole scene is sent again:
+quantisation steps and context tables no longer fit.
+"""
+
+
+def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
+    """Measures how much each Gaussian has changed.
+
+    Sum of the displacement in multiples of the Gaussian's mean size, and of the mean absolute changes of the logarithms
+    of the axes, of the coefficients of spherical harmonics, and of the opacity.
+
+    Args:
+        before: Gaussians before the change.
+        after: The same Gaussians in the same order, after the change.
+    """
+    log_axes = [np.log(np.maximum(splats.scales, np.float32(MIN_SIZE))) for splats in (before, after)]
+    size = np.exp(log_axes[1].mean(axis=1, keepdims=True))
+    moved = np.linalg.norm((after.means - before.means) / size, axis=1)
+    resized = np.abs(log_axes[1] - log_axes[0]).mean(axis=1)
+    recoloured = np.abs(after.sh - before.sh).mean(axis=(1, 2))
+    return np.asarray(moved + resized + recoloured + np.abs(after.opacities - before.opacities))
+
+
+@dataclass(frozen=True, eq=False)
+class PartialUpdates:
+    """State of a scene that is sent by updates with a share of its changes.
+
+    Attributes:
+        chain: Stream of the scene that the receivers have, and its updates.
+        newest: Gaussians of the newest scene.
+        held: Gaussians that the receivers have, before quantisation, in the order of `newest`. The row of a Gaussian
+            that they do not have is undefined.
+        known: Mask of the Gaussians in `held` that the receivers have.
+        num_at_first: Number of Gaussians when the whole scene was sent.
+        antialiased: True if the scene was trained with an antialiased renderer.
+    """
+
+    chain: UpdateChain
+    newest: Splats
+    held: Splats
+    known: Bool[np.ndarray, "G"]
+    num_at_first: int
+    antialiased: bool = False
+
+    @staticmethod
+    def start(splats: Splats, antialiased: bool = False) -> "PartialUpdates":
+        """Encodes a whole scene.
+
+        Args:
+            splats: The Gaussians.
+            antialiased: True if they were trained with an antialiased renderer.
+
+        Raises:
+            InvalidValueError: If no Gaussian can be drawn, or values are too large.
+        """
+        stream = encode_scene(SplatScene(splats, antialiased=antialiased), PRESETS["datagram"])
+        known = SplatScene(splats).drawable.copy()
+        return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, splats.num_gaussians, antialiased)
+
+    def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
+        """Encodes the changes that matter most as an update.
+
+        Changes are ordered by the change times the root of the covered image area. The others remain for later calls:
+        after `1 / share` calls with the same Gaussians, the receivers have all of them. If the number of Gaussians
+        stays equal, each one must keep its row. Otherwise Gaussians are matched by position, and those without a match
+        are new or removed. Gaussians that are removed or no longer drawable do not count towards the share.
+
+        The whole scene is encoded again if an update cannot express the change: another degree of spherical harmonics,
+        positions outside the lattice, or a number of Gaussians that has doubled or halved.
+
+        Args:
+            splats: The newest Gaussians.
+            share: Maximum share of the Gaussians to send, above 0, at most 1.
+
+        Raises:
+            InvalidValueError: If no Gaussian can be drawn, or values are too large.
+        """
+        count = splats.num_gaussians
+        growth = max(count / self.num_at_first, self.num_at_first / max(count, 1))
+        if splats.degree != self.newest.degree or growth > MAX_GROWTH:
+            return PartialUpdates.start(splats, self.antialiased)
+        held, known = self._held_rows(splats)
+        drawable = SplatScene(splats).drawable
+        if not drawable.any():
+            raise InvalidValueError("no Gaussian can be drawn")
+        known &= drawable
+        chosen = _most_changed(held, known, splats, drawable, max(1, round(share * count)))
+        mixed = Splats(**{name: values.copy() for name, values in vars(held).items()})
+        for name, values in vars(mixed).items():
+            values[chosen] = getattr(splats, name)[chosen]
+        known[chosen] = True
+        try:
+            chain = self.chain.edited(SplatScene(mixed.select(known), antialiased=self.antialiased))
+        except InvalidValueError as error:
+            LOG.warning("update: %s; the whole scene is sent again", error)
+            return PartialUpdates.start(splats, self.antialiased)
+        return PartialUpdates(chain, splats, mixed, known, self.num_at_first, self.antialiased)
+
+    def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
+        """Returns the Gaussians that the receivers have in the order of new ones, and the mask of those they have."""
+        if splats.num_gaussians == self.newest.num_gaussians:
+            return self.held, self.known.copy()
+        match = match_by_position(self.newest.means, splats.means)
+        return self.held.select(np.maximum(match, 0)), (match >= 0) & self.known[match]
+
+
+def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray, "G 3"]) -> Int64[np.ndarray, "G"]:
+    """Matches points that are each other's nearest neighbours.
+
+    Args:
+        before: Points before a change, at least one.
+        after: Points after the change, at least one.
+
+    Returns:
+        Index of each point's match in `before`; -1 without a match.
+    """
+    before, after = (np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0) for points in (before, after))
+    nearest, back = NeighborTree(before).query(after, 1)[0][:, 0], NeighborTree(after).query(before, 1)[0][:, 0]
+    return np.where(back[nearest] == np.arange(len(after)), nearest, -1)
+
+
+def _most_changed(
+    held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, most: int
+) -> Int64[np.ndarray, "K"]:
+    """Returns the indices of at most `most` drawable Gaussians that differ, those whose change matters most first."""
+    rows = np.flatnonzero(drawable)
+    before, scene = held.select(rows), SplatScene(newest.select(rows))
+    area = footprint_importance(scene, surrounding_cameras(scene, NUM_VIEWS, VIEW_SIZE)).share
+    with np.errstate(invalid="ignore", over="ignore"):  # rows that the receivers do not have are undefined
+        change = np.where(known[rows], changes(before, scene.splats), NEW_CHANGE)
+    differs = ~known[rows]
+    for name, values in vars(scene.splats).items():
+        differs |= (values != getattr(before, name)).reshape(len(rows), -1).any(axis=1)
+    # Gaussians outside of all views come last, in the order of their change.
+    order = np.lexsort((-change, -change * np.sqrt(area)))
+    return rows[order[differs[order]][:most]]

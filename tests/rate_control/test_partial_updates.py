@@ -1,0 +1,118 @@
+"""Updates with a share of the changes lead to the scene that an update with all changes gives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from codec.gaussians.test_gaussians import some_splats
+from splatwire.bitstream import stream_to_bytes
+from splatwire.codec import apply_update, decode_stream, encode_update
+from splatwire.codec.update.section import manifest_digest
+from splatwire.errors import InvalidValueError
+from splatwire.rate_control.partial_updates import PartialUpdates, match_by_position
+from splatwire.types.splats import Splats
+
+
+def trained(splats: Splats, seed: int = 0, step: float = 0.1) -> Splats:
+    """All attributes change."""
+    draw = np.random.default_rng(seed)
+
+    def jitter(values: np.ndarray) -> np.ndarray:
+        return (values + step * draw.normal(size=values.shape)).astype(np.float32)
+
+    return replace(
+        splats, means=jitter(splats.means), scales=splats.scales * np.exp(jitter(np.zeros_like(splats.scales))),
+        opacities=np.clip(jitter(splats.opacities), 0.01, 0.99), sh=jitter(splats.sh),
+    )  # fmt: skip
+
+
+def joined(*parts: Splats) -> Splats:
+    return Splats(*(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)))
+
+
+def transparent(splats: Splats) -> Splats:
+    opacities = splats.opacities.copy()
+    opacities[::3] = 0
+    return replace(splats, opacities=opacities)
+
+
+NEXT = {
+    "all change": trained,
+    "fewer": lambda splats: trained(splats.select(np.arange(100, 450)), step=0.01),
+    "more": lambda splats: joined(trained(splats, step=0.01), trained(splats.select(np.arange(200)), 1)),
+    "clones": lambda splats: joined(splats, splats.select(np.arange(0, 200))),
+    "pruned and split": lambda splats: joined(splats.select(np.arange(60, 500)), trained(splats.run(0, 90), 2)),
+    "other order": lambda splats: trained(splats).select(np.random.default_rng(3).permutation(500)),
+    "some become transparent": transparent,
+}
+
+
+@pytest.mark.parametrize("change", NEXT.values(), ids=NEXT)
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_repeated_pushes_lead_to_the_full_encode(change, share: float) -> None:
+    state = PartialUpdates.start(some_splats())
+    first, newest = state.chain.scene, change(some_splats())
+    for _ in range(round(1 / share)):
+        before = state.chain.scene
+        state = state.pushed(newest, share)
+        new = state.chain.updates[-1].manifest.num_elements if state.chain.scene is not before else 0
+        assert new <= round(share * newest.num_gaussians)
+    expected = apply_update(first, encode_update(first, newest))
+    assert stream_to_bytes(state.chain.scene) == stream_to_bytes(expected)
+
+
+def test_receivers_of_every_kept_state_reach_the_newest_one() -> None:
+    states = [PartialUpdates.start(some_splats())]
+    for seed in range(4):
+        states.append(states[-1].pushed(trained(states[-1].newest, seed)))
+    for state in states:
+        scene = state.chain.scene
+        while scene != states[-1].chain.scene:
+            names = {name: update for name, update in states[-1].chain.offers().items() if update is not None}
+            scene = apply_update(scene, names[f"update.{manifest_digest(scene.manifest)[:16]}"])
+        assert stream_to_bytes(scene) == stream_to_bytes(states[-1].chain.scene)
+
+
+def test_large_changes_are_sent_before_small_ones() -> None:
+    splats = some_splats()
+    sh, most = splats.sh + np.float32(0.15), np.argsort(-splats.scales.prod(axis=1))[:25]
+    sh[most] += 5
+    state = PartialUpdates.start(splats).pushed(replace(splats, sh=sh), 0.1)
+    received = decode_stream(state.chain.updates[-1]).scene.splats
+    assert received.num_gaussians == 50
+    assert (received.sh[:, 0].mean(axis=1) > 2).sum() == 25
+
+
+def test_a_scene_that_stays_makes_no_update() -> None:
+    state = PartialUpdates.start(some_splats())
+    for _ in range(2):
+        state = state.pushed(some_splats())
+    assert state.chain.updates == ()
+
+
+@pytest.mark.parametrize("change", [
+    lambda splats: joined(splats, trained(splats, 1), trained(splats, 2)),
+    lambda splats: splats.select(np.arange(200)),
+    lambda splats: splats.at_most_degree(0),
+    lambda splats: replace(splats, means=splats.means * np.float32(1e6)),
+], ids=["tripled", "below half", "degree", "far away"])  # fmt: skip
+def test_the_whole_scene_is_sent_again_if_updates_do_not_fit(change) -> None:
+    newest = change(some_splats())
+    state = PartialUpdates.start(some_splats()).pushed(newest)
+    assert stream_to_bytes(state.chain.scene) == stream_to_bytes(PartialUpdates.start(newest).chain.scene)
+    assert state.chain.updates == ()
+
+
+def test_a_scene_that_nobody_can_draw_is_refused() -> None:
+    splats = some_splats()
+    with pytest.raises(InvalidValueError, match="no Gaussian can be drawn"):
+        PartialUpdates.start(splats).pushed(replace(splats, opacities=np.zeros_like(splats.opacities)))
+
+
+def test_points_are_matched_in_any_order() -> None:
+    draw = np.random.default_rng(0)
+    points, order = draw.random((300, 3), np.float32), draw.permutation(300)
+    after = points[order] + np.float32(1e-4)
+    np.testing.assert_array_equal(match_by_position(points, after), order)
+    np.testing.assert_array_equal(match_by_position(points[:1], points[:3]), [0, -1, -1])

@@ -1,0 +1,183 @@
+"""Receivers follow a scene while it is trained."""
+
+import asyncio
+import threading
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
+from dataclasses import replace
+from typing import Any
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+import splatwire
+from codec.gaussians.test_gaussians import some_splats
+from rate_control.test_partial_updates import trained
+from splatwire.api.following import follow
+from splatwire.api.offered_updates import OfferedUpdates
+from splatwire.bitstream import SceneStream, stream_to_bytes
+from splatwire.codec.update.chain import UpdateChain
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.rate_control.partial_updates import PartialUpdates
+from splatwire.transport import Receiver, ReceiverOptions, make_served_stream
+from splatwire.transport.address import Address
+from splatwire.transport.udp import receive_udp
+from splatwire.types import SplatScene
+from splatwire.types.splats import Splats
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+
+
+def followed(port: int, warnings: list[str]) -> AsyncGenerator[SceneStream, None]:
+    async def fetch(name: str) -> Receiver:
+        return await receive_udp(Address("127.0.0.1", port), ReceiverOptions(name=name))
+
+    return follow(fetch, "scene", warnings.append)
+
+
+def states_of(*scenes: Splats) -> list[SceneStream]:
+    states = [PartialUpdates.start(scenes[0])]
+    for scene in scenes[1:]:
+        states.append(states[-1].pushed(scene))
+    return [state.chain.scene for state in states]
+
+
+def splatwire_threads() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("splatwire-")]
+
+
+def test_receivers_get_the_changes_of_each_push() -> None:
+    scenes, warnings = [some_splats(), trained(some_splats(), 1), trained(some_splats(), 2)], []
+
+    async def work(server: splatwire.TrainingServer) -> list[SceneStream]:
+        waiting, found = iter(scenes), []
+        await asyncio.to_thread(server.push, **vars(next(waiting)), wait=True)
+        async with aclosing(followed(server.port, warnings)) as received:
+            async for scene in received:
+                found.append(scene)
+                if (following := next(waiting, None)) is None:
+                    return found
+                await asyncio.to_thread(server.push, **vars(following), wait=True)
+        return found
+
+    with splatwire.serve_training() as server:
+        found = asyncio.run(asyncio.wait_for(work(server), 60))
+        newest = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}"))
+    assert [stream_to_bytes(scene) for scene in found] == [stream_to_bytes(scene) for scene in states_of(*scenes)]
+    assert newest == found[-1]
+    assert not warnings
+    assert not splatwire_threads()
+
+
+def test_the_waiting_scene_is_replaced_by_a_newer_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    started, go_on = threading.Event(), threading.Event()
+    start, encoded = PartialUpdates.start, []
+
+    def slow(splats: Splats, antialiased: bool) -> PartialUpdates:
+        started.set()
+        assert go_on.wait(30)
+        return start(splats, antialiased)
+
+    def pushed(state: PartialUpdates, splats: Splats, share: float) -> PartialUpdates:
+        encoded.append(float(splats.means[0, 0]))
+        return state
+
+    monkeypatch.setattr(PartialUpdates, "start", staticmethod(slow))
+    monkeypatch.setattr(PartialUpdates, "pushed", pushed)
+    arrays = {name: values.copy() for name, values in vars(some_splats()).items()}
+    with splatwire.serve_training() as server:
+        server.push(**arrays)
+        assert started.wait(30)
+        for number in range(3):
+            arrays["means"][0, 0] = number
+            server.push(**arrays)
+        arrays["means"][0, 0] = 7  # a trainer goes on in place
+        go_on.set()
+        arrays["means"][0, 0] = 9
+        server.push(**arrays, wait=True)
+    assert encoded in ([2.0, 9.0], [9.0])
+
+
+@pytest.mark.needs_torch
+def test_tensors_are_pushed_like_arrays() -> None:
+    torch = pytest.importorskip("torch")
+    splats = some_splats()
+    with splatwire.serve_training() as server:
+        server.push(
+            **{name: torch.nn.Parameter(torch.tensor(values)) for name, values in vars(splats).items()}, wait=True
+        )
+        received = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}/scene"))
+    assert received == states_of(splats)[0]
+
+
+@pytest.mark.parametrize(("wrong", "message"), [
+    ({"means": np.zeros((3, 2), np.float32)}, r"means: expected an array \(G, 3\) of numbers"),
+    ({"sh": "nonsense"}, "sh: expected an array"),
+    ({"opacities": np.zeros(7, np.float32)}, r"opacities: expected a float32 array"),
+    ({"wait": 1}, "wait: expected True or False, not 1"),
+    ({name: values[:0] for name, values in vars(some_splats()).items()}, "at least one Gaussian"),
+])  # fmt: skip
+def test_wrong_arrays_are_one_error(wrong: dict[str, Any], message: str) -> None:
+    with splatwire.serve_training() as server, pytest.raises(InvalidValueError, match=message):
+        server.push(**{**vars(some_splats()), **wrong})
+
+
+def test_gaussians_that_cannot_be_encoded_are_an_error_and_the_next_ones_are_served() -> None:
+    splats = some_splats()
+    with splatwire.serve_training() as server:
+        with pytest.raises(SplatwireError, match=r"drawn|drawable|draws"):
+            server.push(**vars(replace(splats, opacities=np.zeros_like(splats.opacities))), wait=True)
+        server.push(**vars(splats), wait=True)
+        assert asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}")) == states_of(splats)[0]
+
+
+def test_closing_ends_the_threads_and_refuses_more() -> None:
+    with splatwire.serve_training() as server:
+        assert len(splatwire_threads()) == 2
+    assert not splatwire_threads()
+    server.close()
+    with pytest.raises(InvalidValueError, match="the server is closed"):
+        server.push(**vars(some_splats()))
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"share": 0.0}, "share: expected a number above 0, at most 1"), ({"share": float("nan")}, "share: expected"),
+    ({"port": 70_000}, "port: expected"),
+    ({"page": -1}, "page: expected"), ({"host": "no.such.host.invalid"}, "listen"),
+])  # fmt: skip
+def test_wrong_settings_are_one_error(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidValueError, match=message), splatwire.serve_training(**options):
+        pass
+    assert not splatwire_threads()
+
+
+def test_the_page_offers_the_updates() -> None:
+    pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+    scenes = some_splats(), trained(some_splats(), 1)
+    with splatwire.serve_training(page=0) as server:
+        for scene in scenes:
+            server.push(**vars(scene), wait=True)
+        url = server.facts["page"]
+        with urlopen(url) as answer:
+            page = answer.read().decode()
+        chain = PartialUpdates.start(scenes[0]).pushed(scenes[1]).chain
+        (name, update), _ = chain.offers().items()
+        with urlopen(f"{url}streams/{name}.swz") as answer:
+            received = splatwire.bitstream.stream_from_bytes(answer.read())[0]
+    assert 'updates=""' in page
+    assert received.manifest == update.manifest
+
+
+def test_a_scene_that_returns_to_an_earlier_state_offers_its_newest_update() -> None:
+    first, second, third = (SplatScene(trained(some_splats(), seed)) for seed in range(3))
+    stream, updates = splatwire.encode_scene(first, "datagram"), OfferedUpdates(make_served_stream)
+    chain, served = UpdateChain(stream, stream), {}
+    for scene in (second, first, third):
+        chain = chain.edited(scene)
+        served = updates.prepared(chain.offers())
+        assert {name: one is None for name, one in served.items()} == {
+            name: one is None for name, one in chain.offers().items()
+        }
+    for name, update in chain.offers().items():
+        assert update is None or served[name].stream_id == update.manifest.stream_id
