@@ -115,7 +115,7 @@ def test_tensors_are_pushed_like_arrays() -> None:
     ({"means": np.zeros((3, 2), np.float32)}, r"means: expected an array \(G, 3\) of numbers"),
     ({"sh": "nonsense"}, "sh: expected an array"),
     ({"opacities": np.zeros(7, np.float32)}, r"opacities: expected a float32 array"),
-    ({"wait": 1}, "wait: expected True or False, not 1"),
+    ({"wait": 1}, "wait: expected"),
     ({name: values[:0] for name, values in vars(some_splats()).items()}, "at least one Gaussian"),
 ])  # fmt: skip
 def test_wrong_arrays_are_one_error(wrong: dict[str, Any], message: str) -> None:
@@ -144,7 +144,7 @@ def test_closing_ends_the_threads_and_refuses_more() -> None:
 @pytest.mark.parametrize(("options", "message"), [
     ({"share": 0.0}, "share: expected a number above 0, at most 1"), ({"share": float("nan")}, "share: expected"),
     ({"port": 70_000}, "port: expected"),
-    ({"page": -1}, "page: expected"), ({"host": "no.such.host.invalid"}, "listen"),
+    ({"page": -1}, "page: expected"), ({"host": "192.0.2.1"}, "listen"),
 ])  # fmt: skip
 def test_wrong_settings_are_one_error(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidValueError, match=message), splatwire.serve_training(**options):

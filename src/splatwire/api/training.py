@@ -85,6 +85,7 @@ class TrainingServer:
         """Addresses for clients: `page` with the URL of the page, and `fingerprint` of its certificate, if any."""
         return dict(self._opened.running.facts)
 
+    @checked
     def push(self, means: Any, quats: Any, scales: Any, opacities: Any, sh: Any, *, wait: bool = False) -> None:
         """Sends the Gaussians of the trainer: at first all, later the changes that matter most.
 
@@ -108,8 +109,6 @@ class TrainingServer:
         shapes: dict[str, tuple[int | str, ...]] = {
             "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3)
         }  # fmt: skip
-        if not isinstance(wait, bool):
-            raise InvalidValueError(f"wait: expected True or False, not {shown(wait)}")
         # A trainer changes its arrays in place.
         rows = {name: np.array(_floats(value, name, shapes[name]), np.float32) for name, value in given.items()}
         splats = Splats(**rows)
