@@ -114,7 +114,7 @@ def test_tensors_are_pushed_like_arrays() -> None:
 @pytest.mark.parametrize(("wrong", "message"), [
     ({"means": np.zeros((3, 2), np.float32)}, r"means: expected an array \(G, 3\) of numbers"),
     ({"sh": "nonsense"}, "sh: expected an array"),
-    ({"opacities": np.zeros(7, np.float32)}, r"opacities: expected a float32 array"),
+    ({"opacities": np.zeros(7, np.float32)}, "opacities: expected 500 rows, as in means, not 7"),
     ({"wait": 1}, "wait: expected"),
     ({name: values[:0] for name, values in vars(some_splats()).items()}, "at least one Gaussian"),
 ])  # fmt: skip

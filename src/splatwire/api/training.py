@@ -111,6 +111,9 @@ class TrainingServer:
         }  # fmt: skip
         # A trainer changes its arrays in place.
         rows = {name: np.array(_floats(value, name, shapes[name]), np.float32) for name, value in given.items()}
+        for name, values in rows.items():
+            if len(values) != len(rows["means"]):
+                raise InvalidValueError(f"{name}: expected {len(rows['means'])} rows, as in means, not {len(values)}")
         splats = Splats(**rows)
         if not splats.num_gaussians:
             raise InvalidValueError("means: expected at least one Gaussian")

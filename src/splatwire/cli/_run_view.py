@@ -145,7 +145,7 @@ def newest_updates(updates: Mapping[str, ServedStream | bytes], name: str, updat
         update: File of the new update; always kept.
     """
     kept, size = {name: update}, len(update)
-    for key, data in reversed(updates.items()):
+    for key, data in reversed(list(updates.items())):
         assert isinstance(data, bytes)
         size += len(data) if key != name else 0
         if len(kept) == MAX_UPDATES or size > MAX_BYTES:

@@ -4,7 +4,7 @@ A training step changes all Gaussians, so an update with all changes is as large
 """
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64
@@ -27,8 +27,8 @@ NUM_VIEWS, VIEW_SIZE = 4, 192
 NEW_CHANGE = 2.0
 """Change of a Gaussian that the receivers do not have, in the unit of `changes`."""
 MAX_GROWTH = 2.0
-"""Ratio of the numbers of Gaussians, now and when the whole scene was sent, above which the whole scene is sent again:
-quantisation steps and context tables no longer fit.
+"""Ratio of the numbers of Gaussians, or of the sizes of the scene, now and when the whole scene was sent, above which
+the whole scene is sent again: lattice, quantisation steps and context tables no longer fit.
 """
 
 
@@ -61,6 +61,7 @@ class PartialUpdates:
             that they do not have is undefined.
         known: Mask of the Gaussians in `held` that the receivers have.
         num_at_first: Number of Gaussians when the whole scene was sent.
+        size_at_first: Size of the scene at that time, see `_scene_size`.
         antialiased: True if the scene was trained with an antialiased renderer.
     """
 
@@ -69,6 +70,7 @@ class PartialUpdates:
     held: Splats
     known: Bool[np.ndarray, "G"]
     num_at_first: int
+    size_at_first: float
     antialiased: bool = False
 
     @staticmethod
@@ -84,7 +86,8 @@ class PartialUpdates:
         """
         stream = encode_scene(SplatScene(splats, antialiased=antialiased), PRESETS["datagram"])
         known = SplatScene(splats).drawable.copy()
-        return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, splats.num_gaussians, antialiased)
+        size = _scene_size(splats.select(known))
+        return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, len(known), size, antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
         """Encodes the changes that matter most as an update.
@@ -95,7 +98,7 @@ class PartialUpdates:
         are new or removed. Gaussians that are removed or no longer drawable do not count towards the share.
 
         The whole scene is encoded again if an update cannot express the change: another degree of spherical harmonics,
-        positions outside the lattice, or a number of Gaussians that has doubled or halved.
+        positions outside the lattice, or a number of Gaussians or a size of the scene that has doubled or halved.
 
         Args:
             splats: The newest Gaussians.
@@ -105,13 +108,13 @@ class PartialUpdates:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.
         """
         count = splats.num_gaussians
-        growth = max(count / self.num_at_first, self.num_at_first / max(count, 1))
-        if splats.degree != self.newest.degree or growth > MAX_GROWTH:
-            return PartialUpdates.start(splats, self.antialiased)
-        held, known = self._held_rows(splats)
         drawable = SplatScene(splats).drawable
         if not drawable.any():
             raise InvalidValueError("no Gaussian can be drawn")
+        ratios = count / self.num_at_first, _scene_size(splats.select(drawable)) / self.size_at_first
+        if splats.degree != self.newest.degree or any(not 1 / MAX_GROWTH <= ratio <= MAX_GROWTH for ratio in ratios):
+            return PartialUpdates.start(splats, self.antialiased)
+        held, known = self._held_rows(splats)
         known &= drawable
         chosen = _most_changed(held, known, splats, drawable, max(1, round(share * count)))
         mixed = Splats(**{name: values.copy() for name, values in vars(held).items()})
@@ -123,7 +126,7 @@ class PartialUpdates:
         except InvalidValueError as error:
             LOG.warning("update: %s; the whole scene is sent again", error)
             return PartialUpdates.start(splats, self.antialiased)
-        return PartialUpdates(chain, splats, mixed, known, self.num_at_first, self.antialiased)
+        return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
         """Returns the Gaussians that the receivers have in the order of new ones, and the mask of those they have."""
@@ -131,6 +134,11 @@ class PartialUpdates:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)
         return self.held.select(np.maximum(match, 0)), (match >= 0) & self.known[match]
+
+
+def _scene_size(splats: Splats) -> float:
+    """Returns the median distance of Gaussians from their median position, above 0, world units."""
+    return float(np.median(np.linalg.norm(splats.means - np.median(splats.means, axis=0), axis=1))) + MIN_SIZE
 
 
 def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray, "G 3"]) -> Int64[np.ndarray, "G"]:

@@ -347,6 +347,7 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
 
 
 def first_line(error: BaseException) -> str:
+    """Returns the first line of the message of an error: usd-core adds a backtrace."""
     try:
         text = str(error)
     except UnicodeDecodeError:  # usd-core quotes the file, which may be damaged
