@@ -307,8 +307,8 @@ def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
         accept_damage: True to convert also a stream with damaged bytes.
 
     Returns:
-        Source, output, exit status, facts printed by the verb, size of the output in bytes (None if it failed), and
-        messages on standard error.
+        Source, output, exit status, facts about the result for the JSON output, size of the output in bytes (None if it
+        failed), and messages on standard error.
     """
     names = (chosen.source, chosen.output)
     source, output = (f"./{name}" if name.startswith("-") else name for name in names)  # no options

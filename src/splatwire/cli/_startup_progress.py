@@ -22,7 +22,11 @@ class StartupProgress(logging.Handler):
         self._kernels, self._began, self._told = 0, 0.0, 0.0
 
     def loading(self, verb: str) -> None:
-        """Prints that the libraries of the verb are being loaded."""
+        """Prints that the libraries which a command needs are being loaded.
+
+        Args:
+            verb: Name of the command, such as `encode`.
+        """
         print(f"splatwire {verb}: loading", file=sys.stderr, flush=True)
 
     def start(self) -> None:

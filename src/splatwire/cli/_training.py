@@ -44,7 +44,7 @@ CPU_ITERATIONS = 2400
 
 
 def preset_of(command: Train) -> str:
-    """Returns the preset of the options; `auto` chooses by the layout of the data."""
+    """Returns the name of the training preset; `--preset auto` chooses it by the layout of the dataset."""
     if command.preset != "auto":
         return command.preset
     return _PRESET_OF_LAYOUT.get(dataset_layout(Path(command.data)) or "", "mipnerf360")

@@ -517,10 +517,9 @@ class _Trials:
         Args:
             measure: Returns the property of an encoded scene, such as its PSNR.
             permitted: The range of values.
-            known: Value of the property and encoded scene at one share, from which the search starts. The quantisation
-                level is
-                that of this scene.
-            slope: Expected increase of the value per quantisation level.
+            known: Value of the property and encoded scene at one share, from which the search starts. All shares are
+                tried at the quantisation level of this scene.
+            slope: Expected increase of the value per quantisation level, from which the first guess is derived.
         """
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept

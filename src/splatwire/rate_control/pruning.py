@@ -93,7 +93,9 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level, for the smallest stream of its quality.
+        """Returns the share of Gaussians to keep at a quantisation level.
+
+        Of all streams with the same error in the pictures, that with this share and level is the smallest.
 
         The share never decreases with the level.
 

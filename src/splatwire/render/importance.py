@@ -54,8 +54,8 @@ views around a scene."""
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras around a scene that comes without cameras, for measuring its appearance.
 
-    Explicit Gaussians get two distances, so that both details and distant parts are visible. Some near cameras look
-    outwards if the scene surrounds them. The directions are those of `cameras_around`.
+    For explicit Gaussians, some cameras are near, to show details, and some are far. Near cameras look outwards if the
+    scene surrounds them. The directions are those of `cameras_around`.
 
     Args:
         scene: The scene.

@@ -32,8 +32,8 @@ class Access:
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
-            exists: False if there is no such scene. A server with private scenes then requires a token as for these, so
-                that the response does not reveal their names.
+            exists: False if there is no such scene. Its request is then refused like that of a private scene, so that
+                no response reveals the names of private scenes.
         """
         if name not in self.private and (exists or not self.private):
             return None

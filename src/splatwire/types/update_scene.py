@@ -1,4 +1,4 @@
-"""Updates of a stream of Gaussians: the new Gaussians, and the mask of the stream's Gaussians that are removed."""
+"""Data type for a change of a scene of Gaussians: which Gaussians are removed, and which are new."""
 
 from dataclasses import dataclass
 

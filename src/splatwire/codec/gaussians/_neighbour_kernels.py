@@ -158,7 +158,7 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest neighbours of a Gaussian for coordinates of any size, by insertion into a sorted list."""
+    """Finds the nearest neighbours of a Gaussian; slower than other kernels, but for arbitrarily large coordinates."""
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):

@@ -81,7 +81,7 @@ class SequenceScore:
         return float(self._below(complete).max())
 
     def mean_below(self, complete: "SequenceScore") -> float:
-        """Mean loss of PSNR of a frame compared with the sequence without losses, decibels.
+        """Returns by how many decibels packet losses lower the PSNR of a frame, on average.
 
         The first group of pictures is excluded.
 

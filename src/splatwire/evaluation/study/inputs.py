@@ -86,8 +86,8 @@ class PreparedScene:
     def _why_unfit(self, row: Row) -> str:
         """Returns why a method (table row) cannot be applied to the scene's stream; an empty text if it can be.
 
-        Some concealers need data that this stream lacks. Some methods lose one attribute alone, which only streams of
-        anchors can (`Row.erode`).
+        For example, a concealer may need data that this stream does not contain. Or the method loses a single attribute
+        of elements (`Row.erode`), but only anchors have packets for single attributes.
         """
         name = row.conceal.partition(":")[0]
         if self.references.frames:

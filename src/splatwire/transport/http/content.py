@@ -261,7 +261,7 @@ class PageContent:
         return self.access is not None and name in self.access.private
 
     def _listed(self) -> list[str]:
-        """Returns the names of the scenes in lists of scenes, that is, without private and unlisted scenes."""
+        """Returns the names of the scenes that lists contain: all but private and unlisted scenes."""
         return [name for name in self.streams if self.access is None or self.access.is_listed(name)]
 
     def _shown_name(self, query: str) -> str:

@@ -1,4 +1,4 @@
-"""Numba kernels of schema `causal`: conversions between networks and coder, and the symbols of many packets at once.
+"""Numba kernels of schema `causal`: they convert outputs of networks to contexts, and code many packets at once.
 
 Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. A packet contains
 the positions of its anchors, then their attributes in stages. A stage is a group of attributes that one network
