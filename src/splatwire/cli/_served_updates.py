@@ -30,8 +30,7 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 
     Args:
         streams: Two streams of each scene, by name: the content of its file, and the same scene in packets that fit
-            into
-            datagrams.
+            into datagrams.
 
     Raises:
         InvalidValueError: If no scene can be updated.
@@ -53,8 +52,7 @@ class UpdateFolder:
     """Applies updates to served scenes when update files appear in a folder.
 
     An update changes one version of a scene. Its file waits until the scene has reached this version, so the order of
-    the
-    files does not matter. An object of this class must not be used by several threads at once.
+    the files does not matter. An object of this class must not be used by several threads at once.
 
     Args:
         folder: Folder with the updates: `.swz` files, each written by `encode --update`. It may be missing at first.

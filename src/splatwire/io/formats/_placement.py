@@ -262,8 +262,7 @@ def _is_identity(values: list[float]) -> bool:
 
     Args:
         values: Numbers of a comment or field, interpreted by their count. 1: a flag or scale. 3: a vector. 9, 12 or 16:
-            a
-            matrix (3 x 3, 3 x 4 or 4 x 4), row by row. Other counts: a rotation, a shift and a scale.
+            a matrix (3 x 3, 3 x 4 or 4 x 4), row by row. Other counts: a rotation, a shift and a scale.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]

@@ -216,8 +216,7 @@ class Stage:
         """Returns the signs of x, y and z that convert positions to PLY axes, and a JSON object with metadata.
 
         Only files written by this package contain the object, which also states the signs. For other files, the object
-        is
-        empty, and the up axis of the stage determines the signs.
+        is empty, and the up axis of the stage determines the signs.
         """
         try:
             data = self._stage.GetRootLayer().customLayerData.get(OWN)

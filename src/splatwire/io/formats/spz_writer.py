@@ -175,8 +175,7 @@ def _fraction_bits(farthest: float) -> int:
     """Returns the number of fraction bits for storing positions as fixed-point numbers of 24 bits.
 
     It is usually 12, as in files of all other writers. Large scenes get fewer bits, so that all positions fit. Scenes
-    of
-    less than one unit get more bits, for smaller rounding errors.
+    of less than one unit get more bits, for smaller rounding errors.
 
     Args:
         farthest: Largest absolute coordinate of a position.
