@@ -29,8 +29,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
     """Yields a scene when it has arrived, and again after each of its updates; ends when the caller stops a transfer.
 
     Only complete scenes are yielded. If an update does not arrive or cannot be applied, `warn` is called, and the
-    update or
-    the whole scene is requested again.
+    update or the whole scene is requested again.
 
     Args:
         fetch: Receives the stream of a given name.

@@ -29,8 +29,7 @@ def check_look(look: LookFrom) -> None:
 
     Raises:
         InvalidValueError: If both photos and cameras are given, one of these paths does not exist, or the background is
-            not
-            a colour.
+            not a colour.
     """
     if look.data is not None and look.cameras is not None:
         raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")

@@ -67,8 +67,7 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
 
     Raises:
         InvalidValueError: If the suffix of the output does not fit the kind of scene. The stream is then written to a
-            file
-            next to the output.
+            file next to the output.
     """
     explicit = command.explicit
     if stream.manifest.schema.timed and not explicit:

@@ -123,8 +123,7 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
 
     Returns:
         True as soon as the encoder is compiling a kernel, which takes too long to wait for. False if the encoder has
-        ended,
-        or `STOP_S` after the request.
+        ended, or `STOP_S` after the request.
     """
     end = time.monotonic() + STOP_S - COMPILING_S
     while not encoding.done():

@@ -62,8 +62,7 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
     """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.
 
     Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal. `camera_angle_y`
-    may
-    also refer to Blender's sensor, as written by BlenderNeRF (`is_sensor_angle`).
+    may also refer to Blender's sensor, as written by BlenderNeRF (`is_sensor_angle`).
 
     Args:
         values: Fields of the camera.

@@ -330,8 +330,7 @@ def _views_of_split(views: list[TransformsView], found: Transforms, split: str) 
     """Selects the training or test views of a transforms file by the file names that it lists.
 
     Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has
-    all
-    remaining views.
+    all remaining views.
 
     Args:
         views: All views of the file.

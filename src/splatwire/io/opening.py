@@ -43,8 +43,7 @@ class SceneFile(CheckedFields):
         kind: Format of the file.
         loaded: The scene; a `ReceivedScene` if parts were lost in transmission and not concealed.
         loss_mask: Mask of the elements that were lost in transmission, even if they were concealed later; None for a
-            scene
-            that was not sent.
+            scene that was not sent.
     """
 
     kind: Kind

@@ -80,8 +80,7 @@ class EncodedScene:
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
         held_out: Pictures of the source for measuring the PSNR, without Gaussians that draw nothing. Their views were
-            not
-            used to measure or fine-tune Gaussians (`ViewSets`).
+            not used to measure or fine-tune Gaussians (`ViewSets`).
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
@@ -118,8 +117,7 @@ def encode_controlled(
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes; `best` prunes
-            more,
-            and fine-tunes the remaining Gaussians once or twice before the search.
+            more, and fine-tunes the remaining Gaussians once or twice before the search.
         cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
         tuning: Options of the fine-tuning, which only the effort `best` uses.
         progress: Called with the name of the current task and its finished share, 0 to 1.
@@ -171,8 +169,7 @@ def _prune_and_tune(
     """Prunes and fine-tunes a scene so that its stream has a target size or PSNR, or slightly more.
 
     Different shares of the Gaussians are fine-tuned, one after another, until one of them gives this result. All of
-    them
-    are fine-tuned for the same quantisation steps.
+    them are fine-tuned for the same quantisation steps.
 
     Args:
         plan: The scene before pruning.
@@ -344,16 +341,14 @@ class _Plan:
         """Chooses the better of two streams with the same target, with or without fine-tuning.
 
         For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream; the
-        fine-tuned
-        one must reach the PSNR.
+        fine-tuned one must reach the PSNR.
 
         Args:
             tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
             untuned: The stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
             for_loss: True if Gaussians were fine-tuned for packet loss, which raises quality only if packets are lost.
-                The
-                fine-tuned stream is then chosen if it reaches the target.
+                The fine-tuned stream is then chosen if it reaches the target.
         """
         if tuned is None or untuned is None:
             found = tuned or untuned
@@ -393,8 +388,7 @@ class _Trials:
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
         tuned_level: Quantisation level for which the Gaussians were fine-tuned, which is the first and the finest one
-            to
-            try; None without fine-tuning.
+            to try; None without fine-tuning.
     """
 
     def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:
@@ -447,8 +441,7 @@ class _Trials:
         """Encodes the scene so that its PSNR in the held-out views is as close as possible to `psnr`.
 
         The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the held-out
-        views then
-        differs from `psnr`, the level is chosen again with a corrected target.
+        views then differs from `psnr`, the level is chosen again with a corrected target.
 
         Raises:
             InvalidValueError: If all views of the search equal those of the source at every level.

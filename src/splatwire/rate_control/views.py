@@ -36,8 +36,7 @@ class ViewSets:
         measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
         search: Views in which encoded scenes are compared with the source while the quantisation is chosen.
         held_out: Views for the reported PSNR. Gaussians are neither measured nor fitted in them. They only serve to
-            compare
-            finished streams.
+            compare finished streams.
     """
 
     measured: Cameras | None

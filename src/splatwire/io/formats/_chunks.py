@@ -26,8 +26,7 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Arranges the Gaussians of a compressed PLY in chunks, so that few positions are rounded visibly.
 
     Chunks without visible rounding remain as they are. The Gaussians of all others are sorted again and divided into
-    new
-    chunks.
+    new chunks.
 
     Args:
         splats: The Gaussians, sorted along a space-filling curve.
@@ -102,8 +101,7 @@ def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
     """Divides sorted Gaussians into chunks; returns the number of Gaussians of each chunk.
 
     Rounding errors grow with the range of positions in a chunk. A chunk ends where one more Gaussian would make an
-    error
-    larger than allowed.
+    error larger than allowed.
 
     Args:
         means: Centres in the order of the file, world units, float64 (n, 3).

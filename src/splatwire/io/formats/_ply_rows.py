@@ -49,8 +49,7 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
     """Reads the rows of the elements of a text PLY: numbers separated by white space.
 
     Some programs declare positions as `float` but write more digits. Such positions are returned as float64 if they are
-    far
-    from 0.
+    far from 0.
 
     Args:
         path: The file, for messages.

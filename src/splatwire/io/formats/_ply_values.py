@@ -75,8 +75,7 @@ def _look_like_sizes(some: PlyElement, scales: np.ndarray, several: bool) -> boo
     """Returns True if the scales in a file are probably sizes instead of logarithms of sizes.
 
     If they were logarithms, the Gaussians would be too large for the scene, or the distribution would be implausible:
-    all
-    values from 0 to 1, or a minimum far below the median.
+    all values from 0 to 1, or a minimum far below the median.
 
     Args:
         some: A sample of the vertices.

@@ -33,8 +33,7 @@ def checked_layers(path: Path, opening: Callable[[Path], None]) -> tuple[list[Sd
 
     Returns:
         The opened files (layers), and the paths of files that are missing or that usd-core cannot read. The caller
-        keeps
-        the opened files until usd-core has composed the scene, so that they are not read again.
+        keeps the opened files until usd-core has composed the scene, so that they are not read again.
 
     Raises:
         DatasetError: If a file is outside of the folder of the scene (`is_in_folder_of`), is named by an expression, or

@@ -165,8 +165,7 @@ class _ConstantIntervals:
     """Finds the time intervals of a sequence in which a Gaussian keeps all its values, for writing a `.4dgs` file.
 
     The file stores one Gaussian with start and end time for each interval. Row i is the same Gaussian in consecutive
-    frames
-    if these have equally many Gaussians. Otherwise, all intervals end.
+    frames if these have equally many Gaussians. Otherwise, all intervals end.
 
     Attributes:
         num_frames: Number of frames so far.

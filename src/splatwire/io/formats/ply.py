@@ -211,8 +211,7 @@ def write_ply(
     """Writes a PLY batch by batch, so that not all Gaussians must be in memory.
 
     Normals are written as 0. Opacities are clipped to a millionth from 0 and 1, so that their logits are finite. With
-    an
-    origin, positions are written as float64 world coordinates. See `splatwire.io.formats.write_splats`.
+    an origin, positions are written as float64 world coordinates. See `splatwire.io.formats.write_splats`.
     """
     count, degree, digest = 0, 0, hashlib.sha256()
     remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)

@@ -6,6 +6,7 @@ the same number of threads, a resumed training gives bit for bit the result of a
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -77,15 +78,31 @@ def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
         raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error
 
 
+def read_moments(
+    header: dict[str, Any], tensors: dict[str, Tensor], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, Moments]:
+    """Reads the state of the optimiser from the content of a checkpoint.
+
+    Args:
+        header: Header of the checkpoint.
+        tensors: All tensors of the checkpoint, by name.
+        shapes: Shape of each parameter, by name.
+
+    Returns:
+        Moments by name of the parameter.
+    """
+    moments = {}
+    for name, steps in header["steps"].items():
+        first, second = (expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
+        moments[name] = Moments(first, second, int(steps))
+    return moments
+
+
 def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainState, TrainConfig]:
     config = config_from_json(header["config"])
     voxels = expect(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
     shapes = parameter_shapes(config, len(voxels))
     parameters = {name: expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
-    moments = {}
-    for name, steps in header["steps"].items():
-        first, second = (expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
-        moments[name] = Moments(first, second, int(steps))
     num_offsets = config.model.layout.num_offsets
     empty = GrowthStatistics.zeros(len(voxels), num_offsets, torch.device("cpu"))
     statistics = {name: expect(tensors, f"statistics.{name}", tuple(rows.shape)) for name, rows in vars(empty).items()}
@@ -96,7 +113,7 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         voxels=voxels,
         voxel_size=float.fromhex(header["voxel_size"]),
         parameters={name: value.requires_grad_() for name, value in parameters.items()},
-        moments=moments,
+        moments=read_moments(header, tensors, shapes),
         statistics=GrowthStatistics(**statistics),
         bounds_min=expect(tensors, "bounds_min", (3,)),
         bounds_max=expect(tensors, "bounds_max", (3,)),

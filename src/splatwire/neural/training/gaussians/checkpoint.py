@@ -15,10 +15,9 @@ from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, BitstreamError
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.checkpoint import expect, record_from_json
+from splatwire.neural.training.checkpoint import expect, read_moments, record_from_json
 from splatwire.neural.training.gaussians.config import GaussianConfig
 from splatwire.neural.training.gaussians.state import GaussianState, parameter_shapes
-from splatwire.neural.training.state import Moments
 
 FORMAT = "splatwire-gaussian-checkpoint"
 VERSION = 1
@@ -73,16 +72,12 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[Gaussian
     config: GaussianConfig = record_from_json(GaussianConfig, header["config"])
     shapes = parameter_shapes(tensors["parameters.means"].shape[0], config.degree)
     parameters = {name: expect(tensors, f"parameters.{name}", shape) for name, shape in shapes.items()}
-    moments = {}
-    for name, steps in header["steps"].items():
-        first, second = (expect(tensors, f"{part}.{name}", shapes[name]) for part in ("first", "second"))
-        moments[name] = Moments(first, second, int(steps))
     generator = torch.Generator()
     generator.set_state(tensors["generator"])
     state = GaussianState(
         int(header["iteration"]),
         {name: value.requires_grad_() for name, value in parameters.items()},
-        moments,
+        read_moments(header, tensors, shapes),
         float.fromhex(header["camera_extent"]),
         generator,
         [int(view) for view in header["queue"]],
