@@ -72,9 +72,13 @@ class Packet:
 
 
 def part_byte(part: int) -> int:
-    """Returns the header byte for a packet that contains one attribute instead of whole elements.
+    """Returns the header byte of a packet that contains a single attribute of its elements.
 
-    `part` is an index into `PARTS`. The results are 1, 2, 3, 5, 6, 7, 9, ...: the low 2 bits are never 0.
+    Args:
+        part: Index of the attribute in `PARTS`, 1 or more.
+
+    Returns:
+        A byte whose lowest two bits are not both 0: 1, 2, 3, 5, 6, 7, 9 and so on.
     """
     return (part - 1) // 3 * 4 + (part - 1) % 3 + 1
 

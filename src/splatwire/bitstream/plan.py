@@ -220,8 +220,7 @@ class PacketPlan:
     def count(self, packet_id: PacketId) -> int:
         """Number of elements of one packet; 0 if the plan has no such packet.
 
-        With hashed grouping, the plan determines only the maximum: the elements from the packet's first position to the
-        end of its block. The cost is at most proportional to the size of one block.
+        With hashed grouping, the number is not known from the plan. The result is then its maximum.
         """
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):

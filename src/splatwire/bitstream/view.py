@@ -69,11 +69,14 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns for each tile the error in the rendered picture while the tile is missing, pixels, float64 (B).
+    """Returns the error in the picture while a tile is missing, for each tile, float64 (B).
 
-    A viewer then draws a coarser tile instead. In the coarsest level there is none, and the error is infinite. Errors
-    of tiles outside the picture are multiplied by a small factor (`BEHIND`). Without a viewpoint, errors are in world
-    units.
+    A viewer draws a coarser tile in place of a missing one. In the coarsest level, the error is infinite. Errors of
+    tiles outside the picture are multiplied by a small factor (`BEHIND`).
+
+    Args:
+        tiles: All tiles of the scene.
+        viewpoint: Position and direction of the viewer; errors are then in pixels. None for errors in world units.
     """
     return _errors_and_usefulness(tiles, viewpoint)[0]
 

@@ -185,7 +185,15 @@ class _Field:
     spread: Float[Tensor, "D"]
 
     def error(self, rows: Int64[Tensor, "S"], estimate: Float[Tensor, "S D"]) -> float:
-        """Returns the squared error of estimated residuals of anchors `rows`, divided by the channels' variances."""
+        """Compares estimated residuals of some anchors with the true ones.
+
+        Args:
+            rows: Indices of the S anchors.
+            estimate: Estimated residuals of these anchors.
+
+        Returns:
+            Sum of the squared errors, each divided by the variance of its channel.
+        """
         wrong = (self.residual[rows] - estimate) ** 2 * self.exists[rows]
         return float((wrong / self.spread).sum())
 

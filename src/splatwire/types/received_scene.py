@@ -21,9 +21,9 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Protocol of a prediction of all elements (Gaussians or anchors) from the side information alone, such as `Prior`.
+    """Protocol of predictions that a receiver can make of every element, received or lost (for example `Prior`).
 
-    The prediction of an element does not depend on whether the element was received.
+    Elements are Gaussians or anchors. The predictions need only the side information of the stream.
     """
 
     @property
@@ -207,13 +207,13 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the number of elements of each side information record, to check that all records are for one scene.
+    """Returns the set of element counts in some side information, to check that all of it is for one scene.
 
     Args:
-        records: Side information records of a received scene; those without an entry per element are ignored.
+        records: Parts of the side information. Parts that do not have one entry for each element are ignored.
 
     Returns:
-        The different numbers found; a single one if all records agree.
+        The counts; more than one if parts belong to different scenes.
     """
     rows = set()
     for record in records:

@@ -120,9 +120,10 @@ def _code_cell_codes(coder, codes, bits, spread, slots, stack):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_position(coder, row, cell, place, cells_at, shift, absolute):
-    """Encodes or decodes the position of a Gaussian within its grid cell, as bits without a probability model.
+    """Encodes or decodes the position of a Gaussian within its grid cell.
 
-    The grid cells of the packet have been coded before. The bits refine the cell to the Gaussian's quantisation step.
+    The position is coded after the cell, as plain bits: it is nearly random there, so that entropy coding saves
+    nothing.
 
     Args:
         coder: Entropy coder.

@@ -94,10 +94,12 @@ class TracksDecoder:
         self._held = self.scene_bytes
 
     def take_over(self, other: "TracksDecoder") -> None:
-        """Copies the keyframe Gaussians from the decoder of an earlier state of the same live stream.
+        """Copies the keyframe Gaussians that another decoder has decoded, so that they are not decoded again.
+
+        A live stream that has grown gets a new decoder. Call `expect` on it before this method.
 
         Args:
-            other: Decoder of the earlier state. Call `expect` on this decoder first.
+            other: Decoder of the same stream before it grew.
         """
         known = other._num_tracks
         for name in ("means", "quats", "scales", "opacities", "sh"):
@@ -262,9 +264,9 @@ class TracksDecoder:
 def _combine_packets(
     headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool
 ) -> GroupMotion:
-    """Combines the decoded tracks of all packets of a group of frames, in ascending order of track number.
+    """Combines the motion that was decoded from the packets of a group of pictures.
 
-    If packets contain the same track, the first one counts.
+    The tracks of the result are in ascending order. If several packets contain a track, the first one is used.
 
     Args:
         headers: Headers of the tracks of all packets, int64 (n, HEAD).

@@ -66,14 +66,14 @@ class Fitting:
         self._end = end
 
     def finish(self, keys: np.ndarray, moves: Trajectories, stay: np.ndarray) -> Targets:
-        """Completes the fit of a group; returns the motion of all tracks relative to their keyframe Gaussians.
+        """Completes the fit of a group after all frames were added; returns the motion of all tracks.
 
-        All frames must have been added. Motion of tracks without a keyframe Gaussian is zero.
+        Motion is relative to the keyframe Gaussian of a track. It is zero for tracks without one.
 
         Args:
             keys: Keys of all tracks of the group: first the tracks of this fit, then tracks that appeared later.
             moves: Trajectories of all tracks over the group.
-            stay: Mask of tracks present in all frames, bool (n). All other tracks are fitted again.
+            stay: Mask of tracks present in all frames, bool (n). Other tracks are fitted anew, from all their frames.
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.

@@ -60,17 +60,19 @@ class Lifetimes:
         return Lifetimes.joined([self, gone])
 
     def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the lifetime of every track.
+        """Returns the first and the last frame of every track.
 
-        Tracks without an entry begin with the group of their birth and end with the sequence.
+        A track without an entry exists from the first frame of the group in which it is new to the last frame of the
+        sequence.
 
         Args:
             num_tracks: Number of tracks, T.
             num_frames: Number of frames in the sequence.
 
         Returns:
-            First frame of each track, relative to the group of its birth, and first frame of the sequence without the
-                track, int64 (T) each.
+            Two arrays, int64 (T) each. The first has the first frame of each track, counted from the start of the group
+            in which the track is new. The second has the frame after the last one, counted from the start of the
+            sequence.
         """
         begins, ends = np.zeros(num_tracks, np.int64), np.full(num_tracks, num_frames)
         begins[self.late], ends[self.early] = self.begins, self.ends

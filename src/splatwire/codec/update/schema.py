@@ -23,7 +23,7 @@ from splatwire.types.update_scene import UpdateScene
 
 
 class UpdateDecoder(GaussianDecoder):
-    """Decoder of an update; the decoded scene has the new Gaussians only.
+    """Decoder of an update, which changes another stream; decodes the Gaussians that the update adds.
 
     Args:
         manifest: The update's manifest.

@@ -40,15 +40,12 @@ _LEAST_SHARE = 0.05
 @register_concealer("sketch", section=SECTION)
 @dataclass(frozen=True)
 class Sketch(CheckedFields):
-    """Draws important lost elements from coarse copies, hides other lost ones, and enlarges drawn elements around them.
+    """Concealer that draws coarse copies of the most important lost elements.
 
-    The copies (the sketch) are a section of the side information, which `splatwire calibrate sketch` adds to a stream.
-    An element with a copy counts as received. A copy never replaces received values.
-
-    For anchors, the enlargement is that of the concealer `grow`, corrected by the network of the concealer
-    `scene_free`. The section contains the strength `trust` of the correction. For explicit Gaussians, the codec stores
-    the copies (`Copies`), and the network of `scene_free` for explicit Gaussians computes the factors on size and
-    opacity.
+    The sender adds the copies (the sketch) to the side information: `splatwire calibrate sketch` for anchors, the
+    encoder for explicit Gaussians. Lost elements without a copy are hidden, and drawn elements around them are enlarged
+    to cover the gap, as by the concealer `grow`. The neural network of the concealer `scene_free` corrects the
+    enlargement.
     """
 
     @property
@@ -132,10 +129,9 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """A received scene with coarse copies in place of lost anchors, prepared for the enlargement of drawn anchors.
+    """A received scene in which copies replace lost anchors, with the inputs of the enlargement around the other ones.
 
-    Received anchors and copies are drawn. They are enlarged next to anchors that have no copy and remain lost. The
-    preparation is slow and the same for all parameters of the enlargement.
+    The inputs are slow to compute. They are the same for all parameters of the enlargement.
 
     Attributes:
         filled: Scene in which anchors with a copy count as received, from `with_sketch`; at least one anchor is drawn.

@@ -151,7 +151,7 @@ def _bytes_of(chunk: Path) -> int:
 def _finest(
     index: Path, content: dict[str, Any], chunks: list[Path]
 ) -> tuple[dict[int, list[Piece]], dict[int, list[Piece]], list[str], int]:
-    """Selects the finest available level of each leaf of the tree.
+    """Selects which Gaussians to read: in each leaf of the tree of tiles, those of the finest level that is available.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
@@ -159,9 +159,12 @@ def _finest(
         chunks: Paths of the chunks (`_chunks`).
 
     Returns:
-        Four values. First, the ranges of Gaussians to read, by index of the chunk; the range of the environment has the
-        count -1 for all its Gaussians. Second, the ranges of all levels in the tree, by index of the chunk. Third, the
-        names of missing chunks. Fourth, the number of leaves whose finest level is missing.
+        Four values:
+
+        * Ranges of Gaussians to read, by index of the chunk. The count -1 means all Gaussians of the chunk.
+        * Ranges of all levels in the tree, by index of the chunk.
+        * Names of missing chunks.
+        * Number of leaves whose finest level is missing.
     """
     here = [_is_here(chunk) for chunk in chunks]
     same = _first_of_same(chunks, here)

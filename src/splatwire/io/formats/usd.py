@@ -1,8 +1,8 @@
-"""OpenUSD scenes with Gaussians: prims of the type `ParticleField3DGaussianSplat`, read and written by usd-core.
+"""Reads and writes OpenUSD scenes with Gaussians (prims of the type `ParticleField3DGaussianSplat`), by usd-core.
 
-Numbers in a prim are those of `Splats`: linear sizes, opacities from 0 to 1, and harmonics whose sum plus 0.5 is the
-colour, interleaved by Gaussian. Transforms of prims are applied. A stage with y up is read as right, up, back and
-becomes right, down, forward; a stage with z up keeps its axes. Attributes may have time samples, one for each frame.
+The values in a prim have the units of `Splats`: linear sizes, and opacities from 0 to 1. Transforms of prims are
+applied. A stage with y up is rotated to the axes of 3DGS (right, down, forward); a stage with z up keeps its axes. A
+prim with time samples is a sequence, with one frame for each sample.
 """
 
 import json

@@ -177,7 +177,10 @@ def _loss(
     index: Int64[Tensor, "M"],
     config: RefineConfig,
 ) -> Float[Tensor, ""]:
-    """Returns the loss of the refinement: estimated bits per anchor, plus a penalty for changed quantisation steps.
+    """Returns the loss of the refinement, in which networks are trained again for fixed anchors.
+
+    The loss is the estimated number of bits per anchor. A penalty is added if the networks change quantisation steps,
+    because the fixed anchors were rounded with the previous ones.
 
     Args:
         fixed: Data of the scene that does not change.
