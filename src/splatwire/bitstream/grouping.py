@@ -1,6 +1,6 @@
-"""Assigns the elements of a spatial block to lanes (packets).
+"""Assigns the elements of a spatial block to packets; the packets of a block are called lanes.
 
-Encoder and decoder compute the same assignment from the ranks (indices of elements in coding order).
+The assignment depends only on the index of each element in coding order (its rank), so that encoder and decoder agree.
 """
 
 import numpy as np

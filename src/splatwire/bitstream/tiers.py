@@ -59,7 +59,7 @@ class Span(NamedTuple):
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:
-        """Returns the place of a block's first element: its index after sorting all elements by tier, then by rank.
+        """Returns the index of a block's first element, when all elements are sorted by tier, then in coding order.
 
         Args:
             block: Index of the block, counted over all blocks of the stream.

@@ -265,10 +265,10 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a prediction residual of a wide distribution, whose table contains only every `2**k`-th interval.
+    """Decodes a prediction residual of a wide distribution, which has too many values for a complete table.
 
-    A bound is the start of a residual's probability interval. The residual lies between two bounds of the table.
-    Between them, the bounds are computed.
+    Each residual has an interval of the range coder. The table contains the start (bound) of every `2**k`-th interval
+    only. The caller has found the two bounds of the table around the value to decode; those between them are computed.
 
     Args:
         coder: Entropy coder.

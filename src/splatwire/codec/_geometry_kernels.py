@@ -107,10 +107,10 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes how many points of a node have a zero in `bit` of their Morton code.
+    """Decodes how many points of an octree node belong to its first half.
 
-    A node is a set of points whose codes agree in all bits above `bit`. Damaged bytes decode without an error, to a
-    number from 0 to `n`.
+    A node is a set of points whose Morton codes agree in all bits above `bit`. Points of the first half have a zero in
+    this bit. Damaged bytes decode without an error, to a number from 0 to `n`.
 
     Args:
         data: Input bytes.

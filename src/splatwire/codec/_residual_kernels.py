@@ -34,9 +34,9 @@ and log2 of the number of guesses of each mixture.
 @njit(error_model="numpy")
 @no_type_check
 def residual_windows(scales, inverses, widths, normal):
-    """Tabulates the probability distributions of residuals in all contexts, so that coding needs only table look-ups.
+    """Tabulates the probability distributions of prediction residuals, so that the entropy coder only looks them up.
 
-    A distribution is a mixture of two normals.
+    The distribution of each context is a mixture of two normal distributions.
 
     Args:
         scales: int64 (contexts), scale table index of the narrower normal of each context.

@@ -143,10 +143,10 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
 
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
-    """Finds the received Gaussian that each copied Gaussian of the coarser level was copied from.
+    """Finds the original of each Gaussian of a coarser level that is a copy of one finer Gaussian.
 
-    Some Gaussians of the coarser level are merged from several finer ones, others are copies of a single finer one. The
-    original of a copy is the received Gaussian with nearly the same position, size, colour and opacity.
+    A stream does not contain this relation. The original is therefore the received Gaussian with nearly the same
+    position, size, colour and opacity.
 
     Args:
         splats: Gaussians of all levels.

@@ -95,9 +95,10 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """Returns True if equal focal lengths and an angle of view along x are stated, so that one along y adds nothing.
+    """Returns True if a camera's angle of view along y can be ignored, because other fields determine its lens.
 
-    BlenderNeRF writes all four, and the angle along y is that of a sensor of any shape. The angle along x is compared.
+    These are two equal focal lengths and the angle along x. BlenderNeRF writes them with an angle along y that is
+    wrong, because it is computed for a sensor of another shape.
 
     Args:
         values: Fields of the camera.

@@ -61,14 +61,14 @@ def encode_symbols(symbols: np.ndarray, mixtures: Mixtures) -> bytes:
 
 
 def decode_symbols(data: bytes, mixtures: Mixtures) -> np.ndarray:
-    """Decodes one integer per distribution; any bytes decode without an error.
+    """Decodes integers that were encoded by `encode_symbols`; damaged bytes give wrong integers, but no error.
 
     Args:
-        data: Bytes written by `encode_symbols`.
-        mixtures: The distributions used for encoding.
+        data: The encoded bytes.
+        mixtures: Probability distribution of each of the n integers, the same as for encoding.
 
     Returns:
-        int64 (n).
+        The integers, int64 (n).
     """
     from splatwire.entropy import _array_kernels
 

@@ -89,12 +89,13 @@ def _pi() -> decimal.Decimal:
 
 @functools.cache
 def inverse_scale_table() -> np.ndarray:
-    """Returns the reciprocals of the scale table (in quantisation steps) with `INVERSE_BITS` fractional bits.
+    """Returns the reciprocals of the standard deviations that the entropy coder can use, as fixed-point integers.
 
-    Entry `16 e + m` is the reciprocal of the scale `2**(e - 6) * (1 + (m + 1/2) / 16)`.
+    Entry `16 e + m` is the reciprocal of the standard deviation `2**(e - 6) * (1 + (m + 1/2) / 16)`, in quantisation
+    steps.
 
     Returns:
-        int64 of length `NUM_SCALES`, decreasing.
+        int64 of length `NUM_SCALES`, decreasing, with `INVERSE_BITS` fractional bits.
     """
     entries = []
     for index in range(NUM_SCALES):

@@ -122,10 +122,10 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Divides the Gaussians of a coarser tile among the finer tiles that it replaces.
+    """Determines how many Gaussians of a coarser tile represent each of the finer tiles that it replaces.
 
-    The share of a finer tile is a weighted mean of its share of `counts` and its share of `extents`. The weight of
-    `counts` is `EVEN`.
+    The number grows with the number of Gaussians of the finer tile and with their total size. `EVEN` is the weight of
+    the former.
 
     Args:
         size: Number of Gaussians of the coarser tile, at most the number of Gaussians of all finer tiles.

@@ -113,13 +113,12 @@ def score_and_keep(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Chooses the neighbours from which CARI interpolates each lost anchor: the candidates with the highest scores.
 
-    The choice is made for each attribute group. `splatwire.paper.weighting.select_neighbors` describes the score.
+    Each attribute group has its own neighbours. `splatwire.paper.weighting.select_neighbors` describes the score.
 
     Args:
         context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
         signature: Residual signature of each anchor, a unit vector, float32 (N, S).
-        reliability: Product of the score's factors for certainty of the prior (`w_unc`) and for confidence (`w_conf`),
-            for each anchor and attribute group, float32 (N, G).
+        reliability: Factor of the score that depends only on the candidate and the attribute group, float32 (N, G).
         queries: Indices of the lost anchors, int64 (Q).
         candidates: Indices of the candidate anchors of each query, int64 (Q, L).
         distance: Distances of the candidates, float32 (Q, L).

@@ -83,12 +83,12 @@ class MahalanobisSearch:
 
 
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns indices that sort points so that consecutive points are close to each other and of similar size.
+    """Returns an order of the points in which neighbours in the list are near in space and of similar size.
 
-    The nearest-neighbour search divides the points into blocks in this order, and can skip most blocks because their
-    points are similar. Points are sorted by their largest extent, rounded down to a power of two, then along the
-    Z-order curve.
+    The nearest-neighbour search divides the points into blocks in this order. The points of a block are similar, so
+    that it can skip most blocks as a whole.
     """
+    # Sorted by the largest extent, rounded down to a power of two, then along the Z-order curve.
     low = places.min(axis=0, initial=np.inf)
     width = max(float((places - low).max(initial=0.0)), np.finfo(np.float64).tiny)
     cells = np.floor((places - low) / width * (2**MAX_AXIS_BITS - 1)).astype(np.int64)

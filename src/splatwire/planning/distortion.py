@@ -47,7 +47,7 @@ class DistortionModel:
             raise InvalidValueError(f"DistortionModel.base_mse must be positive, not {shown(self.base_mse)}")
 
     def psnr(self, lost: np.ndarray) -> np.ndarray:
-        """Returns the PSNR of each simulated transfer, given the lost share of each tier.
+        """Predicts the PSNR of simulated transfers from the share of each importance tier that was lost in them.
 
         Args:
             lost: Lost share of each of T tiers in each simulated transfer, float64 (trials, T).

@@ -505,14 +505,15 @@ class _Trials:
         known: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
-        """Searches for the share of Gaussians to keep, so that a property of the stream is in a given range.
+        """Searches for the share of Gaussians to keep with which a stream has a wanted size or PSNR.
+
+        Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
 
         Args:
-            measure: Returns the property of an encoded scene, such as its PSNR.
-            permitted: The range of values.
-            known: Value of the property and encoded scene at one share, from which the search starts. All shares are
-                tried at the quantisation level of this scene.
-            slope: Expected increase of the value per quantisation level, from which the first guess is derived.
+            measure: Returns the size or the PSNR of an encoded scene.
+            permitted: Range of accepted values.
+            known: Value and encoded scene from which the search starts.
+            slope: Expected increase of the value per quantisation level, for the first guess.
         """
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept

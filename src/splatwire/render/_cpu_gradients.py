@@ -54,9 +54,9 @@ _AHEAD_ROWS = 16
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
-    """Computes the gradient of the loss with respect to one projected Gaussian, summed over some pixel rows of a tile.
+    """Computes the gradient of the loss with respect to one Gaussian, from some pixel rows of one tile of the image.
 
-    The function is called for the Gaussians of a tile in drawing order, and blends them as `_cpu_kernels._blend` does.
+    The caller passes the Gaussians of the tile one after another in drawing order.
 
     Args:
         buf: Pixel buffer of the tile; changed in place.

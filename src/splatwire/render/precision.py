@@ -185,10 +185,10 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 
 
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Computes the precision class of each Gaussian (how finely to quantise it) from measured sensitivities.
+    """Computes how finely to quantise each Gaussian (its precision class) from the sensitivities of the pictures.
 
-    The effect of area, shape and opacity of a Gaussian on its sensitivities is removed by a linear model of the
-    logarithms. The remaining logarithms (base 2) are averaged over the attributes and rounded.
+    The quantisation steps of the codec already depend on area, shape and opacity. A linear model therefore removes the
+    effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the attributes.
 
     Args:
         splats: The Gaussians.

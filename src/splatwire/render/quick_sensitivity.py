@@ -87,15 +87,17 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Estimated picture errors in one view caused by changes of the selected anchors, summed over these anchors.
+    """Estimated errors in the picture of one view if attributes of the selected anchors change.
+
+    All values are sums over the selected anchors.
 
     Attributes:
-        metric: Matrix M for features and logarithms of scalings: `d . M d` is the error if the values of one anchor
-            change by the vector d, summed over the anchors.
-        offset: Error if a coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
-        offset_share: Divisor when `_distribute` divides `offset` among the Gaussians: sum over all Gaussians of the
-            squared error of removing one, times `_relative_size` of its anchor.
-        removal: Sum over all Gaussians of the squared error of removing one.
+        metric: Matrix M of the errors caused by features and logarithms of scalings: `d . M d` is the error if the
+            values of an anchor change by the vector d.
+        offset: Error if one coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
+        offset_share: Squared error of removing a Gaussian, times `_relative_size` of its anchor, summed over the
+            Gaussians. `_distribute` divides `offset` by it.
+        removal: Squared error of removing a Gaussian, summed over the Gaussians.
     """
 
     metric: Float64[np.ndarray, "D D"]

@@ -249,7 +249,7 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses the quantisation precision (precision class) of each track of a group of pictures by rendering.
+        """Chooses how finely each track of a group of pictures is quantised (its precision class), by rendering.
 
         Args:
             group: Tracks of the group.
@@ -257,8 +257,8 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track. None if the group has no scene cut, or if it is a later group of a live
-            sequence, in which rendering would take too long; new tracks then get the median class.
+            Precision class of each track. None if nothing was rendered: the group has no scene cut, or it is a later
+            group of a live sequence, for which rendering is too slow. New tracks then get the median class.
         """
         if not scenes or (self._live and self._groups):  # too slow for a live sequence
             return None

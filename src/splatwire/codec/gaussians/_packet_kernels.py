@@ -50,12 +50,12 @@ SLACK = 64
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _spread_cells(codes, cells, narrow):
-    """Splits Morton codes into the coordinates of grid cells, the inverse of `splatwire.ops.morton`.
+    """Converts Morton codes to coordinates of grid cells; the inverse of `splatwire.ops.morton`.
 
     Args:
         codes: int64 (n), the Morton codes.
         cells: Output: coordinates of the cells, int64 (3, n).
-        narrow: Output: the same coordinates for a fast neighbour search, see `Near.narrow`.
+        narrow: Output: the same coordinates in a smaller type (`Near.narrow`), for the neighbour search.
     """
     for a in range(3):
         for i in range(len(codes)):

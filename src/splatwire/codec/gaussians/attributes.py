@@ -136,13 +136,16 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
-    """Transforms spherical harmonics above degree 0 to the integers stored in packets, int64 (n, 3 K).
+    """Transforms spherical harmonics above degree 0 to the integers that packets contain.
 
-    Columns 0 to 2 are Y Co Cg along the first axis of the transform, columns 3 to 5 along the second axis, and so on.
+    The transform decorrelates the K harmonics. Each transformed harmonic has three colour components (Y Co Cg).
 
     Args:
         splats: The n Gaussians, with K harmonics above degree 0.
         transform: int64 (K, K), from `fit_transform`.
+
+    Returns:
+        int64 (n, 3 K): the three components of the first transformed harmonic, then those of the second, and so on.
     """
     count = splats.num_gaussians
     if not transform.size:

@@ -80,17 +80,18 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Estimates the mean magnitude of the residuals in each context, also for contexts with few residuals.
+    """Estimates the mean magnitude of residuals in each context of the entropy coder, even where residuals are few.
 
-    A context has three parts: kind of value (stream), how much the neighbours differ (spread), and step or preceding
-    residuals (second). For each stream, the means are modelled as a factor for `spread` times a factor for `second`.
+    A context is a combination of three indices (a, b, c): the kind of value, the disagreement of the neighbours, and
+    the quantisation step or the preceding residuals. The mean is modelled as a product of two factors, one for (a, b)
+    and one for (a, c), which are fitted to all residuals.
 
     Args:
-        number: Number of residuals in each context, float64 (streams, spreads, seconds).
-        total: Sum of their magnitudes, float64 (streams, spreads, seconds).
+        number: Number of residuals in each context, float64 (A, B, C).
+        total: Sum of their magnitudes, float64 (A, B, C).
 
     Returns:
-        Mean magnitudes, float64 (streams, spreads, seconds).
+        Mean magnitudes, float64 (A, B, C).
     """
     rows, columns = (total.sum(axis=2) + 1.0) / (number.sum(axis=2) + 1.0), np.ones_like(number[:, 0])
     for _ in range(3):

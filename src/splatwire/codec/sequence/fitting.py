@@ -43,9 +43,9 @@ class Fitting:
         self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
-        """True if this fit can be used for a group of frames.
+        """True if the frames fitted so far belong to a given group of pictures, so that the fit need not start again.
 
-        The group must begin with the tracks of this fit. Tracks that appeared later may follow.
+        The keys of the group must begin with those of this fit. Keys of tracks that appeared later may follow.
 
         Args:
             keys: Keys of the tracks of the group.

@@ -81,14 +81,14 @@ class UpdateChain:
         return self._with(change.result, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
-        """Returns the chain with a further update.
+        """Returns the chain extended by an update.
 
-        The oldest updates are dropped if all together have more bytes than the scene.
+        The oldest updates are dropped if all updates together have more bytes than the scene.
 
         Args:
-            source: The new state of `source`.
-            scene: The new state of `scene`.
-            update: The update from the old to the new state of `scene`.
+            source: Attribute `source` of the result.
+            scene: Attribute `scene` of the result.
+            update: The update that changes the previous `scene` to the new one.
         """
         updates = (*self.updates, update)[-MAX_UPDATES:]
         sizes = accumulate(each.num_bytes for each in reversed(updates))

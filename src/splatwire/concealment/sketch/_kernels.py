@@ -69,14 +69,14 @@ class Coder(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def copies_before(levels, n):
-    """Returns a context of the entropy coder for anchor `n`: how many of the four anchors before it have a copy.
+    """Counts how many of the four anchors before anchor `n` have a coarse copy; a context of the entropy coder.
 
     Args:
         levels: Precision level of each anchor's copy; 0 for anchors without a copy.
         n: Index of the anchor.
 
     Returns:
-        0 to 3; four copied anchors count as 3.
+        The number, at most 3.
     """
     count = 0
     for i in range(max(n - 4, 0), n):

@@ -96,10 +96,10 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes weights with which the colour changes of neighbours predict the colour change of a track.
+    """Prepares the prediction of the colour changes of lost tracks from those of their neighbours.
 
-    A change of lighting brightens bright surfaces more than dark ones. Therefore, the change is predicted as a linear
-    function of colour, fitted to the neighbours.
+    A change of lighting brightens bright surfaces more than dark ones. The change is therefore modelled as a linear
+    function of the colour, fitted to the neighbours.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -107,8 +107,9 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        Weights of the neighbours' colour changes in the slope of the linear function, (n, k, 3), see
-        `Neighbors.contrasts`; and the difference of each track's colour from the mean colour of its neighbours, (n, 3).
+        Two arrays. The first contains the weights of the neighbours' colour changes; with them, a weighted sum gives
+        the slope of the function, (n, k, 3). The second contains the difference of each track's colour from the mean
+        colour of its neighbours, (n, 3).
     """
     proximity = closeness.astype(np.float64)
     mean = np.einsum("nk,nka->na", proximity, colours)

@@ -16,13 +16,12 @@ RATES = (0.05, 0.1, 0.3, 0.5)
 
 
 class ComparedRows(NamedTuple):
-    """Methods (table rows) that the chart of PSNR against loss rate compares.
+    """The three methods (table rows) whose PSNR is drawn against the loss rate in a chart.
 
     Attributes:
-        uncovered: Method without concealment (lost elements are not drawn). If there are several, the one with the
-            lowest PSNR.
-        baseline: Baseline of the evaluation (`Study.baseline`); may equal `uncovered`.
-        best: Method with the highest PSNR of all.
+        uncovered: A method without concealment, in which lost elements are not drawn; the one with the lowest PSNR.
+        baseline: Baseline of the evaluation (`Study.baseline`); may be the same method as `uncovered`.
+        best: The method with the highest PSNR.
     """
 
     uncovered: Row

@@ -70,9 +70,10 @@ class SceneSizes:
         return 100 * (ours / native - 1)
 
     def file_growth(self, column: str) -> float | None:
-        """Returns by how many percent the coded attributes are larger than in the official HAC++ files.
+        """Compares the size of the coded attributes with that in the official HAC++ files of the scene.
 
-        Both sizes are those of `attribute_files`. Returns None if the scene has no official files.
+        Returns the difference in percent of the official size, positive if the coded attributes are larger. Returns
+        None if the scene has no official files.
 
         Args:
             column: Name of the encoding in `columns`.

@@ -143,8 +143,8 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
     """Reads the bounds of the positions in each chunk and chooses an origin near them.
 
     Returns:
-        Minimum and maximum of each chunk relative to the origin, float32 (C, 3) each; the origin; True if the bounds in
-        the file are float64.
+        Four values: minimum of each chunk and maximum of each chunk, relative to the origin, float32 (C, 3); the
+        origin; and True if the bounds in the file are float64.
     """
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
     low, high = (chunks.select_wide(some) for some in names)

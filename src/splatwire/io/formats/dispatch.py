@@ -338,9 +338,12 @@ def kept_facts(
     metadata: SceneMetadata = NO_METADATA,
     note: PlyNote | None = None,
 ) -> dict[str, Any]:
-    """Selects the scene properties that a format can store; logs a warning about the others.
+    """Selects the properties of a scene that a file format can store, and logs a warning about each other one.
 
-    See `write_splats` for the arguments. Returns the selected properties as keyword arguments for the format's writer.
+    The arguments are described at `write_splats`.
+
+    Returns:
+        The selected properties, as keyword arguments of the format's writer.
     """
     treatment = check_outliers(outliers)
     facts: dict[str, Any] = {"outliers": treatment} if "outliers" in form.keeps else {}

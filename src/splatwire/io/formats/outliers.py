@@ -169,7 +169,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """Returns True if the share of Gaussians with visible position errors exceeds `_FEW_COSTLY`.
+    """Returns True if many Gaussians (a share above `_FEW_COSTLY`) would have visible position errors.
 
     Args:
         errors: Largest position error of each Gaussian along an axis, world units, (n).

@@ -85,7 +85,7 @@ class PacketLosses:
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
-        """True if the next iteration may have packet loss."""
+        """True if packet losses may be simulated in the next iteration; the first iterations have none."""
         return bool(self._choices) and state.iteration > self._last_lossless
 
     @property

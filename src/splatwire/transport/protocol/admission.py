@@ -70,9 +70,11 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
 
 
 def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
-    """Returns the network that should lose a connection first: the largest user within the largest IP prefix.
+    """Returns the network that should lose a connection first when the server is full.
 
-    Starts with the wide prefix that has the most connections, and continues with the narrower prefixes inside that one.
+    It is found by IP prefix, from wide to narrow: of the widest prefixes, the one with the most connections; inside it,
+    the next narrower prefix with the most connections; and so on. A client thus gains nothing by using many networks of
+    one provider.
 
     Args:
         held: Number of connections per network, each above 0.

@@ -97,9 +97,9 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns how large the error of each network output may be relative to the others, when weights are quantised.
+    """Returns the relative error that each output of a network may have after its weights were quantised.
 
-    An error of the returned size costs about the same number of bits in every output.
+    Errors of these sizes cost about the same number of bits in every output.
 
     Args:
         name: Name of the network.

@@ -78,11 +78,10 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts outputs of a channel network to distributions of one feature group for the entropy coder.
+    """Converts the outputs of a channel network to probability distributions of one group of features.
 
-    The distribution of a channel is a mixture of two normals. The prior network
-    predicts the first one, and the channel network the second one. The weight of the mixture is computed from outputs
-    of both networks.
+    The distribution of a feature is a mixture of two normals. This function computes the second one, and the weight of
+    the mixture. The first one depends on the prior network only.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.

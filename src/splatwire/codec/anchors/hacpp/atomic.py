@@ -53,15 +53,15 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
-    """Predicted distributions of n anchors' attributes for entropy coding, from the positions alone.
+    """Distributions of the attributes of n anchors for entropy coding, predicted from the positions of the anchors.
 
-    The distribution of a feature is a mixture of two normals. The second one depends on decoded features and is in
-    `Mixture`.
+    Scalings and offsets have normal distributions. The distribution of a feature is a mixture of two normals: the first
+    is in this class; the second depends on features decoded before and is in `Mixture`.
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
-        feature: First normal of the features' mixtures. Two arrays (n, F): means in quantisation steps with 12
+        feature: First normal distribution of each feature, as two arrays (n, F): means in quantisation steps with 12
             fractional bits, int32; and indices of the standard deviations in the scale table, int16.
         scaling: The same two arrays for the scalings, (n, 6).
         offset: The same two arrays for the offsets, (n, 3 K).
@@ -108,9 +108,10 @@ class Mixture:
 
 
 def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
-    """Predicts the second component of the features' mixture distributions, for all feature groups at once.
+    """Predicts the second normal distribution of each feature's mixture, for an encoder.
 
-    A group is predicted from the groups before it, so all features must be known, as in an encoder.
+    Each group of features is predicted from the groups before it. An encoder knows all features, so that all groups can
+    be predicted at once.
 
     Args:
         context: Coding context.

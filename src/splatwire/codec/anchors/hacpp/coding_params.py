@@ -189,14 +189,14 @@ class CodingContext:
         return np.split(sums, edges, axis=1)
 
     def channel_outputs(self, group: int, shared: np.ndarray, activations: np.ndarray) -> np.ndarray:
-        """Evaluates the channel network of a feature group, which predicts the group from the groups before it.
+        """Predicts the features of one group of channels from those of the previous groups, by a neural network.
 
         Args:
             group: Index of the group.
-            shared: Contribution of the prior network's outputs to the network's hidden units: entry `group` of the
-                result of `shared_sums`.
-            activations: Features of the groups before, as network inputs from `feature_activations`, float64 (N,
-                channels of these groups).
+            shared: Part of the network's first layer that depends on the prior only: entry `group` of the result of
+                `shared_sums`.
+            activations: Features of the previous groups, from `feature_activations`, float64 (N, channels of these
+                groups).
 
         Returns:
             int32 (N, 3 * size of the group): means, standard deviations and weight logits of the group's channels.

@@ -162,7 +162,7 @@ class SeparatedDecoder(HacppDecoder):
         self._masks = decode_masks(info)
 
     def allocate(self) -> None:
-        """Allocates arrays for all anchors, and fills in the offset masks, which side information contains."""
+        """Allocates arrays for all anchors, and copies the offset masks from the side information to them."""
         super().allocate()
         self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
 
