@@ -1,8 +1,9 @@
-"""Importance tiers: elements grouped by importance, in separate packets, so that each tier has its own protection.
+"""Importance tiers: elements are grouped by importance into separate packets, so that each tier has its own protection.
 
-Every element has a rank (index in coding order) and a *place*: its index after sorting by tier and, within a tier, by
-rank. A packet plan is computed from places. A block is a range of consecutive places within one tier, so the block of a
-packet determines its tier. With one tier, place and rank are equal.
+Every element has two indices: its rank, which is the index in coding order, and its *place*, which is the index after
+sorting by tier, then by rank. With one tier, both are equal.
+
+A block is a range of consecutive places within one tier. The block of a packet thus determines its tier.
 """
 
 from dataclasses import dataclass

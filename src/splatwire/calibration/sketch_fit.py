@@ -199,9 +199,7 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
-    """Chooses the transform and quantisation steps for the coarse copies of anchors.
-
-    One more bit of precision then saves an error of about `price`.
+    """Chooses the transform and the quantisation steps for the coarse copies of anchors at a given price of a bit.
 
     Args:
         material: Data of the scene and of the anchors that may be copied.
@@ -209,8 +207,8 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
         options: Settings for the choice and quantisation.
 
     Returns:
-        The quantised transform (basis) of features and scalings, with the quantisation step of offsets. And the
-        coarsest quantisation step of the coefficients.
+        Two values. The first is the quantised transform (basis) of features and scalings, with the quantisation step of
+        offsets. The second is the coarsest quantisation step of the coefficients.
     """
     # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
     likely = options.crowding * material.removal > price * BITS_OF_COPY
@@ -292,9 +290,9 @@ def _rounded(numbers: np.ndarray) -> np.ndarray:
 
 
 def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:
-    """Returns the ideal code length of each integer in bits, given the frequencies of magnitudes in a sample.
+    """Returns the ideal code length of each integer in bits, if code lengths follow from frequencies in a sample.
 
-    Magnitudes above a limit use an escape code.
+    Large magnitudes use an escape code.
 
     Args:
         values: Integers to code.

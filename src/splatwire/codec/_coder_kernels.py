@@ -321,7 +321,7 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual that the probability tables (`residual_windows`) do not contain, by computing its probability.
+    """Encodes a residual that the probability tables (`residual_windows`) omit, by computing its probability.
 
     The tables omit very large residuals, and most residuals of wide distributions.
 

@@ -1,7 +1,7 @@
-"""Numba kernels of the position coder for a set of points, given as sorted Morton codes.
+"""Numba kernels of the position coder, which codes a set of points as a binary tree.
 
-The codes form a binary tree. A node is a range of codes that agree in all higher bits. For each node, the number of its
-points with a zero in the next bit is coded.
+The points are given as sorted Morton codes. A node of the tree is the range of points whose codes agree in the highest
+bits. For each node, the kernels code how many of its points have a zero in the next bit.
 """
 # Anchors on a coarse voxel grid have runs of zeros in their low bits, so contexts count the preceding zeros.
 # Array slices are written element by element: numba compiles slice assignments with all shape checks and error

@@ -20,14 +20,14 @@ from splatwire.types.received_scene import ReceivedScene
 
 
 class ProgressiveDecoder(Arrivals):
-    """Decoder of a stream during its transfer, for packets in any order.
+    """Decoder that adds each packet to the scene when it arrives, for use during a transfer.
 
-    The decoded integers are the same as with `decode_stream`. The cost of a packet depends on its own elements only,
-    not on the size of the scene. Packets may be added from several threads. Duplicate, damaged and foreign packets are
-    counted in `report`.
+    Packets may come in any order and from several threads. Duplicate, damaged and foreign packets are only counted, in
+    `report`. The decoded integers are the same as with `decode_stream`. The cost of a packet does not depend on the
+    size of the scene.
 
-    The scene, `partial`, is allocated when it is first read, and includes predicted values of all elements. Until then,
-    only received elements take memory.
+    The first read of the scene (`partial`) allocates it with predicted values of all elements. Until then, only
+    received elements take memory.
 
     Args:
         manifest: The stream's manifest.

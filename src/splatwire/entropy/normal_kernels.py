@@ -86,7 +86,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
-    """Returns the first and the last integer with a probability interval; other integers are coded by an escape code.
+    """Returns the range of integers that have a probability interval; others are coded by an escape code.
 
     Args:
         mean0: Mean of the first component, see `entropy.coder.Mixtures`.
@@ -95,6 +95,9 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
         widths: Distance of the first and the last integer from the mean, by scale index, from `half_width_table`.
+
+    Returns:
+        First and last integer of the range.
     """
     center = (mean0 + HALF_STEP) >> MEAN_BITS
     low = center - widths[scale0]

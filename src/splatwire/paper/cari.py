@@ -281,10 +281,10 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of the offsets whose residual is known after a pass; the next pass interpolates from them.
+    """Returns the mask of the offsets that the next pass can use as neighbours' values: those with a known residual.
 
-    Each lost offset that exists has an interpolated residual. The residual of a received offset is unknown if the
-    offset mask of its anchor was lost.
+    Lost offsets have an interpolated residual after a pass. A received offset has no known residual if the offset mask
+    of its anchor was lost.
 
     Args:
         context: The received scene.

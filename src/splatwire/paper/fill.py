@@ -43,7 +43,7 @@ class MaskVote:
             raise InvalidValueError(f"threshold of the mask vote must be in (0, 1], not {self.threshold!r}")
 
     def __call__(self, share: Float[Tensor, "Q K"], supported: Bool[Tensor, "Q"]) -> Bool[Tensor, "Q K"]:
-        """Returns the estimated offset masks of lost anchors (queries).
+        """Estimates the offset masks of lost anchors (queries) from those of their neighbours.
 
         Args:
             share: Weighted share of the neighbours with the offset, 0 to 1.

@@ -474,13 +474,13 @@ class _Trials:
     def _search(
         self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
     ) -> bool:
-        """Searches for the quantisation level at which a property of the stream, such as its PSNR, is in a given range.
+        """Searches for the quantisation level with which a stream has a wanted size or PSNR.
 
-        If no level gives such a value, the next finer one is used, with fewer Gaussians.
+        If no level gives an accepted value, the next finer level is used with fewer Gaussians.
 
         Args:
-            measure: Returns the property of an encoded scene.
-            permitted: The range of values.
+            measure: Returns the size or the PSNR of an encoded scene.
+            permitted: Range of accepted values.
             start: First level to try.
             slope: Expected increase of the value per level.
 

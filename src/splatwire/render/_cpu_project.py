@@ -296,9 +296,10 @@ def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
 @njit()
 @no_type_check
 def _axes_back(w, x, y, z, g, out):
-    """Converts the gradient of a rotation matrix to the gradient of its quaternion (`w`, `x`, `y`, `z`).
+    """Converts the gradient of the loss with respect to a rotation matrix to that with respect to its quaternion.
 
-    `g` are the nine gradients of the matrix, row by row; the result is written to `out`.
+    Args: w: Scalar part of the quaternion. x: First component of its vector part. y: Second component. z: Third
+    component. g: Nine gradients of the matrix, row by row. out: Output: four gradients of the quaternion.
     """
     out[0] = 2 * (z * (g[3] - g[1]) + y * (g[2] - g[6]) + x * (g[7] - g[5]))
     out[1] = 2 * (y * (g[1] + g[3]) + z * (g[2] + g[6]) + w * (g[7] - g[5]) - 2 * x * (g[4] + g[8]))

@@ -154,9 +154,9 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture error of changing each single anchor, given the total error over all selected anchors.
+    """Estimates the picture error of changing each anchor, when only the sum over all selected anchors is known.
 
-    The total is divided among the anchors in proportion to the picture error caused by removing each anchor.
+    The sum is divided among the anchors in proportion to the picture error that removing each of them causes.
 
     Args:
         removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).

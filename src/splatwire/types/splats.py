@@ -82,7 +82,7 @@ class Splats:
         return found
 
     def fill(self, begin: int, some: "Splats") -> None:
-        """Copies other Gaussians over the Gaussians from index `begin` on, in place."""
+        """Overwrites the Gaussians from index `begin` on with those of another object, in place."""
         for name, values in vars(self.run(begin, begin + some.num_gaussians)).items():
             values[:] = getattr(some, name)
 

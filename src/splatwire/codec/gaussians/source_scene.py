@@ -274,9 +274,9 @@ def _input_order(count: int) -> np.ndarray:
 
 
 def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
-    """Converts precision classes from the numbering of the interface to the numbering of the bitstream.
+    """Converts precision classes from the numbers that callers use to the numbers in the bitstream.
 
-    In the interface, the finest class is 0 and coarser classes are negative.
+    For callers, the finest class is 0 and coarser classes are negative. In the bitstream, the coarsest class is 0.
 
     Args:
         classes: Precision class of each Gaussian, (N); None for the finest class.
@@ -284,7 +284,7 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
         most: Finest precision class in the bitstream.
 
     Returns:
-        uint8 (N), 0 for the coarsest class to `most` for the finest.
+        Class of each Gaussian in the bitstream, uint8 (N), from 0 to `most`.
 
     Raises:
         InvalidValueError: If the number of classes differs from the number of Gaussians.

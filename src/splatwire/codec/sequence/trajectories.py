@@ -67,13 +67,13 @@ class Trajectories:
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Motion of n tracks relative to their keyframe Gaussians, as coefficients of polynomials before quantisation.
+    """Motion of n tracks relative to their keyframe Gaussians: polynomials over time, before quantisation.
 
     Attributes:
         coefficients: Coefficients by channel of motion and degree of the polynomial, float64 (n, channels, frames), in
             the units that `layout.CHANNELS` lists.
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        turns: Largest rotation of each track, as the tangent of a quarter of the angle, float64 (n).
+        turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         last: Rotation of each track in the last frame added, float64 (n, 4). It is a unit quaternion, with the sign
             chosen for continuity with the preceding frames.
     """

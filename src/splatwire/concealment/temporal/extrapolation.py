@@ -130,9 +130,9 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns the fraction of a track's last deviation from its neighbours' motion that is kept in the next group.
+    """Returns how much of a track's deviation from the motion of its neighbours is kept in the next group of pictures.
 
-    Small deviations of position and rotation are probably rounding errors, and are hardly kept. Deviations of scale,
+    A small deviation of position or rotation is probably a rounding error, and is hardly kept. Deviations of scale,
     opacity and colour are not kept.
 
     Args:

@@ -223,7 +223,7 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
 
 
 def _with_loss_rates(spec: str) -> list[str]:
-    """Returns the specifications of a loss model at several loss rates (`RATES`).
+    """Returns the specifications of a loss model at several loss rates (`RATES`), for a chart of quality against loss.
 
     A model without a loss rate gives only its own specification.
 

@@ -44,9 +44,10 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Assigns sorted values to the nearest entries of a code book; returns the bounds, int64 (size + 1).
+    """Divides sorted values among the entries of a code book: each value belongs to the nearest entry.
 
-    The values `ordered[bounds[i]:bounds[i + 1]]` are nearest to entry `i`.
+    Returns:
+        Bounds, int64 (entries + 1): the values `ordered[bounds[i]:bounds[i + 1]]` belong to entry `i`.
     """
     return np.concatenate([[0], np.searchsorted(ordered, (centers[1:] + centers[:-1]) / 2), [len(ordered)]])
 

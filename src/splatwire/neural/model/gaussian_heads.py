@@ -110,7 +110,7 @@ def spawn_gaussians(
 def _head_inputs(
     positions: Float[Tensor, "N 3"], features: Float[Tensor, "N F"], camera_center: Float[Tensor, "3"]
 ) -> Float[Tensor, "N D"]:
-    """Returns the inputs of the head networks per anchor: feature, direction from the camera, distance from it."""
+    """Returns the inputs of the networks that generate an anchor's Gaussians: feature, direction and distance."""
     ray = positions - camera_center
     distance = torch.linalg.vector_norm(ray, dim=1, keepdim=True)
     return torch.cat([features, ray / distance, distance], dim=1)

@@ -217,9 +217,9 @@ class CalibrationRun:
     def finished(self) -> bool:
         """Returns True if the training is over; called before every training step.
 
-        The training ends after the last step or, with `CalibrationConfig.selected`, after `CalibrationConfig.patience`
-        validations without improvement. In the second case, the steps with quantised weights (`CalibrationConfig.bits`)
-        are still performed, starting from the best network.
+        The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
+        `CalibrationConfig.patience` validations without improvement. If weights are quantised
+        (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
         """
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:

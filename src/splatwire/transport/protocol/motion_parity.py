@@ -106,7 +106,9 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
 
 
 def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
-    """Simplifies a list of runs (consecutive packets with equal protection): merges unprotected runs, drops empty runs.
+    """Simplifies a list of runs, which are consecutive packets with equal protection.
+
+    Adjacent runs without protection are merged, and empty runs are removed.
 
     Args:
         tiers: Number of packets and parity of each run, in sending order.

@@ -158,10 +158,10 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of symbols of each segment (source block) of the init segment that every client gets without request.
+        """Number of symbols of each segment of the init segment that every client gets without a request.
 
-        The further symbols of a segment are a reserve for clients that report missing symbols. If the number differs
-        between segments, this is the smallest number.
+        A segment is a source block of the FEC code. Further symbols are only sent to clients that report missing ones.
+        If the number differs between segments, this is the smallest.
         """
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         return min(counts.values())

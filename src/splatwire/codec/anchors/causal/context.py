@@ -190,10 +190,10 @@ def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
 
 
 def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
-    """Dequantises the logarithms of an anchor's sizes.
+    """Dequantises the logarithms of the sizes of an anchor and its Gaussians.
 
-    Column 0 is the scale of the anchor's offsets, which is equal on all axes. Columns 1 to 3 are the base sizes of its
-    Gaussians, one per axis.
+    Column 0 of the input and of the result is the scale of the offsets, which is equal on all axes. Columns 1 to 3 are
+    the base sizes of the Gaussians, one per axis.
 
     Args:
         numbers: Quantised logarithms, int32 (n, 4), in quantisation steps with `NUMBER_BITS` fractional bits.

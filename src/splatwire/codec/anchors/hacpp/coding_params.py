@@ -207,14 +207,14 @@ class CodingContext:
         return self.channel[group].finish(sums)
 
     def feature_activations(self, symbols: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """Converts decoded features to inputs of the channel networks.
+        """Converts decoded features to inputs of the channel networks, which predict later features.
 
         Args:
             symbols: int32 (N, channels).
-            factors: int64 (N), step factors of the feature.
+            factors: Factor on the quantisation step of each anchor's features, int64 (N).
 
         Returns:
-            float64 (N, channels) whole numbers, `ACTIVATION_BITS` fractional bits.
+            float64 (N, channels), whole numbers with `ACTIVATION_BITS` fractional bits.
         """
         activations = np.empty(symbols.shape, dtype=np.float64)
         columns = np.ascontiguousarray(symbols), np.ascontiguousarray(factors)  # one compiled version

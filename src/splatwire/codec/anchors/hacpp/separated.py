@@ -182,15 +182,17 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
 def _feature_mixtures(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
-    """Returns the mixture distributions for coding one feature group of a range of anchors.
+    """Returns the probability distributions of the features of one group, for some anchors.
+
+    Each is a mixture of two normal distributions.
 
     Args:
-        predicted: Prediction of all anchors, which contains the first mixture component.
+        predicted: Prediction of all anchors, which contains the first normal distribution.
         rows: Range of the anchors.
         columns: Range of the group's channels.
-        mean: Means of the second mixture component for these anchors and channels, see `atomic.Mixture`.
-        scale: Scale table indices of the second mixture component.
-        weight: Indices of the first component's weights in the weight table.
+        mean: Means of the second normal distribution for these anchors and channels, see `atomic.Mixture`.
+        scale: Scale table indices of the second normal distribution.
+        weight: Weight of the first distribution, as indices in the weight table.
     """
     first = (values[rows, columns] for values in predicted.feature)
     parts = (*first, mean, scale, weight_table()[weight])
