@@ -121,9 +121,9 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 
 
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Yields the received packets of a stream in the order of its elements, with the gaps that lost packets leave.
+    """Yields the received packets of a stream, and the gaps of lost packets, in the order of the elements.
 
-    For packets of limited size (hashed grouping), where the number of packets is not known in advance.
+    For streams whose number of packets is not known in advance (packets of limited size, with hashed grouping).
 
     Args:
         plan: The stream's packet plan.

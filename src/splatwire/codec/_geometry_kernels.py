@@ -26,9 +26,9 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the normal distribution for coding how many of n points have a zero in the next bit (see `encode_count`).
+    """Returns the normal distribution for coding the number of points in one half of an octree node with many points.
 
-    Used for nodes of many points.
+    The decoder reads this number by `decode_count`.
 
     Args:
         n: Number of points of the node.

@@ -56,9 +56,9 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def position_shift(bases, level, s0, long, thin, opacity, unit, most):
-    """Computes the quantisation step of a Gaussian's position, which depends on its size and shape.
+    """Computes the quantisation step of a Gaussian's position, which depends on its size, shape and precision class.
 
-    Gaussians of a higher precision class have a smaller step. It is at most half the second scale.
+    It is at most half the second scale.
 
     Args:
         bases: log2 of the quantisation steps of the lowest precision class, `STEP_BITS` fractional bits; one number for

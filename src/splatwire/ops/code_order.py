@@ -39,12 +39,12 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
 
 
 def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | range) -> None:
-    """Sorts elements by code, one bucket of a radix sort.
+    """Sorts some elements by their codes, as one step of a radix sort.
 
     Args:
-        codes: Function that returns the codes of elements given by index.
+        codes: Function that returns the codes of the elements with given indices.
         order: Output: the indices in sorted order.
-        bits: Number of low bits to sort by; all higher bits of the codes are equal.
+        bits: Number of low bits to sort by; all higher bits of these elements are equal.
         members: Indices of the elements to sort.
     """
     shift = max(bits - DIGIT_BITS, 0)

@@ -251,10 +251,13 @@ def _project_back_one(
 @njit(inline="always")
 @no_type_check
 def _coordinate_gradient(pose, axis, by, slope):
-    """Returns a row of the projection's Jacobian: the gradient of an image coordinate with respect to the world point.
+    """Returns the gradient of one image coordinate of a point with respect to the point's world coordinates.
 
-    `axis` is the image axis (0 or 1), `slope` the tangent of the viewing angle along it (x/z or y/z), and `by` the
-    focal length divided by the depth.
+    Args:
+        pose: World-to-camera transform of the view.
+        axis: Image axis, 0 or 1.
+        by: Focal length divided by the depth of the point.
+        slope: x / z of the point for axis 0, y / z for axis 1, in camera coordinates.
     """
     return (
         by * (pose[axis, 0] - slope * pose[2, 0]),
@@ -298,8 +301,13 @@ def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
 def _axes_back(w, x, y, z, g, out):
     """Converts the gradient of the loss with respect to a rotation matrix to that with respect to its quaternion.
 
-    Args: w: Scalar part of the quaternion. x: First component of its vector part. y: Second component. z: Third
-    component. g: Nine gradients of the matrix, row by row. out: Output: four gradients of the quaternion.
+    Args:
+        w: Scalar part of the quaternion.
+        x: First component of its vector part.
+        y: Second component of its vector part.
+        z: Third component of its vector part.
+        g: Nine gradients of the matrix, row by row.
+        out: Output: four gradients of the quaternion.
     """
     out[0] = 2 * (z * (g[3] - g[1]) + y * (g[2] - g[6]) + x * (g[7] - g[5]))
     out[1] = 2 * (y * (g[1] + g[3]) + z * (g[2] + g[6]) + w * (g[7] - g[5]) - 2 * x * (g[4] + g[8]))

@@ -41,7 +41,7 @@ def prepare_splats(
 ) -> Prepared:
     """Prepares Gaussians for encoding: sorts them into blocks and computes the side information.
 
-    Without a quality or precision classes in the options, a decoded scene is encoded to the same integers again.
+    A decoded scene is encoded to the same integers again, unless the options have a quality or precision classes.
 
     Args:
         scene: The Gaussians; each must have a visible effect.

@@ -187,7 +187,7 @@ class SourceScene:
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:
-        """Returns the lattice coordinates of a block's Gaussians, int64 (n, 3), in the sequence given by `order`."""
+        """Returns the positions of a block's Gaussians as lattice coordinates, int64 (n, 3), in coding order."""
         means = self.centres.take(self.order[self.members(block)], axis=0)
         return to_lattice(means.astype(np.float64), self.unit, self.size_log)
 
@@ -197,9 +197,9 @@ class SourceScene:
         return np.array([places.min(axis=0), places.max(axis=0)])
 
     def means(self, block: int) -> np.ndarray:
-        """Returns the means of opacity, scales and colour over a block, int64 (7), with 4 fractional bits.
+        """Returns the mean opacity, scales and colour of the Gaussians of a block, int64 (7), with 4 fractional bits.
 
-        Scales are represented as in the bitstream: logarithm of the largest scale, logarithm of its ratio to the second
+        Scales are in the form of the bitstream: logarithm of the largest scale, logarithm of its ratio to the second
         scale, and companded ratio of the second to the third scale.
         """
         here = self.pick(self.members(block))

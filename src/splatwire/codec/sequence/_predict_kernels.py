@@ -206,15 +206,15 @@ def _predict_coefficients(known, moving, neighbours, weights, found, means):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _quantise(wanted, means, octaves, dead, steps):
-    """Computes the residuals of a track's motion coefficients: differences from the prediction, in quantisation steps.
+    """Quantises a track's motion coefficients: computes their differences from the prediction, in quantisation steps.
 
-    Differences below half a step plus `dead` / 64 of a step become 0, which saves bits (a widened dead zone).
+    Small differences become 0 even if they exceed half a step, because zeros take few bits (a widened dead zone).
 
     Args:
         wanted: Coefficients before quantisation, float64 (U) for U coded coefficients.
         means: Predicted coefficients, float64 (U).
         octaves: log2 of the quantisation step of each coefficient, int64 (U).
-        dead: Widening of the dead zone on either side, in 64ths of a step.
+        dead: Largest difference that becomes 0, beyond half a step, in 64ths of a step.
         steps: Output: residuals, int64 (U).
     """
     for u in range(len(means)):

@@ -287,7 +287,7 @@ class TracksEncoder:
         self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
-        """Fills entries of a motion coder with the headers, positions, quantisation steps and expected sizes of tracks.
+        """Fills entries of a motion coder with the headers, positions, steps and expected sizes of tracks.
 
         Args:
             coder: The motion coder, changed in place.
@@ -334,7 +334,7 @@ class TracksEncoder:
     def _encode_motion_blocks(
         self, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
-        """Encodes the motion of all tracks, block by block, in packets of limited size.
+        """Encodes the motion of all tracks in packets of limited size.
 
         Args:
             coder: Motion coder of the tracks; tracks that need no new keyframe Gaussian come first.

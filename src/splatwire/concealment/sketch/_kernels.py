@@ -131,7 +131,9 @@ def code_value(coder, models, own, shared, value):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def code_levels(coder, models, levels, buckets, num_levels):
-    """Codes the precision level of each anchor's copy, in unary; level 0 means that an anchor has no copy.
+    """Encodes or decodes which anchors have a coarse copy, and the precision level of each copy.
+
+    A level is coded in unary: as that number of ones, then a zero. Level 0 means that an anchor has no copy.
 
     Args:
         coder: State of the range coder.

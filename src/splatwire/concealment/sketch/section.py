@@ -275,9 +275,9 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
-    """Entropy-codes the basis vectors; the channels of each coarse copy are a weighted sum of these vectors.
+    """Entropy-codes the basis vectors of a sketch, of which the channels of each coarse copy are a weighted sum.
 
-    A vector is coded under a normal distribution with mean 0 and the standard deviation of its components.
+    The components of a vector are coded under one normal distribution with mean 0.
     """
     scales = scale_index(np.sqrt((directions.astype(np.float64) ** 2).mean(axis=0) + 0.05))
     writer = ByteWriter()

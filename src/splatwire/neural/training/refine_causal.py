@@ -55,7 +55,7 @@ def refine_causal(
 
 
 def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
-    """Computes the data that stays constant while the networks are refined.
+    """Computes the data that stays constant while the networks of the context model are trained again.
 
     Args:
         scene: The scene.
@@ -63,8 +63,8 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
         alive: Anchors to use: those that have at least one offset.
 
     Returns:
-        Inputs of the position network. Attributes in units of their quantisation steps (features, logarithms of base
-        scale and sizes, offsets). Offset masks, 0 or 1.
+        Three values: inputs of the position network; attributes of the anchors in quantisation steps (features,
+        logarithms of base scale and sizes, offsets); and offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
     feature, form, offset = channel_steps(coding.steps.log(), coding.config)

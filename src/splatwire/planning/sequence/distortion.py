@@ -142,9 +142,9 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Reduces the random error of measured distortion models by combining those of several encodings of a sequence.
+    """Combines the measured distortion models of several encodings of a sequence, to reduce their random error.
 
-    All encodings get the same curve of added error over lost share, multiplied by a factor for each encoding. Curve and
+    All results have the same curve of added error over lost share, multiplied by a factor for each encoding. Curve and
     factors are medians, because single measurements can be outliers.
 
     Args:

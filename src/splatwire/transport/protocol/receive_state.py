@@ -143,10 +143,10 @@ class ReceiveState:
 
 
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
-    """Returns the parameters of a stream on which the sending order of its packets depends.
+    """Returns the parameters of a stream that determine the sending order of its packets.
 
-    A receiver that resumes a transfer may keep the received packets only if these parameters are unchanged, because it
-    stores packets by their index in sending order.
+    A receiver stores packets by their index in this order. If it resumes a transfer, it can keep them only if the
+    parameters are unchanged.
 
     Args:
         welcome: Declaration of the stream by the server.

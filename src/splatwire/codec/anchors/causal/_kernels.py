@@ -50,9 +50,9 @@ def activate(numbers, inputs):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def scale_indices(spreads, powers, indices):
-    """Converts logarithms of standard deviations to indices into the entropy coder's scale table.
+    """Converts logarithms of standard deviations to indices into the entropy coder's table of standard deviations.
 
-    An index is 16 times the octave, plus the position within the octave in sixteenths.
+    The table has sixteen entries for each octave (power of two).
 
     Args:
         spreads: Binary logarithms of standard deviations, 16 fractional bits.

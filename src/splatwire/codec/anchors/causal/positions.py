@@ -59,7 +59,7 @@ class SharedPositions:
 def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     """Encodes the high bits of all anchors' positions as a section of the side information.
 
-    The packets contain the low bits. The high bits form a binary tree.
+    The low bits are in the packets. The high bits are coded as a binary tree of space.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (N, 3).
