@@ -32,10 +32,10 @@ def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray
 
 
 def hash_order(start: int, stop: int, seed: int) -> np.ndarray:
-    """Returns the elements of a block in hash order: ranks sorted by `SplitMix64(rank XOR seed)`.
+    """Returns the elements of a block in an order that is random, but the same on every machine (hash order).
 
-    The ranks are those from `start` to `stop - 1` (indices in coding order). Consecutive entries of the result are
-    spread over the whole block. The hash is a bijection, so no two ranks tie.
+    Elements are given by their index in coding order (rank), from `start` to `stop - 1`. They are sorted by
+    `SplitMix64(rank XOR seed)`. The hash is a bijection, so that no two are equal.
 
     Returns:
         Ranks, int64 (`stop - start`).

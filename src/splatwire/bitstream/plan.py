@@ -154,10 +154,10 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet by rank (index in coding order).
+        """Lists the elements of every packet by their index in coding order (rank).
 
-        With hashed grouping, the plan does not determine which elements a packet contains. The groups are then whole
-        blocks, with their elements in the order of the hash.
+        With hashed grouping, the plan does not determine where a block is divided into packets. A group is then a whole
+        block, with its elements in the order of the hash.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]

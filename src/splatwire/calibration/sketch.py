@@ -193,7 +193,7 @@ class _Scores:
         return sketch.with_growth(best_of([(*growth, trust) for growth in sketch.growths[1:]]))
 
     def held_out(self, sketch: Sketch, show: Progress) -> dict[str, float]:
-        """Reports the picture quality without loss, and after simulated packet losses with each of three concealers.
+        """Measures the picture quality without loss, and after simulated packet losses with three concealers.
 
         The concealers are `drop`, `grow` and `sketch`. The losses are not those with which the parameters of the sketch
         were chosen.

@@ -146,10 +146,10 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores the decoded integers of new packets, and updates the scene with them.
+        """Stores the decoded integers of new packets, and updates the elements of these packets in the scene.
 
-        The update covers the elements of these packets. For a decoder that estimates lost elements, it covers their
-        whole blocks, because the estimates depend on the received elements of the block.
+        Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
+        updated.
         """
         ends = np.cumsum(run.counts)[:-1]
         each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)

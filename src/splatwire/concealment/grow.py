@@ -21,17 +21,15 @@ _MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
 class Grow:
     """Hides lost elements, and enlarges received elements to cover the gaps.
 
-    A received element is enlarged by the factor `(1 - rho) ** -exponent` (the gain), where `rho` is the lost share of
-    its nearest neighbours. With exponent 1/2, a surface keeps its covered area: `(1 - rho) n` of `n` discs remain, and
-    the area of each is multiplied by `1 / (1 - rho)`.
+    The enlargement of an element grows with the lost share `rho` of its nearest neighbours. The gain is `(1 - rho) **
+    -exponent`. With the exponent 1/2, the covered area of a surface is preserved: a share of `1 - rho` of its discs
+    remains, and the area of each is divided by `1 - rho`.
 
-    In `rho`, neighbours are weighted by their expected size: the size that the prior predicts, or the typical size in
-    the neighbour's importance tier (`ReceivedScene.sizes`). If only small elements were lost, large elements are thus
-    hardly enlarged.
+    Large neighbours have more weight in `rho` than small ones, by their expected size (`ReceivedScene.sizes`). If only
+    small elements were lost, large elements are thus hardly enlarged.
 
-    The type of scene (`Coverage`) determines how much of the gain is applied to size and how much to opacity. The sizes
-    of explicit Gaussians are increased much less, and the opacity `o` becomes `1 - (1 - o) ** (1 - rho) ** -0.8`, which
-    preserves the transmittance of overlapping layers.
+    The type of scene (`Coverage`) determines how much of the gain is applied to size and how much to opacity. For
+    explicit Gaussians, most of it is applied to opacity.
 
     Attributes:
         neighbors: Number of nearest elements (received or lost, without the element itself) over which `rho` is

@@ -247,7 +247,7 @@ def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_targ
 
 @dataclass(frozen=True)
 class _EvaluatedPlan:
-    """A plan with its result in new simulated transfers, some of which were rendered.
+    """A plan for sending a stream, with its result in simulated transfers that were not used for choosing it.
 
     Attributes:
         plan: Plan with the expected result of new simulated transfers.

@@ -168,8 +168,8 @@ def _prune_and_tune(
 ) -> "_Plan":
     """Prunes and fine-tunes a scene so that its stream has a target size or PSNR, or slightly more.
 
-    Different shares of the Gaussians are fine-tuned, one after another, until one of them gives this result. All of
-    them are fine-tuned for the same quantisation steps.
+    Different shares of the Gaussians are fine-tuned, one after another, until the result reaches the target. The
+    quantisation steps are always the same.
 
     Args:
         plan: The scene before pruning.

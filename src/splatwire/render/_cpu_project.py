@@ -56,9 +56,8 @@ def _clamped(value, focal, center, size, margin):
 def _project_chunk(work, pose, intrinsics, width, height, constants):
     """Projects `CHUNK` Gaussians to the image, in a loop without branches, which the compiler vectorises.
 
-    The buffer `work` has `CHUNK` numbers for each quantity. It contains the inputs: centres from index 0, then
-    quaternions, scales and opacities from `QUAT`, `SCALE` and `LEVEL`. Results are written to it: projected Gaussians
-    from `OUT`, tile ranges from `BOX`, and flags for drawn Gaussians from `DRAWN`.
+    The buffer `work` contains the input and receives the result. It has `CHUNK` numbers for each quantity; constants
+    such as `QUAT` and `OUT` are the index of the first number of a quantity.
     """
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants

@@ -23,17 +23,18 @@ from splatwire.types import AnchorScene, Cameras, Gaussians
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Mean squared errors of the rendered pictures, per pixel and channel, that changes of a scene's anchors cause.
+    """Estimated errors in the rendered pictures if anchors of a scene are removed or changed.
 
-    The errors are estimates to first order. The error of changing an attribute grows with the square of the change.
+    All values are mean squared errors per pixel and channel, to first order. The error of changing an attribute grows
+    with the square of the change.
 
     Attributes:
         removal: Error if an anchor is removed.
         offset_removal: Error if one Gaussian of an anchor is removed.
         channels: Error if a feature, or the logarithm of a scaling, changes by 1.
         offsets: Error if a coordinate of an offset changes by 1.
-        metric: Matrix M for changes of several features and logarithms of scalings at once. `d . M d` is the error if
-            the values of one anchor change by the vector d, summed over all anchors. The diagonal is the sum of
+        metric: Matrix M for changes of several features and logarithms of scalings at once: `d . M d` is the error,
+            summed over all anchors, if the values of each anchor change by the vector d. Its diagonal is the sum of
             `channels` over all anchors.
     """
 
@@ -60,9 +61,9 @@ def render_sensitivity(
         scene: The complete scene.
         cameras: Views to render.
         background: RGB of the background; None for that of the scene.
-        probes: Number of back-propagations per view for the errors of removing anchors and Gaussians, each with other
-            random signs of the pixels; more give a more precise estimate. The errors of changing attributes are
-            estimated from one of them.
+        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
+            precise estimate of the errors of removing anchors and Gaussians. Those of changing attributes are estimated
+            from one.
         seed: Seed of the signs.
         progress: Called with the finished share of views, 0 to 1.
     """

@@ -64,9 +64,7 @@ class FrameSource(Protocol):
         """
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Records the state of a file that was read or given up.
-
-        The file counts as a new frame when it changes.
+        """Records that a file was read or is ignored, so that it is not a new frame until it changes.
 
         Args:
             path: The file.

@@ -164,9 +164,10 @@ class ReceivedScene(Generic[S]):
 
     @property
     def expectation(self) -> Expectation | None:
-        """Values that the side information predicts for every element (such as `Prior`), used to fill lost elements.
+        """Values that the side information predicts for every element, which replace the values of lost elements.
 
-        None if the stream has no such prediction. Lost elements then have the expected values that the decoder chose.
+        An example is `Prior`. None if the stream has no such prediction. Lost elements then have the values that the
+        decoder chose.
         """
         return next((record for record in self.records if isinstance(record, Expectation)), None)
 

@@ -110,8 +110,8 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 def cell_shift(places: np.ndarray, bits: int) -> int:
     """Chooses the cell size of the coarse grid for coding a packet's positions; returns its log2 in lattice units.
 
-    The box of a block with n Gaussians is divided into about `16 * sqrt(n)` cells per side, which suits Gaussians on a
-    surface. A few Gaussians far away from the others do not enlarge the cells.
+    The box of a block with n Gaussians has about `16 * sqrt(n)` cells per side, which suits Gaussians on a surface. A
+    few Gaussians far away from the others do not enlarge the cells.
 
     Args:
         places: int64 (n, 3), lattice positions relative to the corner of the block's box.
@@ -122,9 +122,12 @@ def cell_shift(places: np.ndarray, bits: int) -> int:
 
 
 def _extent_bits(places: np.ndarray) -> int:
-    """Returns the number of bits of the largest side of the positions' bounding box; outliers have limited influence.
+    """Returns the number of bits that coordinates of positions need, relative to their bounding box.
 
-    `places` are lattice positions, int64 (n, 3).
+    A few positions far away from the others have limited influence.
+
+    Args:
+        places: Lattice positions, int64 (n, 3).
     """
     ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
     axes = np.ascontiguousarray(places.T)

@@ -227,7 +227,7 @@ class SourceScene:
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
 
     def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
-        """Sorts the Gaussians of a block for the division into packets; returns their indices in this order.
+        """Sorts the Gaussians of a block so that consecutive ones can share a packet; returns their indices.
 
         Gaussians in the same cell of a coarse grid stay together. With contiguous packets, neighbouring cells are next
         to each other. Otherwise, each packet is spread evenly over the block.

@@ -32,10 +32,10 @@ def negative_powers() -> tuple[int, ...]:
 
 @functools.cache
 def thinness_table() -> np.ndarray:
-    """Returns the table for decoding the ratio of two scales of a Gaussian, which is coded non-uniformly (companded).
+    """Returns the table for decoding the ratio of two scales of a Gaussian, which is coded with non-uniform steps.
 
-    A ratio 2**r is coded as t = (1 - 2**-r) / ln 2; entry t of the table is r. Both t and r have `BITS` fractional
-    bits.
+    A ratio `2**r` is coded as `t = (1 - 2**-r) / ln 2`, so that large ratios are coarser. Entry t of the table is r.
+    Both have `BITS` fractional bits.
 
     Returns:
         int64 of length `MAX_THIN + 1`, increasing.

@@ -47,7 +47,7 @@ class CodedKeyframes:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the block size for dividing elements into as few blocks of nearly equal size as possible.
+    """Returns the block size with which elements are divided into as few blocks as possible, of nearly equal size.
 
     Args:
         count: Number of elements, at least one.

@@ -17,10 +17,10 @@ def by_importance(packets: Sequence[Packet], importance: Mapping[PacketId, float
 
 
 def interleave_blocks(packets: Sequence[Packet], importance: Mapping[PacketId, float]) -> list[Packet]:
-    """Sorts packets so that blocks alternate: the most important packet of each block, then the second of each.
+    """Sorts packets so that blocks alternate: first the most important packet of each block, then the second of each.
 
-    Lost tracks are concealed from neighbours in their block, which is a spatial region. If all packets of a region were
-    sent last, a truncated transfer would leave the region without any neighbour.
+    A block is a region of space, and lost tracks are concealed from neighbours in their region. If a transfer ends
+    early, each region has thus received some of its packets.
 
     Args:
         packets: The packets.

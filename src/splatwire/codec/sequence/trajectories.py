@@ -177,7 +177,7 @@ class Offsets:
     size_log: int
 
     def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
-        """Returns a function that computes the offsets of the given tracks in a frame.
+        """Prepares the computation of the motion of some tracks, and returns a function that computes it for one frame.
 
         Work that does not depend on the frame is thus done once.
 

@@ -43,12 +43,11 @@ def encode_update(
     classes: np.ndarray | None = None,
     threads: int | None = None,
 ) -> SceneStream:
-    """Encodes the changes of a scene relative to its stream, see `apply_update`.
+    """Encodes the changes of a scene relative to its stream; `apply_update` applies the result.
 
-    A Gaussian is unchanged if its attributes, quantised with the steps of the stream, equal those of a Gaussian in the
-    stream. The changed stream keeps the packetization, quantisation steps, context tables, background, antialiasing and
-    metadata of the old one. If the scene has another antialiasing flag, it is encoded with the flag of the stream, and
-    a warning is logged.
+    A Gaussian is unchanged if its quantised attributes equal those of a Gaussian in the stream. The changed stream
+    keeps all settings of the old one, such as packetization and quantisation steps, its background and its metadata. It
+    also keeps the antialiasing flag; a warning is logged if that of the scene differs.
 
     Args:
         base: The stream of the scene before the change, complete.

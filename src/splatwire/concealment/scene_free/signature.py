@@ -24,10 +24,11 @@ _MOST_LOST = 0.97
 
 
 def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M signature"]:
-    """Computes the input features of received anchors from receiver-side information.
+    """Computes the inputs of the network of the concealer `scene_free`, one row for each received anchor.
 
     A lost share `rho` is represented by `-log(1 - rho)`, the logarithm of the area gain that compensates for this loss.
-    The features are:
+
+    The inputs are:
 
     1. Lost shares: of the whole scene, and of the nearest 4, 12 and 32 anchors.
     2. Lost shares of the area that neighbours cover, for three kernel widths and for two classes of large anchors.

@@ -37,15 +37,15 @@ _OURS = {
 
 @dataclass(frozen=True)
 class SceneSizes:
-    """Sizes of one scene as official HAC++ files and in the packetizations of this package.
+    """Sizes of one scene: as official HAC++ files, and as streams of this package with several packetizations.
 
     Attributes:
         scene: Name of the scene.
         num_anchors: Number of anchors, equal for all encodings.
         columns: Bytes of each category, for the official files (if present) and for every packetization.
-        attribute_files: Bytes of features, scalings and offsets in each encoding. Of this package, whole packets are
-            counted, with headers and masks. Of the official code, only the files of these attributes are counted, as in
-            the publication.
+        attribute_files: Bytes of features, scalings and offsets in each encoding, for comparison with published sizes.
+            For this package, these are whole packets, with headers and offset masks; for the official code, only the
+            files of these attributes.
     """
 
     scene: str

@@ -55,10 +55,10 @@ def build_splats(
     log_scales: np.ndarray | None = None,
     scales: np.ndarray | None = None,
 ) -> Splats:
-    """Builds Gaussians from the arrays of a file with one row per Gaussian; quaternions are normalised.
+    """Builds Gaussians from the arrays of a file with one row per Gaussian.
 
-    Opacities are clipped to [0, 1], and sizes of 0 are raised to the minimum. Invalid values become NaN;
-    `splatwire.types.validity` decides which rows can be drawn.
+    Quaternions are normalised, opacities are clipped to [0, 1], and sizes of 0 are raised to the minimum. Invalid
+    values become NaN; rows with NaN are later removed (`splatwire.types.validity`).
 
     Args:
         path: The file, for messages.

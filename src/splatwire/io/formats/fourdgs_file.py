@@ -162,10 +162,10 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _ConstantIntervals:
-    """Finds the time intervals of a sequence in which a Gaussian keeps all its values, for writing a `.4dgs` file.
+    """Finds the time intervals in which a Gaussian of a sequence keeps all its values, for writing a `.4dgs` file.
 
-    The file stores one Gaussian with start and end time for each interval. Row i is the same Gaussian in consecutive
-    frames if these have equally many Gaussians. Otherwise, all intervals end.
+    The file stores one Gaussian with start and end time for each interval. Row i of consecutive frames is the same
+    Gaussian if they have equally many Gaussians. Otherwise, all intervals end.
 
     Attributes:
         num_frames: Number of frames so far.

@@ -101,7 +101,9 @@ class Networks:
 
 @dataclass(frozen=True)
 class Steering:
-    """State of the controller of lambda, which aims at a target size (`splatwire.neural.training.size`).
+    """State of the controller that adapts the weight of the rate (lambda) during a training, to reach a target size.
+
+    The controller is in `splatwire.neural.training.size`.
 
     Attributes:
         log_rate: Natural logarithm of the factor on lambda.

@@ -189,7 +189,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a datagram that was queued for an earlier state of a live stream should still be sent.
+        """True if a datagram that waits in the send queue should still be sent after a live stream has grown.
 
         Motion of past groups of pictures, for example, is not needed any more.
 

@@ -138,11 +138,11 @@ def cut_packets(
     mask_models: np.ndarray,
     payload_bytes: int,
 ) -> np.ndarray:
-    """Cuts blocks into packets of limited size, each with as many anchors as fit.
+    """Divides blocks into packets of limited size, each with as many anchors as fit.
 
     Args:
         predicted: Prediction of the anchors of all blocks, block by block.
-        mixture: Second mixture component of the features of these anchors.
+        mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each block, int64 (blocks).
         symbols: The anchors' symbols.
         mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).

@@ -77,10 +77,10 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns how large the error of each output of the prior network may be relative to the others.
+    """Returns the relative error that each output of the prior network may have after its weights were quantised.
 
-    An error of the returned size costs about the same number of bits in every output. For the mean and the standard
-    deviation of a channel, it is the channel's typical standard deviation.
+    Errors of these sizes cost about the same number of bits in every output. For the mean and the standard deviation of
+    a channel, this is the channel's typical standard deviation.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.

@@ -61,12 +61,12 @@ def decode_masks(info: SideInfo) -> np.ndarray:
 def encode_parts(
     context: CodingContext, predicted: Predictions, mixture: Mixture, counts: np.ndarray, symbols: Symbols
 ) -> list[bytes]:
-    """Encodes groups of anchors with a separate packet for each attribute.
+    """Encodes groups of anchors with a separate packet for each attribute, as HAC++ does.
 
     Args:
         context: Coding context.
         predicted: Prediction of the anchors, group by group.
-        mixture: Second mixture component of the features of these anchors.
+        mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each group, int64 (groups).
         symbols: The anchors' symbols.
 
