@@ -46,7 +46,7 @@ _MANY_BITS = 200
 
 
 def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
-    """Checks that an argument has the expected type; a common mistake is to pass a path instead.
+    """Checks the type of an argument, and explains the usual mistake: a path in place of the object.
 
     Args:
         value: The argument.

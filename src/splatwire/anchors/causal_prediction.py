@@ -65,7 +65,7 @@ def predict_causal(
     """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
 
     The first network reads an anchor's position. Each further network also reads the attributes that were predicted
-    before. The result is differentiable if the networks and `join` are functions of torch.
+    before. The result is differentiable if the networks and `join` work on torch tensors.
 
     Args:
         networks: The networks by name.

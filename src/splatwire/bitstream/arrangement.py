@@ -16,7 +16,7 @@ from splatwire.reprs import summary_repr
 
 
 class Arrangement(NamedTuple):
-    """All elements (anchors or Gaussians) of a stream, split into groups that were received or lost together.
+    """Elements (anchors or Gaussians) of a stream in groups that share packets, with the received packets of each.
 
     Attributes:
         groups: Indices of the elements in coding order (ranks), group after group; every rank occurs once.

@@ -70,7 +70,7 @@ class Span(NamedTuple):
 
 @checked
 def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierShape, ...]:
-    """Counts the elements of each tier, and chooses the number of packets per block for each tier.
+    """Chooses how the elements of each importance tier are divided into packets; counts the elements of each tier.
 
     Returns an empty tuple if all elements are in one tier.
 

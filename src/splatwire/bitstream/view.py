@@ -161,9 +161,9 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
 
 
 def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarray:
-    """Selects the tiles to draw or request, most useful first.
+    """Selects the tiles to draw or to request for a viewpoint; returns them with the most useful first.
 
-    A tile always follows the coarser tile that it refines.
+    A finer tile always follows the coarser tile that it replaces.
     """
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):

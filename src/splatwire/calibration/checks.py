@@ -7,13 +7,13 @@ from splatwire.errors import InvalidValueError
 
 
 def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: bool) -> None:
-    """Checks the fields of a settings dataclass.
+    """Checks the fields of a settings dataclass, and raises an error that names the invalid ones.
 
     Args:
         settings: A dataclass instance.
         what: Name of the operation that the settings are for, used in the error message.
         counts: Names of the fields that must be 1 or more.
-        **sensible: Other fields that the caller has checked, by name: True if the value is valid.
+        **sensible: True for each field, by its name, whose value the caller has found valid; False for an invalid one.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

@@ -182,7 +182,7 @@ def _is_whole(values: np.ndarray, most: float) -> bool:
 
 
 def _divisor(number: int) -> int:
-    """Returns the largest divisor of a number that is a valid quantisation step, that is, at most `MAX_STEP`."""
+    """Returns the largest divisor of a number that is at most `MAX_STEP`, the largest possible quantisation step."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)

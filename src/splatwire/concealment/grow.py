@@ -111,10 +111,9 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the enlargement of received anchors that have few received neighbours.
+        """Limits the factors by which received anchors are enlarged, if few of their neighbours were received.
 
-        The fewer of an anchor's neighbours were received, the more it is enlarged. The factor must not exceed
-        `max_gain`, nor `max_excess` times the factor for the average loss of the scene.
+        A factor must not exceed `max_gain`, nor `max_excess` times the factor for the average loss of the scene.
 
         Args:
             received: Share of each anchor's neighbours that was received, 0 to 1.

@@ -50,14 +50,14 @@ def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
 
 
 def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
-    """Returns zero-mean normal distributions for coding the entries of a matrix, in row-major order.
+    """Returns the distributions for coding the entries of a matrix: normal distributions with mean 0.
 
-    Entry (i, j) has the scale index `rows[i] + columns[j]`, clipped to the range of the scale table (the list of
-    standard deviations).
+    The standard deviation of entry (i, j) has the index `rows[i] + columns[j]` in the scale table, clipped to its
+    range.
 
     Args:
-        rows: Scale index of each row.
-        columns: Number to add to the scale index, for each column.
+        rows: Part of the index that each row contributes.
+        columns: Part of the index that each column contributes.
     """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())

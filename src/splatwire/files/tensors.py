@@ -241,9 +241,9 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: Any) -> _Storage:
-    """Parses a reference from a pickled tensor to its data (storage).
+    """Parses a pickled reference from a tensor to its data (storage), as files of PyTorch contain it.
 
-    In a file of PyTorch, such a reference is a tuple; the arguments are its items.
+    The reference is a tuple; the arguments are its items.
 
     Args:
         word: Always `storage`.

@@ -86,10 +86,9 @@ def encode_levels(
 def _precision_classes(
     built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
 ) -> np.ndarray:
-    """Decides how precisely each Gaussian of all levels is quantised; returns its precision class.
+    """Chooses the precision class (set of quantisation steps) of each Gaussian in all levels of detail.
 
-    A class is a set of quantisation steps. In coarser levels, unchanged copies of finer Gaussians get a more precise
-    class than merged Gaussians.
+    In coarser levels, copies of finer Gaussians get a more precise class than merged Gaussians.
 
     Args:
         built: The levels of detail.

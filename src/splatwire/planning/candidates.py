@@ -283,7 +283,7 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
 
 
 def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
-    """Returns the number of repair symbols per packet that make up for the mean loss and a margin for random variation.
+    """Returns the number of repair symbols per packet that is needed for the mean loss and a margin.
 
     Args:
         safety: Margin in standard deviations of the number of lost packets; None for no parity at all.

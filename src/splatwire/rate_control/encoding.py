@@ -227,7 +227,7 @@ def decoded_finest(stream: SceneStream) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """A scene to encode, with the measurements that choose its Gaussians and their precision at any quantisation level.
+    """A scene to encode, with all that is needed to prune it and to choose its precision at any quantisation level.
 
     Attributes:
         source: The scene to encode.

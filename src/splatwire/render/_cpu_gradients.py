@@ -139,9 +139,9 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
-    """Computes the gradient with respect to each projected Gaussian in some tiles, summed over the pixels of a tile.
+    """Computes the gradient of the loss with respect to each projected Gaussian, in some tiles of the image.
 
-    The result has one row for each pair of a tile and a Gaussian in it.
+    A Gaussian has one row of the result for each tile that it covers, with sums over the pixels of this tile.
 
     Args:
         splats: Projected Gaussians.

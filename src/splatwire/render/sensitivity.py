@@ -99,7 +99,8 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Collects the gradients with respect to a view's Gaussians, which are computed range by range.
+    """Collects gradients with respect to the Gaussians of a view, which are computed for one range of Gaussians at a
+    time.
 
     Args:
         gaussians: The Gaussians.

@@ -68,7 +68,10 @@ class ModelConfig(CheckedFields):
     def prior_dim(self) -> int:
         """Number of outputs of the prior network, which predicts the distributions of an anchor's attributes.
 
-        For each feature channel: mean, standard deviation and mixture weight. For each scaling and offset: mean and
-        standard deviation. In addition, three factors on the quantisation steps.
+        The outputs are:
+
+        * for each feature channel: mean, standard deviation and mixture weight,
+        * for each scaling and offset coordinate: mean and standard deviation,
+        * three factors on the quantisation steps.
         """
         return 3 * self.layout.feature_dim + 2 * 6 + 2 * 3 * self.layout.num_offsets + 3

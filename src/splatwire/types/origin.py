@@ -102,15 +102,15 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Returns how far a scene is from its origin, if it is too far for positions in float32.
+    """Checks that positions in float32 are precise enough in a scene with a given origin.
 
     Args:
         origin: The origin that a file declares.
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        None if float32 is precise enough. Otherwise, the distance between median position and origin along the axis
-        where it is largest, world units.
+        None if they are. Otherwise, the distance between the median position and the origin along the axis where it is
+        largest, world units.
     """
     apart = means - np.array(origin)
     if choose_origin(apart, wide=False) == NO_ORIGIN:

@@ -37,9 +37,9 @@ def _can_repack(stream: SceneStream) -> bool:
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Renumbers the redundant copies after repacketization: a copy refers to its Gaussian by index.
+    """Updates the redundant copies of a stream after its packets were rearranged.
 
-    Repacketization changes the order of the Gaussians, and thus their indices.
+    A copy refers to its Gaussian by index, and the rearrangement changes the order of the Gaussians.
     """
     sections = sections_of(stream)
     if SKETCH not in sections:

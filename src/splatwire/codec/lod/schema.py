@@ -68,9 +68,11 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Replaces the tile index of a repacketized stream, because the byte sizes of the tiles have changed.
+    """Updates the tile index of a stream after its packets were rearranged, which changes the byte sizes of the tiles.
 
-    `stream` is the stream before repacketization, and `packed` the stream after it.
+    Args:
+        stream: The stream before.
+        packed: The stream after.
     """
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 

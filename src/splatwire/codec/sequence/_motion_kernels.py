@@ -155,7 +155,7 @@ def _code_interval(coder, low, span, at, start, size, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _bit(coder, low, span, at, context, bit):
-    """Encodes or decodes a bit with the adaptive model of a context; faster than `code_bit`.
+    """Encodes or decodes a bit with the adaptive model of a context; the same as `code_bit`, but faster.
 
     The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
     """

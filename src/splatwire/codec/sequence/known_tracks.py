@@ -55,10 +55,10 @@ class KnownTracks:
         return np.where(names[at] == keys, self.by_key[at], -1)
 
     def empty_group(self, frames: int) -> TrackGroup:
-        """Returns a group of frames without visible tracks.
+        """Returns a group of frames without visible tracks, for frames without Gaussians.
 
-        A group without any track would mean in the bitstream that all tracks stay unchanged. So the returned group has
-        one track, which ends before its first frame and is thus never visible.
+        The group contains one track, which ends before its first frame. A group without tracks would mean in the
+        bitstream that all tracks stay unchanged.
 
         Args:
             frames: Number of frames in the group.

@@ -39,15 +39,15 @@ class Neighborhood:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Nearest neighbours of M of a scene's N anchors, and expected sizes of all anchors, for concealment.
+    """Neighbours and expected sizes of anchors, from which a concealer computes the enlargement of received anchors.
 
-    The data does not depend on which anchors are lost, and is computed once for many simulated losses of a scene.
+    They do not depend on which anchors are lost, so that they are computed once for many simulated losses of a scene.
 
     Attributes:
-        log_size: Logarithm of the size that the prior predicts for each anchor. The prediction is used for received
-            anchors, too, so that their sizes are comparable with those of lost anchors.
+        log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors. It is used for
+            received anchors, too, so that their sizes are comparable with those of lost anchors.
         weights: Weight of each anchor when the lost share of a neighbourhood is computed (`ReceivedScene.sizes`).
-        rows: Indices of the M anchors.
+        rows: Indices of the M anchors whose neighbours are known.
         near: Nearest neighbours of the M anchors.
         classes: Nearest large neighbours of the M anchors. For each number s in `CLASS_SHARES`, only the largest 1/s of
             all anchors are considered.

@@ -99,7 +99,7 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, shares, found):
-    """Interpolates values of n tracks from values of their k neighbours; see `Neighbors` for the method.
+    """Estimates the motion of n tracks from the motion of their k neighbours; see `Neighbors` for the method.
 
     Args:
         index: Neighbours of each track, as rows of `values`, int32 (n, k).

@@ -152,12 +152,12 @@ def records_to_bytes(records: Sequence[Record]) -> bytes:
 
 
 def table_to_bytes(rows: Sequence[Mapping[str, Any]], place: Sequence[str] = ()) -> bytes:
-    """Serialises records, given as mappings, as a Parquet file.
+    """Serialises records as a Parquet file.
 
     Args:
         rows: Records as mappings from column names to values.
-        place: Names of text columns that `rows` have in addition to the fields of `Record`, such as the position in
-            the result table. They become the first columns of the file.
+        place: Names of text columns, such as the position in the result table, that `rows` have besides the fields of
+            `Record`. They become the first columns of the file.
     """
     pq, pyarrow = parquet()
     known, buffer = {item.name for item in fields(Record)} | set(place), io.BytesIO()

@@ -97,10 +97,10 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time in seconds at which the image quality has settled, that is, nearly reached its final value.
+    """Returns the time in seconds from which on the pictures along a camera path have nearly their final quality.
 
-    From then on, the PSNR of each image is at most `SETTLED_DB` below that of the completely received scene. Returns
-    None if even the last image is worse.
+    From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene. Returns
+    None if even the last picture is worse.
     """
     found = None
     for moment in reversed(moments):

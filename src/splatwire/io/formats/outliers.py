@@ -109,9 +109,9 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the distant Gaussians (outliers) that would cause visible rounding of all other positions in a file.
+    """Finds the distant Gaussians (outliers) because of which all other positions would be rounded visibly in a file.
 
-    As few Gaussians as necessary are marked as outliers.
+    As few Gaussians as necessary are marked.
 
     Args:
         splats: The Gaussians.

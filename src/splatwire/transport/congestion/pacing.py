@@ -268,9 +268,10 @@ class RateControl:
 
     @property
     def _capacity(self) -> float:
-        """Estimated capacity of the path, bytes per second.
+        """Estimated capacity of the path, bytes per second, at most the current rate.
 
-        It is the delivery rate divided by 1 - baseline loss, at most the current rate.
+        It is the rate at which data arrive, corrected for the loss that does not depend on the sending rate (baseline
+        loss).
         """
         return min(self._carried / (1.0 - self.loss.baseline), self.rate)
 

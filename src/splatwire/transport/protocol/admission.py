@@ -113,14 +113,14 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
 class ConnectionSlots:
     """Limits the number of concurrent connections, and shares them fairly between networks.
 
-    A network is an IPv4 address or a /64 prefix of IPv6. At the maximum, a new connection can replace the oldest
-    connection of the network with the most connections, which is aborted.
+    A network is an IPv4 address or a /64 prefix of IPv6. If all slots are in use, a new connection can replace the
+    oldest one of the network with the most connections.
 
     Args:
         most: Maximum number of connections in total.
-        per_network: Maximum number of connections per network. A new connection then replaces another one only if the
-            other network has more connections. None for no such maximum; a new connection then always replaces another
-            one.
+        per_network: Maximum number of connections per network. With it, a new connection replaces another one only if
+            the other network has more connections. None for no such maximum; a new connection then always replaces
+            another one.
     """
 
     def __init__(self, most: int, per_network: int | None = None) -> None:

@@ -200,7 +200,7 @@ class SendQueue:
         self._run.extend(range(max(first, self._passed) if if_begun else first, end))
 
     def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
-        """Replaces the queue after a live stream has grown.
+        """Updates the send queue after a live stream has grown.
 
         The new queue contains the new init segment, the packets of the earlier state that are still to be sent, and the
         new packets. The first response (welcome), which declares the new state to the client, is inserted three times

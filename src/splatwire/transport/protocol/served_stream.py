@@ -139,9 +139,10 @@ class ServedStream:
         return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
 
     def in_opening(self, item: tuple[int, int, int]) -> bool:
-        """True if a datagram is sent before view-dependent tiles, for every viewpoint of the client.
+        """True if a datagram belongs to the start of a transfer, which is the same for every viewpoint of the client.
 
-        This applies to the init segment, packets of the coarsest tiles (`opening_packets`), and their repair symbols.
+        The start consists of the init segment, the packets of the coarsest tiles (`opening_packets`), and their repair
+        symbols. Tiles that depend on the viewpoint follow.
 
         Args:
             item: Kind and numbers of the datagram, as in `schedule`.

@@ -157,10 +157,9 @@ class ServerTransfer:
         return None
 
     def on_handshake_rtt(self, round_trip: float | None) -> None:
-        """Sets the initial rate from the round-trip time of the handshake.
+        """Sets the initial sending rate from the round-trip time of the handshake.
 
-        The client has just returned its token, which proves that the client is present. An initial window of packets is
-        then sent without waiting for feedback.
+        Without feedback yet, the rate corresponds to one initial window of packets per round trip.
 
         Args:
             round_trip: Time from sending the token to its return, seconds; None if unknown.
