@@ -123,10 +123,10 @@ def _packed_layer(layer: Linear) -> np.ndarray:
 
 
 def _by_offset(shape: Mlp, color: Mlp) -> np.ndarray:
-    """Combines the output layers of shape and colour in the memory layout of the kernel.
+    """Combines the output layers for shape and for colour in the order in which the compiled kernel reads them.
 
-    Each offset has a row of biases, then a row of weights per hidden unit. In each row, the outputs of `shape` precede
-    those of `color`.
+    Each offset has a row of biases, then a row of weights for each hidden unit. In each row, the outputs of `shape`
+    precede those of `color`.
     """
     from splatwire.anchors._heads_kernels import COLOR, LANES
 

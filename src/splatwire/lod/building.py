@@ -100,7 +100,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides how many Gaussians represent each tile of a level in the next coarser level.
+    """Decides how many Gaussians of the next coarser level represent each tile of a level.
 
     Args:
         level: Gaussians of the finer level.

@@ -79,7 +79,7 @@ def _plan(
     max_protection: float,
     rendered_trials: int,
 ) -> ScenePlan | None:
-    """Returns the redundancy settings for one variant, with as many retransmitted packets as the limits allow.
+    """Plans the sending of one variant of a stream: as many packets are retransmitted as the limits allow.
 
     Args:
         variant: Variant of the stream.

@@ -231,7 +231,7 @@ def measured_variant(
 
 @checked
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
-    """Returns the elements of each packet as indices in coding order; the packets are in sending order."""
+    """Lists the elements of each packet, as indices in coding order; the packets are in sending order."""
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
     ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}

@@ -206,10 +206,13 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates the gain of PSNR in the held-out views per decibel of gain in the search views, 0.5 to 2.
+    """Estimates how much the PSNR in the held-out views grows if that in the search views grows by one decibel.
 
     Args:
         pairs: PSNR in the search views and in the held-out views of each stream encoded so far, decibels.
+
+    Returns:
+        The estimate, limited to the range from 0.5 to 2.
     """
     if len(pairs) < 2:
         return 1.0

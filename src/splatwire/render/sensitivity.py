@@ -99,8 +99,7 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Collects gradients with respect to the Gaussians of a view, which are computed for one range of Gaussians at a
-    time.
+    """Collects gradients with respect to a view's Gaussians, which are computed range by range.
 
     Args:
         gaussians: The Gaussians.

@@ -284,9 +284,8 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns quantisation precision classes for `count` tracks that are not measured by rendering.
-
-        This is the median class of the tracks measured so far.
+        """Returns the precision class of tracks for which no class was measured by rendering: the median of all
+        measured.
         """
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 

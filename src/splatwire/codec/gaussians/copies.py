@@ -84,7 +84,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
-    """Returns the precision class that all redundant copies of a stream share, 0 for the lowest.
+    """Returns the precision class of the redundant copies in a stream, 0 for the lowest; all copies share it.
 
     The stream must have copies.
 
@@ -103,15 +103,15 @@ def copies_level(info: SideInfo, num_gaussians: int) -> int:
 def _read(
     info: SideInfo, num_gaussians: int
 ) -> tuple[Boxes, np.ndarray, tuple[float, float, float], tuple[np.ndarray, np.ndarray]]:
-    """Reads the section of redundant copies from a stream's side information.
+    """Reads the redundant copies of Gaussians from a stream's side information, without dequantising them.
 
     Args:
         info: The stream's side information.
         num_gaussians: Number of Gaussians in the stream.
 
     Returns:
-        Bounding box of the copies; indices of the copied Gaussians in the stream; parameters of the enlargement
-        (`Copies.growth`); and the decoded integers of the copies, as returned by `_decode`.
+        Four values: bounding box of the copies; indices of the copied Gaussians in the stream; parameters of the
+        enlargement (`Copies.growth`); and the decoded integers of the copies, as returned by `_decode`.
     """
     reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
     version = reader.u8()

@@ -174,7 +174,9 @@ class SourceScene:
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
-        """Returns the range of the attribute `order` (indices sorted by block) that belongs to a block."""
+        """Returns the Gaussians of a block as a range of the attribute `order`, which contains all Gaussians sorted by
+        block.
+        """
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:

@@ -68,7 +68,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the tile index of a stream after its packets were rearranged, which changes the byte sizes of the tiles.
+    """Updates the tile index of a stream after its packets were rearranged: the sizes of the tiles change.
 
     Args:
         stream: The stream before.

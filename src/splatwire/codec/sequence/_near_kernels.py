@@ -80,7 +80,8 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Finds the `NUM_NEIGHBOURS` nearest candidates by their squared distances, for the prediction of motion.
+    """Finds the `NUM_NEIGHBOURS` nearest of some candidates, given their squared distances, for the prediction of
+    motion.
 
     Args:
         squares: Squared distances of all tracks, float64.

@@ -109,10 +109,10 @@ def add_frames(
     found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
-    """Continues to fit polynomials to the motion of tracks, with further frames of the group.
+    """Adds further frames to the polynomials that are fitted to the motion of tracks.
 
-    An encoder can thus do most of the fit before the last frame is available. The result is bit-identical to a fit of
-    all frames at once.
+    An encoder can thus do most of the fit before the last frame of a group is available. The result is the same, bit
+    for bit, as if all frames were fitted at once.
 
     Args:
         found: Polynomial coefficients of n tracks, changed in place; the attribute `largest` is set with the last

@@ -64,10 +64,9 @@ class UpdateChain:
         return self._with(source, change.result, change.update)
 
     def edited(self, scene: SplatScene) -> "UpdateChain":
-        """Encodes a changed scene as an update of `scene`, and returns the chain with the new state.
+        """Encodes a changed scene as an update of `scene`, and returns the chain that ends with the changed scene.
 
-        The chain is returned as it is if no Gaussian has changed by a quantisation step. The next update changes the
-        stream `scene` of the result.
+        The chain is returned unchanged if no Gaussian has changed by a quantisation step.
 
         Args:
             scene: The changed scene.

@@ -23,9 +23,9 @@ MOST_CHANGE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class GainInputs:
-    """Inputs of the network that predicts factors on size and opacity (gains), for one loss pattern of one scene.
+    """Inputs of the neural network that predicts the enlargement of received anchors next to lost ones.
 
-    Computing the inputs dominates the run time; evaluating the network is cheap.
+    Their computation takes most of the time of the concealer; the network itself is fast.
 
     Attributes:
         rows: Indices of the received anchors, int64 (M).

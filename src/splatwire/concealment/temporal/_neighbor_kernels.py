@@ -43,7 +43,7 @@ def _solve_first(lower, solution):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solution, found):
-    """Computes interpolation weights that evaluate a quadratic least-squares fit at the query point.
+    """Computes weights that interpolate motion by a quadratic function fitted to the neighbours.
 
     Args:
         offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).

@@ -65,7 +65,7 @@ def conceal_group(
 
 
 def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
-    """Calls a concealer of lost motion, and checks its result: shape, type and values of the motion in each frame."""
+    """Calls a concealer of lost motion, and checks the type, shape and values of its result in each frame."""
     proposal, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
     if not isinstance(proposal, ConcealedMotion):
         found = type(proposal).__name__
@@ -140,7 +140,7 @@ def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentS
 
 
 def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
-    """Combines the poses of received tracks with the estimated poses of lost tracks, sorted by track index.
+    """Combines the tracks with received motion and the tracks with estimated motion of a group, sorted by index.
 
     Args:
         first: Poses of the tracks with received motion.

@@ -181,7 +181,9 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Computes the picture error if tested tracks are drawn in their estimated state, at one point for each track.
+        """Computes the error in the picture if tracks are drawn in an estimated state in place of their true state.
+
+        It is evaluated at one point for each track.
 
         Args:
             around: The points, and colour and opacity of the other Gaussians there.

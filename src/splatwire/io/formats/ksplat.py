@@ -131,7 +131,7 @@ def _read_section(
 def _from_bucket(
     path: Path, data: memoryview, at: int, centers_at: int, section: _Section, codes: np.ndarray
 ) -> np.ndarray:
-    """Decodes positions that are stored in 16 bits relative to the centres of buckets (groups of Gaussians).
+    """Decodes positions that are stored relative to the centre of a group of Gaussians (bucket), in 16 bits.
 
     Args:
         path: The file, for messages.

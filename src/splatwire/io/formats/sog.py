@@ -282,7 +282,7 @@ class _Sog:
         return bands, int((labels[:, 0] + 256 * labels[:, 1]).max()) + 1
 
     def _palette_codebook(self) -> np.ndarray:
-        """Returns the code book of the palette in a SOG: the number for which each pixel value stands, float32 (256)."""
+        """Returns the code book of the palette image: the number for which each pixel value stands, float32 (256)."""
         if not self._first:
             return self._codebook("shN")
         low, high = (self._numbers("shN", side, None, _MAX_CODE) for side in ("mins", "maxs"))

@@ -129,9 +129,9 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network with `num_prior` inputs that ignores them and returns the constants `values`.
+    """Builds a network that returns constants for every input, in place of a network for the first feature group.
 
-    HAC++'s small variant has such constants in place of the network of the first feature group.
+    The small variant of HAC++ has such constants.
     """
     bias = values.detach().float().flatten()
     nothing = Linear(torch.zeros(1, num_prior), torch.zeros(1))

@@ -103,11 +103,11 @@ def _head(
     num_offsets: int,
     appearance: int | None,
 ) -> Mlp:
-    """Converts a network of Scaffold-GS to a rendering network of an anchor scene.
+    """Converts a network of Scaffold-GS to a network that generates the Gaussians of an anchor scene.
 
-    The inputs of the result are the anchor's feature, the viewing direction and the distance. An input that Scaffold-GS
-    lacks (the distance) gets weights of 0. An input that the result lacks (the appearance embedding) is replaced by its
-    constant contribution for one training camera.
+    The inputs of the result are the anchor's feature, the viewing direction and the distance. If the network of
+    Scaffold-GS does not use the distance, its weights are 0. An appearance embedding becomes a constant, its value for
+    one training camera.
 
     Args:
         iteration: Folder of the model's iteration, for messages.

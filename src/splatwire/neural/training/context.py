@@ -175,10 +175,10 @@ class TrainedContext:
 def straight_through_masks(
     state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Returns the masks of offsets and of anchors, 0 or 1 (HAC++).
+    """Returns the masks of offsets and of anchors as 0 or 1, with a gradient that can train them (HAC++).
 
     In the gradient, the mask of an offset is replaced by the sigmoid of its logit, and the mask of an anchor by the
-    mean of these sigmoids over its offsets.
+    mean of these sigmoids over its offsets (straight-through gradient).
     """
     return straight_through(state.parameters["mask_logits"][index], config.mask_threshold)
 
@@ -196,7 +196,7 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
 
 
 def step_columns(prior: Mlp) -> Mlp:
-    """Returns a smaller network: the prior network with only its last three outputs, the quantisation-step logits."""
+    """Returns a part of the prior network: only its last three outputs, from which the quantisation steps follow."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 

@@ -47,9 +47,9 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Branches:
-    """Two estimates of the attributes of lost anchors (queries): by the network and by the interpolation.
+    """Two estimates of the attributes of lost anchors (queries): one by the network and one by the interpolation.
 
-    Function `fuse` chooses between them or blends them.
+    The function `fuse` blends them or chooses between them.
 
     Attributes:
         feature: Estimates of the features.

@@ -79,9 +79,10 @@ def strongest_edge(
 
 
 class _EdgeLayer(nn.Module):
-    """EdgeConv layer with a residual connection for lost anchors i: `h_i + Linear(EdgeConv(LN(h_i), {LN(h_j)}))`.
+    """Layer of a graph neural network (EdgeConv) that updates the hidden vectors of lost anchors from known neighbours.
 
-    The neighbours j are known anchors, which have no incoming edges. LN is layer normalisation.
+    The new vector of anchor i is `h_i + Linear(EdgeConv(LN(h_i), {LN(h_j)}))`, with its neighbours j and layer
+    normalisation LN. Vectors of known anchors do not change.
     """
 
     def __init__(self, hidden: int) -> None:

@@ -1,4 +1,4 @@
-"""Measures several encodings of a sequence as input of the planner: sizes, and errors that packet losses cause."""
+"""Measures several encodings of a sequence for the planner: their sizes, and the errors that packet losses cause."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

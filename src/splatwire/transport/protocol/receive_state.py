@@ -75,9 +75,12 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """True if a packet belongs to a new state of the live stream that the server has not declared yet (welcome).
+        """Stores a packet that belongs to a state of the live stream that the server has not declared yet.
 
-        Stores the packet until the declaration arrives, up to `MAX_WAITING_PACKETS` packets.
+        At most `MAX_WAITING_PACKETS` packets wait for the declaration (welcome).
+
+        Returns:
+            True if the packet belongs to such a state.
         """
         welcome = self._welcome
         if welcome is None or not welcome.is_live:

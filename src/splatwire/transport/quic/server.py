@@ -245,9 +245,9 @@ class _LimitedEndpoint(AioquicServer):
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Passes a UDP datagram to aioquic, unless it starts a connection that the server cannot accept.
 
-        Up to twice the limit of connections (plus `SPARE`), new connections are passed on, so that clients can be
-        refused with a reason. Above that, a client must first prove its address by returning a token (QUIC Retry). It
-        is then accepted only if another network, with more connections, can lose one.
+        Beyond the limit of connections, some more are accepted (twice the limit plus `SPARE` in total), so that their
+        clients can be refused with a reason. After that, a client must first prove its address by returning a token
+        (QUIC Retry), and replaces a connection of another network that has more connections.
 
         Args:
             data: Payload of the datagram.

@@ -168,10 +168,9 @@ class CausalDecoder(AnchorDecoder):
         return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
 
     def _prior(self) -> Prior:
-        """Returns the predicted distribution of every anchor's attributes, for the concealment of lost anchors.
+        """Returns the predicted distribution of every anchor's attributes, from which concealers estimate lost anchors.
 
-        It consists of means, standard deviations and quantisation steps. The step of a scaling is proportional to its
-        mean.
+        The quantisation step of a scaling is proportional to its mean.
         """
         num, info = len(self._place), self._info
         relative = self._means["scaling"].mean(axis=1, keepdims=True)

@@ -58,7 +58,7 @@ def locate(unit, resolution):
 @njit(borrows=True)
 @no_type_check
 def corner_weight(corner, bit, fraction, resolution):
-    """Returns the interpolation weight of a corner of a grid cell along one axis.
+    """Returns the interpolation weight of one of the two corners of a grid cell along one axis.
 
     The weight of corners on the border of the grid is 0.
 

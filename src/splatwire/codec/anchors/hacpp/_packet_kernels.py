@@ -252,8 +252,8 @@ def cut(masks, bits, mask_model, budget, counts):
 
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
-        bits: Code length of each anchor without its mask, from `anchor_bits`. The code lengths of masks are computed
-            here, because they depend on the preceding anchors of the packet.
+        bits: Code length of each anchor without its mask, from `anchor_bits`. That of a mask depends on the preceding
+            anchors of the packet, and is computed here.
         mask_model: Initial state of the adaptive models of mask bits, for each packet.
         budget: Maximum size of a packet in bits.
         counts: Output: number of anchors of each packet.
