@@ -284,8 +284,9 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns the precision class of tracks for which no class was measured by rendering: the median of all
-        measured.
+        """Returns the precision class of tracks that are not measured by rendering.
+
+        It is the median of the classes measured so far.
         """
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 

@@ -174,8 +174,9 @@ class SourceScene:
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
-        """Returns the Gaussians of a block as a range of the attribute `order`, which contains all Gaussians sorted by
-        block.
+        """Returns the Gaussians of a block as a range of the attribute `order`.
+
+        This attribute contains the indices of all Gaussians, sorted by block.
         """
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 

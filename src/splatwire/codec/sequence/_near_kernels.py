@@ -80,8 +80,7 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Finds the `NUM_NEIGHBOURS` nearest of some candidates, given their squared distances, for the prediction of
-    motion.
+    """Finds the nearest of some candidates by their squared distances, for the prediction of motion.
 
     Args:
         squares: Squared distances of all tracks, float64.
@@ -89,8 +88,8 @@ def _smallest_candidates(squares, some, count):
         count: Number of candidates.
 
     Returns:
-        One integer for each of them, in ascending order: the squared distance in the high bits, and the index of the
-        candidate in the low bits.
+        `NUM_NEIGHBOURS` integers in ascending order, one for each of the nearest candidates: the squared distance in
+        the high bits, and the index of the candidate in the low bits.
     """
     # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
     # wrongly.

@@ -174,8 +174,7 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmissions of this stream are limited, by a number of bytes or to the first packets in sending
-        order.
+        """True if retransmissions of this stream are limited, by a number of bytes or to the first packets.
 
         Lost symbols of the init segment are then replaced sparingly, to save bytes.
         """
