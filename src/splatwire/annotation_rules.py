@@ -327,8 +327,8 @@ def array_rule(kind: Any) -> Rule:
 
 
 def array_like_rule(kind: Any) -> Rule:
-    """Builds the rule of an array parameter, which accepts any array, list or tuple.
+    """Builds the check of a parameter that is converted to an array by the function itself.
 
-    The function itself converts the value and checks its shape and dtype.
+    The check accepts any array, list or tuple.
     """
     return Rule("an array", lambda value: hasattr(value, "shape") or isinstance(value, list | tuple))

@@ -206,7 +206,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the range of a packet's elements within the list of its block's elements (`block_ranks`).
+        """Returns the position of a packet's elements in the list of its block's elements (`block_ranks`), as a range.
 
         Args:
             packet_id: The packet.
@@ -263,7 +263,7 @@ class PacketPlan:
             raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
 
     def _lanes_of(self, span: Span) -> np.ndarray:
-        """Returns the lane of each element of a tier: the index of the element's packet within its block.
+        """Returns the index of each element's packet within its block (lane), for the elements of one importance tier.
 
         Args:
             span: Blocks of the tier.
@@ -279,15 +279,13 @@ class PacketPlan:
         return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
-        """Returns the lane of each element in the block of a packet.
-
-        The lane of an element is the index of its packet within the block.
+        """Returns the index of each element's packet within the block (lane), for the block of a given packet.
 
         Args:
             packet_id: A packet of the block.
 
         Returns:
-            Rank of the block's first element; and the lanes, uint8, one for each element of the block.
+            Rank of the block's first element; and the lane of each element of the block, uint8.
         """
         p = self.packetization
         span = self._span(packet_id.block)

@@ -149,11 +149,11 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets to code in the coarse copies of anchors: the Gaussians' positions relative to their anchor.
+    """Returns the offsets that the coarse copies of anchors contain: positions of Gaussians relative to their anchor.
 
-    Offsets are in units of the anchor's first three scalings. In some streams, exact anchor positions are only in
-    packets, so a receiver draws the copy of a lost anchor at a predicted position (`ExpectedPlaces`). The offsets are
-    then relative to the predicted position.
+    They are in units of the anchor's first three scalings. In streams whose packets contain the exact positions of
+    anchors, a receiver draws the copy of a lost anchor at a predicted position (`ExpectedPlaces`). The offsets are then
+    relative to this position.
 
     Args:
         complete: The complete scene.

@@ -37,7 +37,7 @@ def cameras_of(command: Encode, scene: Scene) -> Cameras:
 
 
 def refiner(steps: int) -> Callable[..., Scene]:
-    """Returns a function that trains the context model of a scene further, so that the stream takes fewer bits.
+    """Returns a function that trains a scene's context model further, so that its stream takes fewer bits.
 
     Args:
         steps: Number of training steps.

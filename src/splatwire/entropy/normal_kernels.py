@@ -57,8 +57,8 @@ def normal_cdf(boundary, mean, inverse, table):
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
     """Returns the start of a symbol's probability interval, which is also the end of the preceding symbol's interval.
 
-    It is the CDF of the mixture at the lower boundary of the symbol, scaled and increased by one unit per preceding
-    symbol, so that no interval is empty.
+    It follows from the cumulative distribution function of the mixture at the lower boundary of the symbol. Each
+    interval is enlarged by one unit, so that none is empty.
 
     Args:
         symbol: The symbol, from `low` to `high + 1`.

@@ -175,9 +175,9 @@ def _only_ours(folder: Path) -> bool:
 
 
 def _is_safe_parent(parent: Path) -> bool:
-    """True if only this user (and root) can rename, replace or delete this user's files in a folder.
+    """Returns True if no other user (except root) can rename, replace or delete this user's files in a folder.
 
-    That requires a folder of this user or root. It must not be writable for other users, unless it is sticky like /tmp.
+    The folder must belong to this user or root, and must not be writable for others, unless it is sticky like /tmp.
     """
     status = parent.stat()
     shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX

@@ -185,11 +185,10 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, head_share: float
 ) -> list[Protection]:
-    """Returns the most promising settings for the redundancy of the init segment, which the planner then compares.
+    """Finds good settings for the redundancy of the init segment, which the planner then compares.
 
-    These are the settings that deliver the side information in the required fraction of transfers
-    (`PlanConstraints.head_target`), or as often as possible, with the fewest bytes. One setting with additional
-    redundancy is added.
+    They deliver the side information in the required fraction of transfers (`PlanConstraints.head_target`), or as often
+    as possible, with the fewest bytes. One setting with additional redundancy is added.
 
     Args:
         load: Sizes of the stream.

@@ -129,7 +129,11 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
-        """Returns the Gaussians that the receivers have in the order of new ones, and the mask of those they have."""
+        """Returns the Gaussians that the receivers have, in the order of the new ones, and a mask.
+
+        Returns:
+            Gaussians in the order of `splats`, and the mask of those that the receivers have.
+        """
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)

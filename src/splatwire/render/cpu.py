@@ -100,10 +100,10 @@ class _Band(NamedTuple):
 
 
 class Picture:
-    """Draws one view on the CPU, and computes gradients for the drawn image.
+    """Drawing of one view on the CPU, with the gradients of the picture; contains the projected Gaussians.
 
-    Contains the projected Gaussians. Threads divide the work by ranges of Gaussians and by bands (consecutive rows of
-    tiles). The image does not depend on this division.
+    Threads divide the work by ranges of Gaussians and by bands (consecutive rows of tiles). The image does not depend
+    on this division.
 
     Args:
         arrays: Means, quats, scales, opacities, colors.

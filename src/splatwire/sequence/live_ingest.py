@@ -211,7 +211,9 @@ def _has_valid_rows(frame: Frame) -> bool:
 
 
 def _described(kind: tuple[int, bool]) -> str:
-    """Describes the properties in which all frames must agree, for error messages.
+    """Describes the degree of harmonics and the antialiasing flag of a frame, for error messages.
+
+    All frames must agree in both.
 
     Args:
         kind: Degree of harmonics, and True for antialiasing.

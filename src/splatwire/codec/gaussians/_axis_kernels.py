@@ -101,7 +101,7 @@ def _quotient(number, divisor):
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
     """Encodes or decodes the primary axis of a Gaussian, predicted as the mean axis of its neighbours.
 
-    The axis is represented by two coordinates after an octahedral mapping; the third one follows from them.
+    Two coordinates are coded, from which the third follows (octahedral mapping).
 
     Args:
         coder: Entropy coder.

@@ -166,11 +166,10 @@ def _code_spin(coder, row, axes, primary, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def spin_angle(row, axes, primary):
-    """Returns the rotation of a Gaussian about its decoded primary axis, as an angle in radians, -pi to pi.
+    """Returns the rotation of a Gaussian about its primary axis, as an angle in radians, -pi to pi.
 
-    It is the angle between a reference direction and another principal axis of the Gaussian. The reference direction is
-    the coordinate axis that is closest to perpendicular to the primary axis, projected onto the plane perpendicular to
-    it.
+    It is the angle between a reference direction and another principal axis. The reference direction is perpendicular
+    to the primary axis and close to a coordinate axis.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (COLUMNS), with the primary axis.

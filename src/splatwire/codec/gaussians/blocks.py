@@ -86,7 +86,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(some: np.ndarray) -> np.ndarray:
-        """Maps positions to coordinates that grow with the logarithm of the distance, far from the centre.
+        """Compresses distances from the centre: far away, coordinates grow only with the logarithm of the distance.
 
         Distant Gaussians thus do not make the Morton codes of all other Gaussians coarse.
         """

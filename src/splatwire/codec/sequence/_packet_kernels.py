@@ -101,9 +101,9 @@ def _trim(quantised, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(models, counts, frames, first_new, dead, headers, places, shifts, targets, rows, buffer, out):
-    """Encodes the motion of some tracks as one packet; returns its size in bytes.
+    """Encodes the motion of the tracks of one packet; returns the size of the packet in bytes.
 
-    The residuals of the coefficients are written to `out`. See `encode_cut` for the arguments. Here, arrays with one
+    The residuals of the coefficients are written to `out`. See `encode_cut` for the other arguments; arrays with one
     entry per track contain only the tracks of the packet.
     """
     n, used = len(headers), 0

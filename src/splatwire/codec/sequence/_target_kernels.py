@@ -20,7 +20,7 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 def _relative_rotations(quats, base, begin, end, last, far, values):
     """Computes the rotation of a track relative to its keyframe Gaussian, in some frames of a group.
 
-    Signs of quaternions are chosen so that the rotation continues that of the preceding frame.
+    The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
 
     Args:
         quats: Rotation of the track in each frame, as quaternions.
@@ -186,12 +186,12 @@ def find_moving(largest, turns, shifts, numbers, limits, far, moving):
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        turns: Largest rotation of each track, as the tangent of a quarter of the angle, float64 (n).
+        turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
         numbers: Index into `shifts` of each of the n tracks, int64 (n).
-        limits: Four thresholds, float64 (4), see `fitting.LIMITS`: maximum coefficient in quantisation steps; maximum
-            coefficient; maximum rotation, as in `turns`; and minimum coefficient of a moving track, in quantisation
-            steps.
+        limits: Four thresholds, float64 (4), see `fitting.LIMITS`. Three are maxima: of a coefficient in quantisation
+            steps, of a coefficient, and of the rotation (as in `turns`). The fourth is the minimum coefficient of a
+            moving track, in quantisation steps.
         far: Output: mask of tracks that exceed one of the three maxima, bool (n).
         moving: Output: mask of tracks with a coefficient of at least the minimum, bool (n).
     """

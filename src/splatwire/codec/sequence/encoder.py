@@ -369,7 +369,7 @@ class TracksEncoder:
         return self._renumbered(packets, len(parts), seen), np.concatenate(costs)
 
     def _renumbered(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:
-        """Continues the numbering of the stream's blocks with newly encoded packets, and records their importance.
+        """Gives newly encoded packets the next block numbers of the stream, and records their importance.
 
         Args:
             packets: The packets, with blocks numbered from 0.

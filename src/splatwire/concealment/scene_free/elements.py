@@ -84,9 +84,10 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
 
 
 def _spacing(distance: np.ndarray, received: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "M"]:
-    """Returns the logarithm of the distance from each received Gaussian to its sixth received neighbour, float (M).
+    """Measures how sparse the received Gaussians around each received Gaussian are.
 
-    A Gaussian with fewer received neighbours gets the logarithm of its own size.
+    The measure is the logarithm of the distance to the sixth nearest one, float (M). A Gaussian with fewer received
+    neighbours gets the logarithm of its own size.
 
     Args:
         distance: Distances to the nearest neighbours, world units, (M, k).

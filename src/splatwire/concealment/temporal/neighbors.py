@@ -29,10 +29,10 @@ AT_ONCE = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class Neighbors:
-    """Nearest received tracks of n tracks with lost motion, with weights for estimating motion and colour from them.
+    """Neighbours of tracks with lost motion, and weights for estimating motion and colour from them.
 
-    The colour change of a track is estimated as the mean change of its neighbours, plus a slope times the difference of
-    the track's colour from theirs.
+    A track is assumed to move like the weighted mean of its neighbours, whose motion was received. Its colour change is
+    their mean change, plus a slope times the difference of the track's colour from theirs.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).

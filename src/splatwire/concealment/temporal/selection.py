@@ -86,11 +86,11 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Measures the errors of estimators of lost motion, on tracks whose true motion was received.
+    """Measures the errors of several methods that estimate lost motion, on tracks whose true motion was received.
 
-    The error of a track is the squared difference of colour and opacity between the pictures with true and estimated
-    position, times the track's area. The pictures are compared at both positions, in a few frames. Gaussians are
-    treated as spheres, and their depth order is ignored.
+    The error of a track compares two pictures, one with its true and one with its estimated position: it is the squared
+    difference of colour and opacity, times the track's area. The pictures are compared at both positions, in a few
+    frames. Gaussians are treated as spheres, and their depth order is ignored.
 
     Args:
         sequence: The sequence.

@@ -199,10 +199,10 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 
 
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
-    """Measures how many packets of each stream are lost if datagrams are lost at certain rates.
+    """Measures how many packets of each stream are lost at several loss rates of datagrams.
 
     The share of lost packets is higher than that of lost datagrams if a packet takes several datagrams. The loss models
-    are those of the evaluation, each at several rates.
+    are those of the evaluation.
 
     Args:
         result: Results of the evaluation.

@@ -287,10 +287,10 @@ def _without_far(splats: Splats, path: Path) -> Splats:
 
 
 def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Clips or removes extreme scales and colours, or keeps them, as given by `treatment`.
+    """Treats extreme scales and colours, which would make the quantisation steps of their chunk coarse.
 
-    The range of the values in a chunk determines its quantisation steps. Outliers are treated, with a warning, only if
-    they make these steps visibly larger.
+    Depending on `treatment`, they are clipped, removed or kept. A warning is logged. Nothing is done if the steps would
+    not become visibly larger.
     """
     logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     colours = splats.sh[:, 0].astype(np.float64) * DC

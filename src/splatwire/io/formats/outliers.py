@@ -321,7 +321,7 @@ def treated_positions(
 def warn_of_outliers(
     path: Path, treatment: Outliers, what: str, column: Column, steps: tuple[float, float], count: int | None = None
 ) -> None:
-    """Logs a warning that a scene has outliers: how many, how far, their effect on quantisation, and their treatment.
+    """Logs a warning that a scene has extreme values (outliers), with their number, effect and treatment.
 
     Args:
         path: The file.

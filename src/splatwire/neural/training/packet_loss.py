@@ -109,10 +109,10 @@ class PacketLosses:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Removes anchors without offsets, which no packet contains, before an iteration with packet loss.
+        """Prepares the state of a training for an iteration with packet loss, at fixed intervals because it takes time.
 
-        This is done at fixed intervals, as it takes time. If only the most important anchors are received in some
-        iterations (`LossTraining.first`), the anchors are also sorted by importance now and then.
+        Removes anchors without offsets, which no packet contains. If only the most important anchors are received in
+        some iterations (`LossTraining.first`), also sorts the anchors by importance.
 
         Args:
             state: State of the training before an iteration; changed in place.

@@ -112,10 +112,10 @@ def rounded_parameters(network: InpaintingNetwork, bits: int) -> Iterator[None]:
 
 
 def sent_names(network: InpaintingNetwork, settings: GnnSettings) -> list[str]:
-    """Returns the names of the parameters that a receiver needs.
+    """Returns the names of the network parameters that are sent to receivers.
 
-    An attribute's output head is omitted if the attribute's threshold in the settings is above 1: no confidence
-    reaches such a threshold, so the output is never used.
+    The output head of an attribute is omitted if its threshold in the settings is above 1, because its output is then
+    never used.
     """
     unused = tuple(f"regressors.{head}." for name, head in _HEADS if getattr(settings, f"{name}_threshold") > 1)
     return [name for name, _ in network.named_parameters() if not (unused and name.startswith(unused))]

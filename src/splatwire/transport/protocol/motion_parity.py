@@ -18,9 +18,9 @@ class Arranged(NamedTuple):
 
     Attributes:
         order: Indices of the packets, in sending order.
-        tiers: Parity of each run, that is, of consecutive packets in `order` with equal protection. The runs of a
-            group of pictures are its keyframe packets, its motion packets with parity, and its motion packets without
-            parity. Neighbouring runs without parity are merged.
+        tiers: Parity of each run of consecutive packets with equal protection. The runs of a group of pictures are its
+            keyframe packets, its motion packets with parity, and its motion packets without parity. Neighbouring runs
+            without parity are merged.
     """
 
     order: tuple[int, ...]
