@@ -108,9 +108,9 @@ def _rules_of_fields(kind: Any) -> dict[str, Rule]:
 
 
 def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[str, Rule]:
-    """Returns the checks of the parameters of a function, or of the fields of a dataclass, by name.
+    """Returns the checks of a function's parameters, or of a dataclass's fields, by name.
 
-    Parameters that accept every value have no check and are omitted.
+    Those that accept every value have no check.
 
     Args:
         owner: The function or class.

@@ -187,9 +187,9 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
 @njit(inline="always")
 @no_type_check
 def _output(table, row, num_hidden, hidden):
-    """Evaluates the output layers of covariance and colour for one Gaussian.
+    """Evaluates the output layers for the shape and the colour of one Gaussian.
 
-    The first half of the SIMD lanes is for the shape, the second half for the colour.
+    The shape takes the first half of the SIMD lanes, the colour the second half.
 
     Args:
         table: Biases and weights of both layers for all offsets.

@@ -37,9 +37,10 @@ class CausalPrediction:
 def position_inputs(
     coordinates: Float[Any, "M 3"], join: Callable[[list[Any], int], Any] = np.concatenate
 ) -> Float[Any, "M P"]:
-    """Computes the inputs of the position network: positions mapped to the range -1 to 1 and their positional encoding.
+    """Computes the inputs of the position network: bounded coordinates, and a positional encoding of them.
 
-    A coordinate x is mapped to x / (1 + |x|). The encoding consists of triangle waves of these values.
+    A coordinate x is mapped to x / (1 + |x|), between -1 and 1. The encoding consists of triangle waves of these
+    values.
 
     Args:
         coordinates: Positions relative to the centre of the scene, divided by the extent of the scene.

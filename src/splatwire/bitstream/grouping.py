@@ -12,7 +12,9 @@ CHUNK = 1 << 17
 
 
 def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray:
-    """Assigns elements to lanes by hash: `SplitMix64(rank XOR seed) mod lanes` (paper 3.2.2, "Hash Interleaving").
+    """Assigns elements to lanes (packets of a block) by a hash of their index (paper 3.2.2, "Hash Interleaving").
+
+    The lane is `SplitMix64(rank XOR seed) mod lanes`.
 
     Args:
         start: Rank (index in coding order) of the first element, counted over the whole scene.

@@ -92,10 +92,10 @@ class Packetization:
 
     @property
     def hashed(self) -> bool:
-        """True if packets are filled up to a size limit with elements in the order of a hash (grouping `hashed`).
+        """True if packets are filled up to a size limit, with elements in random order (grouping `hashed`).
 
-        The hash of the elements' indices spreads each packet over its block. A packet gets as many elements as fit into
-        `packet_bytes`. Their number differs between packets, and only the packet's header contains it.
+        The order is that of a hash of the elements' indices, so that each packet is spread over its block. Each packet
+        contains as many elements as fit into `packet_bytes`. Their number is only in the packet's header.
         """
         return self.grouping == "hashed"
 

@@ -135,11 +135,11 @@ class PacketPlan:
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Returns the index of the packet that contains each element, int32 (N), elements in coding order.
+        """Returns the index of the packet that contains each element, int32 (N), in coding order.
 
-        The index is `block * lanes + lane`, where `lanes` is the number of packets per block, and `lane` the index of
-        the packet within its block. Empty packets are counted, too. With separated packaging, all packets with
-        attributes of the same elements share one index.
+        The packets of all blocks are numbered as `block * lanes + lane`, where `lane` is the index of a packet within
+        its block. Empty packets are counted, too. With a separate packet for each attribute, the packets of the same
+        elements share one index.
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -184,10 +184,9 @@ class PacketPlan:
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the ranks (indices in coding order) of one packet's elements, int64.
+        """Returns the elements of a packet as indices in coding order (ranks), int64.
 
-        They are ascending; with hashed grouping, they are in hash order. The cost is proportional to the size of one
-        block.
+        They are ascending, or in hash order with hashed grouping. The cost is proportional to the size of one block.
 
         Args:
             packet_id: The packet.

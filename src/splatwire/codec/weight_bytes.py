@@ -114,10 +114,12 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 
 
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimates the standard deviations with which the integers of a matrix are coded, by row and column.
+    """Estimates the standard deviations with which the entries of a matrix are coded, from its rows and columns.
+
+    They are given as indices in the scale table, each the sum of a number for the row and a number for the column.
 
     Returns:
-        Index in the scale table for each row, and the number to add to it for each column.
+        Numbers of the rows, and numbers of the columns.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

@@ -75,9 +75,10 @@ def _grow_finest(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Enlarges received Gaussians of the finest level to cover lost ones, with the concealer `grow`.
 
+    Gaussians of coarser levels are hidden.
+
     Returns:
-        Factor on the size and factor on the opacity of each Gaussian, and the mask of Gaussians that are not drawn. The
-        mask includes lost Gaussians of the finest level and all Gaussians of coarser levels.
+        Factor on the size and factor on the opacity of each Gaussian, and the mask of hidden Gaussians.
     """
     chosen, count = np.flatnonzero(finest), len(finest)
     loss_mask = LossMask(partial.loss_mask.received[chosen])

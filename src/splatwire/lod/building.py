@@ -83,9 +83,9 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns where the run of original Gaussians begins that each tile represents.
+    """Returns, for each level of detail, which original Gaussians each tile represents.
 
-    Each tile represents a run of consecutive Gaussians of the finest level.
+    A tile represents a run of consecutive Gaussians of the finest level.
 
     Returns:
         An array for each level, coarsest level first: index of the first Gaussian of each tile's run, then the number

@@ -1,10 +1,8 @@
-"""SIMD vectors of sixteen float32 in numba functions; one vector contains one pixel row of a tile.
+"""SIMD vectors of sixteen float32 in numba functions, for the rasteriser: one vector is a row of pixels of a tile.
 
-These vectors keep sums in registers across the pixel rows of a tile, which a plain loop over pixels does not. They map
-to 512-bit registers if available, otherwise to several shorter ones.
-
-Usable in numba functions only: the functions of this module, the operators + - * / on these values and float32, and the
-comparisons >=, <= and &.
+With them, sums over a tile stay in registers from one pixel row to the next, which a plain loop over pixels does not
+achieve. They map to 512-bit registers if available, otherwise to several shorter ones. Usable in numba functions only:
+the functions of this module, the operators + - * / on these values and float32, and the comparisons >=, <= and &.
 """
 
 import operator

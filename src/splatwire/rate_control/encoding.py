@@ -384,14 +384,14 @@ class _Plan:
 
 
 class _Trials:
-    """Encodes a scene at several quantisation levels until a target size or PSNR is reached.
+    """Encodes a scene at several quantisation levels until the stream has a target size or PSNR.
 
     Args:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
-        tuned_level: Quantisation level for which the Gaussians were fine-tuned, which is the first and the finest one
-            to try; None without fine-tuning.
+        tuned_level: Quantisation level for which the Gaussians were fine-tuned, at which the search begins; finer
+            levels are not tried. None without fine-tuning.
     """
 
     def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:

@@ -245,7 +245,7 @@ def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | Non
 
 
 def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.ndarray:
-    """Returns the mask of tracks that move like their neighbours, bool (n).
+    """Finds the tracks whose own motion is similar to that of their neighbours; returns their mask, bool (n).
 
     Args:
         own: Motion of the tracks, (n, F, 3).

@@ -156,8 +156,8 @@ class ReceivedScene(Generic[S]):
     def places(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        If the exact position of an element can be lost with its packet, these are approximate positions of all elements
-        from the side information (`ExpectedPlaces`).
+        In some streams, the exact position of an element is lost with its packet. The positions are then approximate
+        ones from the side information, for all elements (`ExpectedPlaces`).
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions

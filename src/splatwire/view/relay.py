@@ -92,7 +92,7 @@ class Relay:
     async def headed(self) -> None:
         """Waits until the side information has arrived, or the transfer has ended.
 
-        The attribute `origin` is valid once the side information has arrived.
+        Once the side information has arrived, the attribute `origin` is known.
         """
         await self._headed.wait()
 

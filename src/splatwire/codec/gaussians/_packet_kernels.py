@@ -70,10 +70,10 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns the slot of a grid cell: the number by which a block's Gaussians are sorted into packets.
+    """Returns the slot of a grid cell: the number by which the Gaussians of a block are sorted into packets.
 
-    Cells with equal slots are spread evenly over the block, so a lost packet leaves no large hole. The slot consists of
-    the lowest bits of the cell's Morton code in reverse order (see `layout.SLOT_BITS`).
+    Cells with similar slots are spread evenly over the block, so that a lost packet leaves no large hole. The slot
+    consists of the lowest bits of the cell's Morton code in reverse order (see `layout.SLOT_BITS`).
 
     Args:
         code: Morton code of the cell.

@@ -186,7 +186,7 @@ class SourceScene:
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians at `where`, counted in the sequence sorted by block, int64."""
+        """Returns the precision class of each Gaussian at some positions of the order by block, int64."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:

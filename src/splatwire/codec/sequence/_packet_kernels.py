@@ -142,13 +142,13 @@ def _candidates(headers, begin, n):
 @njit(error_model="numpy")
 @no_type_check
 def _expected_tracks(costs, begin, end, scale, aim):
-    """Estimates how many of the next tracks fit into a packet of a given size, at least one.
+    """Estimates how many of the next tracks fit into a packet of a given size; at least one.
 
     Args:
         costs: Expected number of bytes for each track, float64.
         begin: Index of the first track.
         end: End of the tracks available (exclusive).
-        scale: Correction factor of `costs`.
+        scale: Factor that corrects `costs`.
         aim: Intended size of the packet, bytes.
     """
     total, at = 0.0, begin

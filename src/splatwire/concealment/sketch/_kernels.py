@@ -161,7 +161,7 @@ def code_levels(coder, models, levels, buckets, num_levels):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def code_rows(coder, bit_models, models, levels, masks, values, offsets):
-    """Codes the offset mask, the transform coefficients and the existing offsets of each copied anchor.
+    """Encodes or decodes the content of each coarse copy: its offset mask, transform coefficients and existing offsets.
 
     Args:
         coder: State of the range coder.

@@ -202,8 +202,8 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
     """Selects the images of a scene that the report shows: one loss model with its seed, and some views.
 
-    The task with the lowest mean PSNR determines the loss model and the seed, so that the effect of losses is visible.
-    The views are those in which this task has the lowest PSNR.
+    The choice shows the effect of losses: loss model and seed are those of the task with the lowest mean PSNR, and the
+    views are those with its lowest PSNR.
 
     Args:
         study: The evaluation.

@@ -265,12 +265,12 @@ def _read_pieces(
 
 
 def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Allocates arrays for `total` Gaussians, and copies the `count` Gaussians that were read so far into them.
+    """Enlarges the arrays in which Gaussians are collected, and copies the Gaussians read so far.
 
     Args:
         joined: Arrays of the Gaussians that were read so far; None for the first allocation.
         count: Number of Gaussians to copy.
-        total: Number of all Gaussians.
+        total: Number of Gaussians for which there is room afterwards.
         degree: Degree of the spherical harmonics in the new arrays, not below that of `joined`.
     """
     room = Splats.empty(total, degree)

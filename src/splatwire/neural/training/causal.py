@@ -236,7 +236,7 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns the bits for coding the mask of each offset: first if the offset exists, then if it does not.
+    """Returns how many bits the mask of each offset takes: first if the offset exists, then if it does not.
 
     Args:
         predicted: Predictions of the causal model.

@@ -74,7 +74,7 @@ class Listener(CheckedFields):
 
 @dataclass
 class RunningMeans:
-    """Running means of the results of training iterations (loss, error, bits).
+    """Running means of the loss, the error and the bits of training iterations, for progress reports.
 
     Attributes:
         iterations: Number of iterations of the training.

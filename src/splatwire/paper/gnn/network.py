@@ -65,9 +65,9 @@ def strongest_edge(
 ) -> Float[Tensor, "Q H"]:
     """Computes the graph convolution EdgeConv: each lost anchor (query) takes the strongest message of its neighbours.
 
-    The output of query i is `max_j phi(center h_i + edge (h_j - h_i) + bias)`. Here h are the hidden vectors of the
-    nodes, j are the neighbours of i, `center` and `edge` are trained matrices, and `phi` is a leaky ReLU. The caller
-    computes the matrix products once per node.
+    The output of query i is the maximum over its neighbours j of `phi(center h_i + edge (h_j - h_i) + bias)`. Here h
+    are the hidden vectors, `center` and `edge` are trained matrices, and `phi` is a leaky ReLU. The caller computes the
+    matrix products once for each anchor.
 
     Args:
         query_terms: `(center - edge) h_i + bias` of the queries.
