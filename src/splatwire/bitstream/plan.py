@@ -111,7 +111,7 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Possible values of `PacketId.part`, ascending; one for each attribute that has packets of its own.
+        """Indices of the attributes that have packets of their own: the possible values of `PacketId.part`, ascending.
 
         The result is (0,) if each packet contains all attributes of its elements.
         """
@@ -177,7 +177,7 @@ class PacketPlan:
         return counts[counts > 0]
 
     def block_ranks(self, block: int) -> np.ndarray:
-        """Ranks (indices in coding order) of the elements of a block, packet after packet, int64."""
+        """Elements of a block, packet after packet, as indices in coding order (ranks), int64."""
         if self.packetization.hashed:
             return self._hash_order(block)
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))

@@ -55,10 +55,10 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
 
 
 def without_flags(options: Any) -> Any:
-    """Returns a copy of the options in a configuration file in which all flags (boolean options) are off.
+    """Returns a copy of the options of a configuration file in which all flags (boolean options) are off.
 
-    The copy provides the defaults for parsing the command line. A flag that is on by default would be named `--no-NAME`
-    there, instead of `--NAME`. After parsing, `with_flags` sets the flags of the file again.
+    It provides the defaults for parsing the command line, because a flag that is on by default would be called
+    `--no-NAME`. After parsing, `with_flags` sets the flags of the file again.
 
     Args:
         options: Options as set by the configuration file; may contain nested dataclasses.

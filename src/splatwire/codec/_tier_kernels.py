@@ -17,7 +17,7 @@ STATES = 4 * COUNTS
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Returns the context of the bit that indicates whether an anchor is in a given tier.
+    """Returns the context of the entropy coder for the bit that indicates whether an anchor is in a given tier.
 
     It is chosen by how many preceding anchors were in this tier or in a more important one.
 
@@ -37,7 +37,7 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Adds an anchor to the statistics of one tier, from which the bits of later anchors are predicted.
+    """Updates the statistics of one importance tier, from which the bits of later anchors are predicted.
 
     Args:
         counts: For each tier, the share of preceding anchors in it or in a more important tier, out of 2**16. It is a

@@ -92,7 +92,7 @@ def _grow_finest(
 def _coarse_opacities(
     splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
 ) -> Float[np.ndarray, "C"]:
-    """Returns the opacity factor of each coarser Gaussian, 0 to 1, so that it covers only gaps of lost Gaussians.
+    """Returns the opacity factors with which coarser Gaussians cover only the gaps that lost finer Gaussians leave.
 
     An exact copy gets 0 if its finer original was received, otherwise 1. A merged Gaussian gets the share of its area
     that received finer Gaussians do not cover, times `trust`.

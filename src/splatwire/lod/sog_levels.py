@@ -134,7 +134,9 @@ def _num_levels(count: int, leaf: int) -> int:
 
 
 def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
-    """Builds the levels of detail of one leaf of the k-d tree: each level has a quarter of the Gaussians of the last.
+    """Builds the levels of detail for one leaf of the k-d tree.
+
+    Each level has a quarter of the Gaussians of the level before.
 
     Args:
         finest: Gaussians of the leaf.

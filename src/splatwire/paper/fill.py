@@ -62,7 +62,7 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups attributes that are missing in the same anchors, so that their neighbours are searched only once.
+    """Groups attributes that were lost for the same anchors, so that the neighbours of these are searched only once.
 
     Returns:
         For each group, the mask of the anchors that received the attributes, and the attributes.

@@ -133,7 +133,7 @@ class Picture:
         self.may_keep = kept and entries.sum() <= KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Renders the image and the remaining transmittance of each pixel."""
+        """Draws the view: returns the image, and the remaining transmittance of each pixel."""
         image, left_over = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
 
         def draw(number: int) -> _Band | None:

@@ -119,9 +119,10 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimates how much the back-propagated value changes if a Gaussian is removed, up to the sign.
+        """Estimates how much a value changes if each Gaussian is removed, up to the sign.
 
-        The estimate is the derivative with respect to a factor on the Gaussian's opacity.
+        It is the value whose gradients were collected. The estimate is its derivative with respect to a factor on the
+        Gaussian's opacity.
         """
         return (self.fields[3] * self._opacities).astype(np.float64)
 

@@ -279,10 +279,10 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 def _smooth(
     positions: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
-    """Improves a prediction of where the Gaussians of the previous frame are in the current frame.
+    """Corrects a prediction of where the Gaussians of the previous frame are in the current frame.
 
-    Confident matches show the error of the prediction at some Gaussians. Each Gaussian is corrected by the median error
-    at the nearest of these.
+    Confident matches show the error of the prediction for some Gaussians. Each Gaussian is corrected by the median
+    error of the nearest ones of these.
 
     Args:
         positions: Positions of N Gaussians in the previous frame, (N, 3).

@@ -74,9 +74,9 @@ class NeighborSet:
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Returns the nearest `NUM_AROUND` neighbours of each track among the allowed tracks.
+        """Returns the neighbours of each track that are among some allowed tracks: the `NUM_AROUND` nearest.
 
-        Tracks with fewer than `NUM_AROUND` allowed neighbours are omitted from the result.
+        Tracks with fewer allowed neighbours are omitted from the result.
 
         Args:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).

@@ -54,9 +54,7 @@ class Trajectories:
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
     def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
-        """Returns the state of each track in one frame, which may differ from track to track.
-
-        The result is trajectories with a single frame.
+        """Returns the state of some tracks, each in a frame of its own, as trajectories of one frame.
 
         Args:
             index: Indices of the tracks, int64 (m).

@@ -81,7 +81,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns area and relative distance of each neighbour of M anchors, from which weights of neighbours are computed.
+    """Returns area and relative distance of each neighbour, from which the neighbours' weights are computed.
 
     Args:
         area: Expected area of every anchor of the scene.

@@ -121,10 +121,13 @@ def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Selects tracks with comparable offsets: those that begin in the same group as most received tracks, bool (T).
+    """Selects the tracks whose offsets can be compared with each other: those that begin in the most common group.
 
-    The offsets of a track are relative to its keyframe Gaussian, which belongs to the first group of the track. Offsets
-    of tracks with different first groups thus refer to different times, and only their changes can be compared.
+    Offsets are relative to the keyframe Gaussian of a track, which belongs to the first group of the track. Offsets of
+    tracks with different first groups refer to different times.
+
+    Returns:
+        Mask of the tracks that begin in the same group as most received tracks, bool (T).
     """
     return born == np.bincount(born[observed]).argmax()
 

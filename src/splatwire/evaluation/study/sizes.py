@@ -149,7 +149,10 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
 
 
 def native_attribute_files(entry: SceneEntry) -> int:
-    """Returns the total bytes of the official HAC++ files of features, scalings and offsets, without mask files."""
+    """Returns the total size of the official HAC++ files with features, scalings and offsets, bytes.
+
+    Files of offset masks do not count.
+    """
     files = (entry.source / "bitstreams").iterdir()
     return sum(file.stat().st_size for file in files if file.name.startswith(_ATTRIBUTE_FILES))
 

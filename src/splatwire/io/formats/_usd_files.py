@@ -104,7 +104,7 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
 
 
 def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[Path], None]) -> tuple[str, bool]:
-    """Finds a file that another file of an OpenUSD scene names; logs a warning if it does not exist.
+    """Finds a file to which another file of an OpenUSD scene refers; logs a warning if it does not exist.
 
     Args:
         path: Path of the scene.

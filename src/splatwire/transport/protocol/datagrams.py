@@ -76,10 +76,10 @@ class Request(NamedTuple):
 
 
 class TierHead(NamedTuple):
-    """Describes how a run of packets is protected by repair symbols (parity).
+    """Protection of a run of packets by repair symbols (parity), as the server declares it.
 
-    A run is a series of consecutive packets in sending order with equal protection. Its packets are divided into parity
-    groups, and each group has repair symbols for its packets.
+    A run is a series of consecutive packets in sending order with equal protection. It is divided into parity groups,
+    and each group has repair symbols for its packets.
 
     Attributes:
         num_packets: Number of packets of the run.

@@ -203,10 +203,10 @@ def decode_packets(
 
 
 def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicts the distributions of all attributes of anchors from their positions alone, for lost anchors.
+    """Predicts the distributions of all attributes of lost anchors, from the positions of the anchors alone.
 
-    The causal model predicts some attributes from others. Here, networks get predicted means in place of decoded
-    attributes. The uncertainty of these means is not included in the standard deviations.
+    The causal model predicts some attributes from others. Here, its networks get the predicted means of these. The
+    standard deviations do not include the uncertainty of these means.
 
     Args:
         context: Coding context.

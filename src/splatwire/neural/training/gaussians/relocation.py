@@ -25,7 +25,7 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Computes opacity and size of several equal Gaussians at one place that together look like one given Gaussian.
+    """Replaces one Gaussian by several equal ones at the same place: returns their opacity and size.
 
     Together they have the same opacity at the centre as the given Gaussian, and the same integral of the opacity along
     a line through the centre (arXiv 2404.09591, section on relocation).
