@@ -7,10 +7,10 @@ from splatwire.transport import ServedStream
 
 
 class OfferedUpdates:
-    """Prepares updates for sending, each once.
+    """Prepares updates for sending, each only once.
 
-    Updates are told apart by identity and not by name: a scene that returns to an earlier state has another next update
-    than before.
+    Updates are distinguished as objects, not by name: if a scene returns to an earlier state, its next update has the
+    same name as one before, but other content.
 
     Args:
         prepare: Prepares a stream for sending.

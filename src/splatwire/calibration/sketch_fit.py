@@ -93,9 +93,9 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the Lagrange multiplier (squared error per bit) at which approximately `count` anchors get a copy.
+        """Returns the price of a bit (squared error per bit) at which about `count` anchors get a coarse copy.
 
-        An anchor is copied if the error caused by its loss exceeds the multiplier times the bits of its copy.
+        An anchor is copied if the error caused by its loss exceeds the price times the bits of its copy.
 
         Args:
             count: Number of anchors to copy.

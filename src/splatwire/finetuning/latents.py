@@ -118,9 +118,8 @@ class Offsets:
     def between(exact: Splats, rounded: Splats) -> "Offsets":
         """Computes the rounding errors of Gaussians.
 
-        A Gaussian has several equivalent parameterisations, which differ in the order and the signs of its axes. For
-        the rounded Gaussian, whose scales are in decreasing order, the parameterisation closest to the exact Gaussian
-        is used.
+        A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form of the
+        rounded Gaussian that is closest to the exact one is used.
         """
         order = np.argsort(-exact.scales, axis=1, kind="stable")
         place = np.argsort(order, axis=1, kind="stable")

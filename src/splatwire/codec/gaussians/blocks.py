@@ -153,7 +153,7 @@ def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
 
 
 def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
-    """Computes the bounding box of each block; box corners lie on a coarse grid, so that they take few bits.
+    """Computes the bounding box of each block of Gaussians, with corners on a coarse grid so that they take few bits.
 
     Args:
         low: int64 (B, 3), smallest lattice coordinates of each block.

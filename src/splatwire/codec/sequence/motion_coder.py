@@ -121,7 +121,7 @@ class MotionCoder:
         return zero
 
     def encode(self, zero: np.ndarray, ends: tuple[int, int]) -> CodedMotion:
-        """Encodes the tracks of one block.
+        """Encodes the motion of the tracks of one block.
 
         Args:
             zero: Initial probability of a zero of each adaptive bit model, out of 2**8, int64 (contexts).

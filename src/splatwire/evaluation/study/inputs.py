@@ -84,10 +84,10 @@ class PreparedScene:
         return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
 
     def _why_unfit(self, row: Row) -> str:
-        """Returns why a method (table row) cannot be applied to the scene's stream; an empty text if it can be.
+        """Returns the reason why a method (table row) cannot be applied to a scene's stream; empty if it can.
 
-        For example, a concealer may need data that this stream does not contain. Or the method loses a single attribute
-        of elements (`Row.erode`), but only anchors have packets for single attributes.
+        Examples: its concealer needs data that the stream does not contain, or it loses single attributes of elements
+        (`Row.erode`), which only anchors have in packets of their own.
         """
         name = row.conceal.partition(":")[0]
         if self.references.frames:

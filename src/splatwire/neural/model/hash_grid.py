@@ -61,10 +61,10 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes the terms that are combined to the table row index of each grid point.
+    """Computes the terms from which the row index of a grid point in a hash table is combined, one term for each axis.
 
-    The index is the sum of the terms over the axes if the table has a row for every grid point. Otherwise it is a hash:
-    the XOR of the terms, modulo the number of rows.
+    If the table has a row for every grid point, the index is the sum of the terms. Otherwise it is a hash: the XOR of
+    the terms, modulo the number of rows.
 
     Args:
         at: Coordinates of the lower and the upper neighbouring grid point along each axis.

@@ -52,7 +52,7 @@ def render_projected(
     cameras: Cameras,
     background: Float[Tensor, "3"],
 ) -> Float[Tensor, "H W 3"]:
-    """Renders Gaussians that are already projected to the image (`flat`); only the image size of `cameras` is used."""
+    """Draws Gaussians that are already projected to the image; only the image size of `cameras` is used."""
     order = torch.argsort(flat.depths.detach(), stable=True)
     order = order[flat.touches_image(cameras.width, cameras.height)[order]]
     flat = ProjectedTensors(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])

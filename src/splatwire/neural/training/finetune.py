@@ -120,9 +120,9 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
-    """Returns the range by which a scene's context model normalises anchor positions, as lower and upper end.
+    """Returns lower and upper end of the range by which a scene's context model normalises anchor positions.
 
-    It is the bounding box of the hash grid, or, with the causal model, the middle of the anchors minus and plus their
+    It is the bounding box of the hash grid; with the causal model, the middle of the anchors minus and plus their
     spread.
     """
     if isinstance(coding, CausalCoding):

@@ -72,7 +72,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Computes where each weight of several networks is in the combined network, and the reverse.
+    """Computes for each weight of a combined network from which separate network it is copied, and the reverse.
 
     All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to no
     network are copies of this zero.

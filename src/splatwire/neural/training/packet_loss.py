@@ -90,10 +90,10 @@ class PacketLosses:
 
     @property
     def _last_lossless(self) -> int:
-        """Last iteration before packet loss is simulated.
+        """Last iteration before packet losses are simulated.
 
-        Packet loss is simulated only in the fine-tuning, or, without fine-tuning, after the set of anchors is fixed.
-        With `LossTraining.first`, it always starts when the set of anchors is fixed.
+        They are simulated in the fine-tuning only or, without fine-tuning, once the set of anchors is fixed. With
+        `LossTraining.first`, they always start when the set of anchors is fixed.
         """
         # Earlier packet loss reduces the quality of short trainings, measured with and without packet loss (lego, 600
         # iterations). With `LossTraining.first`, the order of anchors by importance still changes after the growth.

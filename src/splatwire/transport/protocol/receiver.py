@@ -491,7 +491,7 @@ class Receiver(ReceiveState):
 
     @property
     def _is_cut_off(self) -> bool:
-        """Returns True if no large datagrams arrive, probably because they exceed the maximum size on the path (MTU)."""
+        """Returns True if no large datagrams arrive, probably because the path allows only smaller ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
         return self._collector.highest < 0 and self._longest < min(MAX_DATAGRAM // 2, self._welcome.packet_bytes)

@@ -154,8 +154,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 def center_of_part(i, n, bits):
     """Estimates the low bits of an anchor's position, which are unknown until its packet is decoded.
 
-    The n anchors of a tree leaf are assumed to divide its range of Morton codes evenly: the estimate is the centre of
-    the i-th of n equal parts.
+    The n anchors of a leaf of the position tree are assumed to be evenly spaced in it.
 
     Args:
         i: Index of the Morton code in the leaf, in ascending order.

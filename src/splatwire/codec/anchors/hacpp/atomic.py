@@ -92,7 +92,7 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Second normal of the features' mixture distributions, and weight of the first one, for the entropy coder.
+    """Second normal distribution of each feature's mixture, and weight of the first one, for the entropy coder.
 
     It is predicted from the feature groups that are decoded before.
 
