@@ -149,7 +149,7 @@ class GaussianSketch:
 
 
 def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
-    """Returns approximately the largest number of copies whose encoded size is within a limit, never more.
+    """Returns about the largest number of copies that fit into a given number of bytes, never more.
 
     Args:
         size: Function that encodes a given number of copies and returns the bytes; nearly proportional to the number.

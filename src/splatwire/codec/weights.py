@@ -165,7 +165,7 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
 
 
 def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
-    """Returns log2 of the largest power of two that divides all weights in each row or column.
+    """Returns, for each row or column of weights, the largest power of two that divides all of them, as log2.
 
     Args:
         twos: log2 of the largest power of two that divides each weight.

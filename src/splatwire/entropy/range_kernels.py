@@ -61,7 +61,7 @@ def encoder_start(state):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_finish(buffer, state):
-    """Ends the code with the fewest bytes that decode correctly if followed by zeros; returns the number of bytes."""
+    """Ends encoding, with the fewest bytes that decode correctly if zeros follow; returns the number of bytes."""
     low = state[0] + LOW_MASK
     position = state[2]
     if low >> TOP:

@@ -109,7 +109,7 @@ def inverse_scale_table() -> np.ndarray:
 
 @functools.cache
 def half_width_table() -> np.ndarray:
-    """Tabulates how far from the mean integers are coded without an escape code, for each scale index.
+    """Tabulates, by scale index, how far from the mean an integer may be without an escape code.
 
     The distance is ten standard deviations plus 16, at most 8191.
 

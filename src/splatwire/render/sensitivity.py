@@ -130,7 +130,7 @@ class GatheredGradients:
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
     """Adds the estimated picture errors of removing each anchor and each single Gaussian to `total`.
 
-    The estimate is from the gradients of one sum of pixels with random signs (see the description of the module).
+    They are estimated from gradients of one sum of all pixels, each with a random sign (see the module).
 
     Args:
         total: Errors summed over views; changed in place.

@@ -100,9 +100,10 @@ def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list
 
 
 def framed(packets: Sequence[bytes], symbol_bytes: int) -> bytes:
-    """Converts packets of different sizes to source symbols of equal size, one per packet; returns them concatenated.
+    """Converts packets of different sizes to source symbols of equal size, for the erasure code.
 
-    A symbol has the size of the packet (two bytes, little-endian), the bytes of the packet, and zeros as padding.
+    A symbol contains the size of its packet (two bytes, little-endian), the packet, and zeros as padding. The symbols
+    are concatenated.
     """
     return b"".join((len(p).to_bytes(2, "little") + p).ljust(symbol_bytes, b"\0") for p in packets)
 

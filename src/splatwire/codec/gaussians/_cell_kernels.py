@@ -51,7 +51,7 @@ def code_cells(coder, codes, bits, stack):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _push(stack, top, begin, end, bit, run, prefix):
-    """Stores a node of the binary tree of cell codes in row `top` of a stack of nodes.
+    """Puts a node of the binary tree of cell codes on the stack of nodes that are still to be coded.
 
     Args:
         stack: The stack, int64 (rows, 5), changed in place.

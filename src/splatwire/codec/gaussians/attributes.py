@@ -104,9 +104,9 @@ def to_colours(splats: Splats) -> np.ndarray:
 
 
 def to_harmonics(splats: Splats) -> np.ndarray:
-    """Converts spherical harmonics above degree 0 to Y Co Cg multiplied by `2**BITS`, float64 (N, K, 3).
+    """Converts spherical harmonics above degree 0 to the colour space Y Co Cg, times `2**BITS`, float64 (N, K, 3).
 
-    The result is not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of
+    The values are not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of
     its stream.
     """
     flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)

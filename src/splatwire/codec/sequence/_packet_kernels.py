@@ -127,7 +127,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns how many of the next `n` tracks fit into the limited range of track numbers of one packet.
+    """Returns how many of the next tracks can be in one packet, whose range of track numbers is limited.
 
     Args:
         headers: Headers of the tracks, int64 (tracks, HEAD).

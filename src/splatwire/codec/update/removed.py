@@ -84,10 +84,10 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
 
 
 def _grouped(removed: np.ndarray) -> np.ndarray:
-    """Divides a mask into groups of `GROUP` bits, bool (groups, GROUP), and pads it to a multiple of `GROUPS` groups.
+    """Divides a mask into groups of `GROUP` bits for coding, bool (groups, GROUP); pads it to full groups.
 
-    An incomplete group is padded with 1 if all of its bits are 1, so that it counts as full. Otherwise the padding is
-    0.
+    The number of groups is a multiple of `GROUPS`. An incomplete group is padded with 1 if all of its bits are 1, so
+    that it counts as full. Otherwise the padding is 0.
     """
     padded = np.zeros(-(-len(removed) // (GROUPS * GROUP)) * GROUPS * GROUP, bool)
     padded[: len(removed)] = removed

@@ -98,7 +98,7 @@ def code_bit(coder, models, context, bit):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def code_value(coder, models, own, shared, value):
-    """Encodes or decodes a signed integer: a bit that is 0 for the integer 0, then sign and magnitude.
+    """Encodes or decodes a signed integer: first a bit for 0, then sign and magnitude.
 
     The magnitude is coded in unary, or in Elias gamma code if it is large. The first bit and the first `OWN` bits of
     the magnitude have separate probabilities for each column of coefficients. Further bits have probabilities that all

@@ -179,7 +179,7 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Selects one task per scene and loss, whose PSNR per view determines the hardest views (lowest PSNR).
+    """Selects one task per scene and loss; the report shows the views in which this task has the lowest PSNR.
 
     These are tasks of the baseline, or of the first row with losses if there is no baseline.
     """

@@ -20,10 +20,10 @@ def unit_coordinates(grid: HashGrid, positions: Float[Tensor, "N 3"]) -> Float[T
 def corner_rows(
     unit: Float[Tensor, "N dims"], resolution: int, num_rows: int
 ) -> tuple[Int64[Tensor, "N corners"], Float[Tensor, "N corners"]]:
-    """Finds the grid points around each position on one level of the hash grid: table rows and interpolation weights.
+    """Finds the grid points around each position on one level of the hash grid, for interpolation.
 
-    Corners on the border of the level get weight 0, and the other weights are divided by their sum. Outside the box all
-    weights are 0.
+    Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all weights are
+    0.
 
     Args:
         unit: Positions in coordinates of the bounding box, [0, 1] per axis inside the box.

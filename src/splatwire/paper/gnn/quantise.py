@@ -34,9 +34,10 @@ _HEADS = (("feature", 0), ("scaling", 1), ("offset", 2), ("offset", 3))
 
 
 def short_float(index: int | np.ndarray) -> np.ndarray:
-    """Decodes an index to a positive number: `(1 + fraction / 8) * 2 ** exponent`; exact in float32.
+    """Converts an index to the positive number that it stands for, exact in float32.
 
-    The index is `8 * exponent + fraction`, with a fraction from 0 to 7.
+    The index is `8 * exponent + fraction`, with a fraction from 0 to 7. The number is `(1 + fraction / 8) * 2 **
+    exponent`.
     """
     index = np.asarray(index, dtype=np.int64)
     return np.asarray(np.ldexp(1 + (index & 7) / 8, index >> 3))

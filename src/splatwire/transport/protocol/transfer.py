@@ -343,10 +343,10 @@ class ServerTransfer:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns symbols of the init segment to send to a client that reports missing symbols.
+        """Returns symbols of the init segment to send to a client that reports missing ones.
 
-        About 50 % more symbols are returned than are missing, because some will be lost; only one more if the stream
-        limits retransmission. Repair symbols that were not sent before come first.
+        They are about 50 % more than are missing, because some will be lost; one more if the stream limits
+        retransmission. Repair symbols that were not sent before come first.
 
         Args:
             missing: Number of symbols that the client needs.

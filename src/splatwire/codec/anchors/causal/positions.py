@@ -41,7 +41,7 @@ class AnchorPositions:
 
 @dataclass(frozen=True, eq=False)
 class SharedPositions:
-    """High bits of the positions of all anchors, sent as side information; the packets contain the low bits.
+    """High bits of the positions of all anchors, which the side information contains; low bits are in packets.
 
     Attributes:
         section: Bytes of the section of the side information.

@@ -261,10 +261,10 @@ def _indices(
 def predict_group(
     context: CodingContext, group: int, shared: np.ndarray, activations: np.ndarray, outputs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Evaluates the channel network of one feature group, for n anchors.
+    """Predicts the second normal distribution in the mixtures of one group of features, for n anchors.
 
-    The network predicts the second component of the mixture distribution of each channel of the group. Its inputs are
-    the outputs of the prior network and the decoded features of the groups before.
+    The channel network of the group makes the prediction, from the outputs of the prior network and the decoded
+    features of the groups before.
 
     Args:
         context: Coding context, which contains the networks.
