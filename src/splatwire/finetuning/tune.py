@@ -16,6 +16,7 @@ from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_
 from splatwire.finetuning.losses import Reception, draw_reception
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
+from splatwire.finetuning.sparsity import HarmonicCost
 from splatwire.ops.adam import update_run
 from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.ops.threads import share
@@ -26,9 +27,10 @@ from splatwire.render.precision import SIZE as MEASURED_SIZE
 from splatwire.types import Cameras, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 
-RATES = {"shifts": 0.02, "turns": 0.01, "logs": 0.01, "logits": 0.04, "base": 0.008, "harmonics": 0.002}
+RATES = {"shifts": 0.02, "turns": 0.01, "logs": 0.01, "logits": 0.04, "base": 0.008, "harmonics": 0.02}
 """Learning rate of each parameter of `Latents` in the first iteration. Centres move in units of their Gaussian's size,
-so that one rate fits scenes of any size."""
+so that one rate fits scenes of any size. With a smaller rate of the harmonics, fewer of them would become 0 (see
+`HarmonicCost`)."""
 LAST_RATE = 0.03
 """Ratio of the last to the first learning rate; in between, the rate follows a cosine."""
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
@@ -115,10 +117,11 @@ def tuned_gaussians(
 
     The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered (at
     least by `LEAST_SCALE`). All views thus have similar weight, and a view that becomes much worse gets more weight.
+    Harmonics above degree 0 add their estimated cost in bits (`HarmonicCost`), so that most of them become 0.
 
     Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures (`Check`). If it has grown
     since the check before, the Gaussians of that check are restored, and the learning rates are multiplied by `SLOWER`.
-    The loss of the result is thus not above that of the rounded Gaussians at the start.
+    The loss of the result, including this cost, is thus not above that of the rounded Gaussians at the start.
 
     The result depends only on the arguments, not on the number of threads.
 
@@ -150,11 +153,17 @@ def tuned_gaussians(
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()
     check = _first_check(scene, latents.splats(), coding, pictures, options)
-    best, least, rate = latents.copy(), check.loss(round_splats(latents.splats(), coding)), options.rate
+    cost, costly = HarmonicCost.of(coding) if latents.harmonics.size else None, None
+
+    def loss_of(latents: Latents) -> float:
+        loss = check.loss(round_splats(latents.splats(), coding))
+        return loss if cost is None else loss + cost.value(latents.harmonics)
+
+    best, least, rate = latents.copy(), loss_of(latents), options.rate
     for step in range(options.iterations):
         checked = step > 0 and step % CHECK_EVERY == 0
         if checked:
-            loss = check.loss(round_splats(latents.splats(), coding))
+            loss = loss_of(latents)
             if loss > least:
                 latents, rate = best.copy(), rate * SLOWER
                 optimizer.stop()
@@ -164,6 +173,7 @@ def tuned_gaussians(
             exact = latents.splats()
             rounded = round_splats(exact, coding)
             offsets = Offsets.between(exact, rounded)
+            costly = None if cost is None else cost.gradient(latents.harmonics)
             if options.loss is not None and step % divided == 0:
                 division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         view, drawn = next(views), latents.splats(offsets)
@@ -183,11 +193,13 @@ def tuned_gaussians(
         if reception is not None:
             found = reception.gradients(drawn, found)
         gradients = gradients_of(latents, drawn, offsets, found)
+        if costly is not None:
+            gradients["harmonics"] = gradients["harmonics"] + costly
         optimizer.update(latents.trained(), gradients, rate * _decay(step / options.iterations))
         latents.apply_turns()
         if progress:
             progress(Progress(step + 1, options.iterations, -10 * math.log10(max(error, 1e-12))))
-    if check.loss(round_splats(latents.splats(), coding)) > least:
+    if loss_of(latents) > least:
         latents = best
     return TunedGaussians(replace(scene, splats=latents.splats(), coding=None, hints=None), coding)
 
