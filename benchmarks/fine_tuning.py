@@ -6,33 +6,41 @@
 Pictures are compared with the file's own in 15 views that no encoder uses (`splatwire.evaluation.views`). `fast` keeps
 all Gaussians; its bytes at the PSNR of another stream are interpolated between several levels of quantisation, as
 logarithms of bytes over PSNR. Seconds are processor time of all threads. Results of other files in the output file are
-kept. With `--loss`, the streams have datagrams and redundant copies, and are also measured at 20 % lost datagrams.
+kept. With `--loss`, the streams have datagrams, and are also measured at 20 % lost datagrams, without and with
+redundant copies of different total sizes.
 """
 
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from figures import publish
 
 from splatwire.bitstream import PRESETS, SceneStream, write_stream
+from splatwire.calibration.sketch import sketch_of
+from splatwire.calibration.sketch_config import QUICK
+from splatwire.calibration.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
-from splatwire.cli._calibration import with_quick_sketch
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.concealment import conceal
+from splatwire.concealment.sketch import SECTION
 from splatwire.io import open_scene
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
 from splatwire.rate_control.encoding import Effort, decoded_finest
 from splatwire.rate_control.views import SourcePictures
+from splatwire.render.importance import surrounding_cameras
 from splatwire.types import SplatScene
 
 LEVELS = (5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 """Levels of quantisation of `fast`."""
 LOSSES = 4
 """Number of draws of lost datagrams."""
+COPIES = (0.01, 0.05, 0.15, 0.3)
+"""Sizes of the redundant copies, relative to the stream without copies; the first is that of `encode`."""
 
 
 def bytes_at(points: list[dict], wanted: float) -> float:
@@ -42,15 +50,22 @@ def bytes_at(points: list[dict], wanted: float) -> float:
     return float(np.exp(np.interp(wanted, [point["psnr"] for point in points], logs, np.nan, np.nan)))
 
 
-def lossy(stream: SceneStream, pictures: SourcePictures) -> dict[str, float]:
-    """PSNR by concealer at 20 % lost datagrams, mean of `LOSSES` seeds."""
-    found: dict[str, list[float]] = {"drop": [], "grow": [], "sketch": []}
-    for seed in range(LOSSES):
-        received, _ = transmit(stream, parse_loss("bernoulli:0.2", "datagram"), seed=seed)
-        partial = decode_stream(received)
-        for name, values in found.items():
-            values.append(pictures.mean_psnr(conceal(partial, name)))
-    return {name: float(np.mean(values)) for name, values in found.items()}
+def lossy(stream: SceneStream, pictures: SourcePictures) -> dict[str, dict[str, float]]:
+    """Bytes and PSNR of each concealer at 20 % lost datagrams, mean of `LOSSES` seeds."""
+    streams = {"drop": stream, "grow": stream}
+    complete = decode_stream(stream)
+    cameras = surrounding_cameras(complete.scene, QUICK.views, QUICK.width)
+    for share in COPIES:
+        copies = sketch_of(stream, complete, CalibrationViews(cameras), replace(QUICK, share=share))
+        streams[f"sketch {share:g}"] = add_concealment(stream, SECTION, copies.section)
+    return {name: {"bytes": each.num_bytes, "psnr": received(each, name.split()[0], pictures)}
+            for name, each in streams.items()}  # fmt: skip
+
+
+def received(stream: SceneStream, concealer: str, pictures: SourcePictures) -> float:
+    """Mean PSNR at 20 % lost datagrams."""
+    losses = (transmit(stream, parse_loss("bernoulli:0.2", "datagram"), seed=seed)[0] for seed in range(LOSSES))
+    return float(np.mean([pictures.mean_psnr(conceal(decode_stream(each), concealer)) for each in losses]))
 
 
 def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
@@ -63,8 +78,7 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
     tuning = Tuning(options.iterations, options.views, loss=loss, seed=options.seed)
 
     def encode(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
-        stream = encode_scene(some, packetization, classes=classes, quality=quality)
-        return with_quick_sketch(stream, None, lambda task, share: None) if options.loss else stream
+        return encode_scene(some, packetization, classes=classes, quality=quality)
 
     def controlled(target: Target, effort: Effort) -> tuple[EncodedScene, dict[str, float]]:
         started = time.process_time()
