@@ -128,12 +128,18 @@ def digest(gaussians: Gaussians) -> str:
     return hashlib.sha256(b"".join(getattr(gaussians, name).tobytes() for name in FIELDS)).hexdigest()
 
 
-@pytest.mark.slow
-def test_result_is_bit_identical_for_any_thread_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_result_is_bit_identical_for_any_thread_count(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for threads in (1, 2):
         monkeypatch.setattr(ops_threads, "allowed_threads", lambda threads=threads: threads)
         found.append(digest(drawn_gaussians(make_scene(make_hints()), make_cameras(), 0)))
+    assert found[0] == found[1]
+
+
+@pytest.mark.slow
+@pytest.mark.extended
+def test_kernels_compiled_anew_give_bit_identical_results(tmp_path: Path) -> None:
+    found = [digest(drawn_gaussians(make_scene(make_hints()), make_cameras(), 0))]
     drawn = "t.drawn_gaussians(t.make_scene(t.make_hints()), t.make_cameras(), 0)"
     script = f"import test_compiled_heads as t; print(t.digest({drawn}))"
     here = Path(__file__).parent

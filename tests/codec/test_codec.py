@@ -171,10 +171,11 @@ print(digest.hexdigest())
 @pytest.mark.parametrize(
     "environment",
     [
-        {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-        {"NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Nehalem"},
+        pytest.param({"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}, id="one thread"),
+        pytest.param(
+            {"NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Nehalem"}, id="no AVX", marks=pytest.mark.extended
+        ),
     ],
-    ids=["one thread", "no AVX"],
 )
 def test_fresh_process_decodes_the_same_integers(
     stream: SceneStream, tmp_path: Path, environment: dict[str, str]

@@ -55,21 +55,21 @@ def test_all_imported_packages_are_dependencies() -> None:
         assert used <= provided, name
 
 
-@pytest.mark.frameworks
+@pytest.mark.extended
 @pytest.mark.parametrize("name", ["vite", "svelte", "vue"])
 def test_example_builds(name: str, projects: Path) -> None:
     scripts = list((built(name, projects) / "dist" / "assets").glob("*.js"))
     assert any("splat-wire" in path.read_text() for path in scripts)
 
 
-@pytest.mark.frameworks
+@pytest.mark.extended
 def test_example_of_next_renders_the_element_on_the_server(projects: Path) -> None:
     project = built("next", projects)
     page = (project / ".next" / "server" / "app" / "index.html").read_text()
     assert '<splat-wire src="/scene.swz" style="height:30rem"></splat-wire>' in page
 
 
-@pytest.mark.frameworks
+@pytest.mark.extended
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_react_component_shows_a_stream_and_passes_its_events_on(projects: Path) -> None:
     dist = built("react", projects) / "dist"

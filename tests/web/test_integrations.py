@@ -36,7 +36,7 @@ from web.node import WEB
 from web.pictures import half_of
 from web.test_page import SMALL, ball, run
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.extended]
 
 OTHERS = {
     "typescript": "7.0.2", "vite": "8.3.8", "playcanvas": "2.23.3", "three": "0.187.0", "@types/three": "0.187.0",

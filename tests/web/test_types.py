@@ -7,7 +7,7 @@ import pytest
 
 from web.installed import called, install, package
 
-pytestmark = [pytest.mark.slow, pytest.mark.frameworks]
+pytestmark = [pytest.mark.slow, pytest.mark.extended]
 
 OTHERS = {
     "oldest": "npm:typescript@4.7.4", "old": "npm:typescript@5.0.4", "recent": "npm:typescript@5.9.3",

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int64
 
 from splatwire.ops.arrays import to_numpy
+from splatwire.ops.kd_tree import build_kd_tree
 
 _CHUNK = 1 << 15
 _LEAF_SIZE = 32
@@ -25,12 +26,10 @@ class NeighborTree:
     """
 
     def __init__(self, support: Float[Any, "S 3"]) -> None:
-        from scipy.spatial import cKDTree
-
         points = to_numpy(support).astype(np.float64)
         self.num_points = len(points)
         # Splitting at the middle of a box builds twice as fast as at the median and is no slower to search.
-        self._tree = cKDTree(points, leafsize=_LEAF_SIZE, balanced_tree=False, compact_nodes=False)
+        self._tree = build_kd_tree(points, leafsize=_LEAF_SIZE, balanced_tree=False, compact_nodes=False)
 
     def query(
         self, queries: Float[Any, "Q 3"], k: int

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from splatwire.errors import InvalidValueError
+from splatwire.ops.kd_tree import build_kd_tree
 from splatwire.sequence.axes import continue_axes
 from splatwire.types.splats import Splats
 
@@ -72,7 +72,7 @@ def tracked(previous: Splats, current: Splats) -> bool:
         return True
     before, moved = _positions(previous), _positions(current) - _positions(previous)
     finite = np.isfinite(before).all(axis=1) & np.isfinite(moved).all(axis=1)
-    tree = cKDTree(before[finite])
+    tree = build_kd_tree(before[finite])
     some = some[finite[some]]
     distance, near = tree.query(before[some], k=min(9, int(finite.sum())))
     around = moved[finite][near[:, 1:]]
@@ -154,7 +154,7 @@ def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
         now: Positions in the current frame, (M, 3).
     """
     some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(np.int64))]
-    tree, matrix = cKDTree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
+    tree, matrix = build_kd_tree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(some) < 8:
         return positions
     best, last = matrix, np.inf
@@ -192,7 +192,7 @@ def _match_one_to_one(
         Index of the match of each current Gaussian, -1 for none; and the mask of confident matches.
     """
     count = min(candidates, len(expected))
-    distance, near = cKDTree(expected).query(now, k=count, workers=-1)
+    distance, near = build_kd_tree(expected).query(now, k=count, workers=-1)
     distance, near = distance.reshape(len(now), count), near.reshape(len(now), count)
     differ = ((appearance_now[:, None, :] - appearance[near]) ** 2).sum(axis=2)
     best = np.argmin(differ + (distance / _distance_scale(distance[:, 0])) ** 2 * weight, axis=1)
@@ -233,7 +233,7 @@ def _implausible_matches(
     theirs = partner[found]
     usual = max(np.median(np.linalg.norm(appearance_now - np.roll(appearance_now, len(now) // 2, axis=0), axis=1)), 1.0)
     unlike = np.linalg.norm(appearance_now[found] - appearance[theirs], axis=1)
-    distance, _ = cKDTree(expected).query(expected[theirs], k=[min(AROUND + 1, len(expected))], workers=-1)
+    distance, _ = build_kd_tree(expected).query(expected[theirs], k=[min(AROUND + 1, len(expected))], workers=-1)
     apart = np.linalg.norm(now[found] - expected[theirs], axis=1)
     other: np.ndarray = found[apart * unlike > ANOTHER * distance[:, 0] * usual]
     return other
@@ -299,7 +299,7 @@ def _smooth(
         return expected
     rows = partner[some]
     rest = now[some] - expected[rows]
-    _, near = cKDTree(positions[rows]).query(positions, k=SMOOTHED, workers=-1)
+    _, near = build_kd_tree(positions[rows]).query(positions, k=SMOOTHED, workers=-1)
     return expected + np.median(rest[near], axis=1)
 
 
@@ -318,6 +318,6 @@ def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expec
     velocity = np.zeros_like(now)
     velocity[found] = now[found] - positions[partner[found]]
     if not found.all():
-        _, near = cKDTree(expected).query(now[~found])
+        _, near = build_kd_tree(expected).query(now[~found])
         velocity[~found] = (expected - positions)[near]
     return velocity

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from splatwire.concealment.temporal.neighbors import smooth_weights
+from splatwire.ops.kd_tree import build_kd_tree
 from splatwire.types.splats import Splats
 
 NUM_AROUND = 40
@@ -120,12 +121,12 @@ class NeighborIndex:
     Attributes:
         frame: Index of the frame.
         rows: Indices of the tracks in the tree, int64.
-        tree: Search tree of the positions of these tracks in the frame.
+        tree: Search tree of the positions of these tracks in the frame (`cKDTree` of scipy).
     """
 
     frame: int
     rows: np.ndarray
-    tree: cKDTree
+    tree: Any
 
     @staticmethod
     def of(means: np.ndarray, frame: int, rows: np.ndarray) -> "NeighborIndex":
@@ -136,7 +137,9 @@ class NeighborIndex:
             frame: Index of the frame whose positions are used.
             rows: Indices of the tracks that may serve as neighbours, int64.
         """
-        tree = cKDTree(means[rows, frame], balanced_tree=False, compact_nodes=False)  # fast to build, with few queries
+        tree = build_kd_tree(
+            means[rows, frame], balanced_tree=False, compact_nodes=False
+        )  # fast to build, with few queries
         return NeighborIndex(frame, rows, tree)
 
     def around(self, means: np.ndarray, tracks: np.ndarray, count: int, begin: int = 0) -> NeighborSet:

@@ -76,7 +76,7 @@ def test_metric_of_a_package_is_in_an_evaluation(folder, monkeypatch):
 
 
 def test_study_and_workers_use_plugin_losses_and_metrics(folder):
-    done = run(folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "2")
+    done = run(folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "1")
     assert done.returncode == 0, done.stderr
     table = (folder / "out" / "tables.md").read_text()
     assert "| row | PSNR | MAE |" in table

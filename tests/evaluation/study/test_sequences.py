@@ -54,7 +54,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_study_and_its_workers_score_temporal_concealers_of_packages(folder):
-    done = run_with(folder / "site", folder, "study", "study.toml", "-o", "out", "--workers", "2")
+    done = run_with(folder / "site", folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "1")
     assert done.returncode == 0, done.stderr
     with (folder / "out" / "records.csv").open() as file:
         records = list(csv.DictReader(file))

@@ -98,7 +98,7 @@ def test_format_of_the_page_works_from_file_to_file(folder):
 
 def test_study_and_its_workers_read_files_of_the_format(folder):
     (folder / "study.toml").write_text(PROTOCOL, encoding="utf-8")
-    run(folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "2")
+    run(folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "1")
     with (folder / "out" / "records.csv").open() as file:
         records = {record["conceal"]: record for record in csv.DictReader(file)}
     assert set(records) == {"drop", "grow"}

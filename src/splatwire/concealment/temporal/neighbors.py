@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.concealment.temporal import _neighbor_kernels as kernels
+from splatwire.ops.kd_tree import build_kd_tree
 
 PLACE, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
 OPACITY = 9
@@ -71,7 +71,7 @@ class Neighbors:
         index, contrast = np.zeros((len(lost), count), np.int32), np.zeros((len(lost), 3), np.float32)
         weights, closeness = np.zeros((2, len(lost), count), np.float32)
         contrasts = np.zeros((len(lost), count, 3), np.float32)
-        tree = cKDTree(places[mine if len(lost) else mine[:0]])
+        tree = build_kd_tree(places[mine if len(lost) else mine[:0]])
         for begin in range(0, len(lost), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
             _, found = tree.query(places[lost[some]], k=count, workers=-1)

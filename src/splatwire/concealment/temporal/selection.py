@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from splatwire.concealment.temporal.extrapolation import MotionPrediction
 from splatwire.concealment.temporal.neighbors import PLACE
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses, lifetimes
+from splatwire.ops.kd_tree import build_kd_tree
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splats import Splats
@@ -74,7 +74,7 @@ def select(
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
         rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
         if len(rows) >= LEAST_TESTS and len(lost):
-            near = cKDTree(places[tested[rows]]).query(places[tracks[lost]], k=LEAST_TESTS)[1]
+            near = build_kd_tree(places[tested[rows]]).query(places[tracks[lost]], k=LEAST_TESTS)[1]
             found[lost] = errors[rows[near]].sum(axis=1).argmin(axis=1)
     return found
 
@@ -163,7 +163,7 @@ class _Field:
         self._looks = np.concatenate([splats.sh[tracks, 0] * DC + 0.5, opacity], axis=1)
         self._opacities = splats.opacities[tracks].astype(np.float64)
         self._rows = np.flatnonzero(exists)
-        self._tree = cKDTree((splats.means[tracks] + offsets)[self._rows])
+        self._tree = build_kd_tree((splats.means[tracks] + offsets)[self._rows])
 
     def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
         """Computes the colour and opacity that all received Gaussians except the tested ones produce at given points.
