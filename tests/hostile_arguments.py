@@ -79,7 +79,7 @@ SYNONYMS = {
     "listener": "at least 2 views",
 }  # fmt: skip
 """Words of messages that stand for a parameter."""
-SECONDS = 20
+SECONDS = 120
 """Time limit of a call."""
 
 

@@ -22,9 +22,9 @@ def server_process(command: list[str], *, polite: bool = True) -> Iterator[dict[
     finally:
         server.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            server.wait(10)
+            server.wait(120)
         if server.poll() is None:
             server.kill()
-            server.wait(10)
+            server.wait(120)
         server.stdout.close()
     assert server.returncode == 0 or not polite

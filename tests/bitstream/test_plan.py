@@ -27,11 +27,11 @@ def test_hollywood_scene_has_124_blocks_as_in_the_paper():
 
 
 def test_millions_of_anchors_take_seconds_not_minutes():
-    start = time.perf_counter()
+    start = time.process_time()
     plan = PacketPlan(PRESETS["paper"], 2_000_000)
     groups = plan.groups()
     assert len(groups.starts) == len(plan.ids) + 1
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_contiguous_runs_are_as_equal_as_possible():

@@ -61,7 +61,7 @@ def test_downloads_over_http_are_counted():
         try:
             async with PageServer(PageContent({"scene": program}, None, "127.0.0.1")) as page:
                 opened = RunningServer(server, {}, page)
-                await asyncio.to_thread(lambda: urlopen(f"{page.url}streams/scene.swz", timeout=20).read())
+                await asyncio.to_thread(lambda: urlopen(f"{page.url}streams/scene.swz", timeout=120).read())
                 return opened
         finally:
             server.close()
@@ -105,7 +105,7 @@ def test_server_writes_errors_of_the_loop_and_renewed_certificates_into_its_log(
             _log_renewed(identity)
 
     identity = self_signed()
-    asyncio.run(asyncio.wait_for(work(), 20))
+    asyncio.run(asyncio.wait_for(work(), 120))
     first, second, third = map(json.loads, capsys.readouterr().err.splitlines())
     assert first["event"] == "server error"
     assert first["error"].startswith("Too many open files; no more connections")
@@ -125,7 +125,7 @@ def test_hanging_thread_does_not_block_exit():
         return time.monotonic() - began
 
     try:
-        assert asyncio.run(asyncio.wait_for(work(), 20)) < 10  # the interpreter would wait for an executor
+        assert asyncio.run(asyncio.wait_for(work(), 120)) < 60  # the interpreter would wait for an executor
     finally:
         hangs.set()
 
@@ -148,7 +148,7 @@ def test_second_signal_ends_a_verb_immediately():
     async def work() -> None:
         stop = stop_on_signals()
         signal.raise_signal(signal.SIGINT)
-        await asyncio.wait_for(stop.wait(), 10)
+        await asyncio.wait_for(stop.wait(), 120)
         signal.raise_signal(signal.SIGINT)
         await asyncio.sleep(10)
 
@@ -176,7 +176,7 @@ main(["live", sys.argv[1], "--port", "0"])
 def test_ctrl_c_ends_live_despite_a_hanging_encoder(tmp_path):
     """The interpreter waits for threads of an executor, forever if one hangs in a read or a kernel."""
     words = [sys.executable, "-c", STUCK, str(tmp_path)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 1
     assert "did not end within 0.3 s" in done.stderr
     assert "0 frames, 0 skipped, 0 dropped" in done.stderr
@@ -201,7 +201,7 @@ main(["live", sys.argv[1], "--port", "0"])
 
 def test_ctrl_c_ends_live_while_kernels_are_compiled(tmp_path):
     words = [sys.executable, "-c", COMPILES, str(tmp_path)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stderr
     assert "stopped while kernels were compiled" in done.stderr
     assert "0 frames, 0 skipped, 0 dropped" in done.stderr

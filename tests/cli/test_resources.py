@@ -112,7 +112,7 @@ def test_full_standard_output_is_one_error_line():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "splatwire", "--version"], stdout=full, stderr=subprocess.PIPE, text=True,
-            timeout=60, check=False,
+            timeout=240, check=False,
         )  # fmt: skip
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

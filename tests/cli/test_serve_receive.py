@@ -239,10 +239,10 @@ def test_serve_and_receive_work_over_quic(stream_file: Path, tmp_path: Path, cap
         assert capture.stat().st_size > stream_file.stat().st_size
         assert call("receive", url, "-o", target) == 2
         assert "self-signed certificate. --fingerprint takes what the server told" in capsys.readouterr().err
-        with urlopen(facts["page"], timeout=10) as page:
+        with urlopen(facts["page"], timeout=120) as page:
             content = page.read()
         assert b'<splat-wire src="/streams/tiny.swz?' in content
-        with urlopen(facts["page"] + "streams/tiny.swz", timeout=10) as file:
+        with urlopen(facts["page"] + "streams/tiny.swz", timeout=120) as file:
             assert sorted(file.read()) == sorted(stream_file.read_bytes()), "the same packets in another order"
         assert b'rel="icon" href="data:,"' in content, "else browsers ask for /favicon.ico, which is not there"
     identity = self_signed()
@@ -265,12 +265,12 @@ def test_serve_ends_despite_slow_readers_and_prints_its_summary_only():
         with contextlib.ExitStack() as stack:
             for said in (f"GET /streams/{name}.swz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", "GET / HTTP/1.1\r\n"):
                 for _ in range(50):
-                    client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=30))
+                    client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=240))
                     client.sendall(said.encode())
                     if said.endswith("\r\n\r\n"):
                         assert client.recv(8) == b"HTTP/1.1"  # the request is being answered
             server.terminate()
-            _, told = server.communicate(timeout=30)
+            _, told = server.communicate(timeout=240)
     finally:
         server.kill()
         server.communicate()
@@ -391,13 +391,13 @@ def relay_losing_one(server_port: int) -> Iterator[int]:
 
     thread = threading.Thread(target=lambda: asyncio.run(relay()), daemon=True)
     thread.start()
-    assert ready.wait(10)
+    assert ready.wait(120)
     try:
         yield ports[0]
     finally:
         loop, stop = loops[0]
         loop.call_soon_threadsafe(stop.set)
-        thread.join(10)
+        thread.join(120)
 
 
 def test_monitored_server_reports_its_transfers_in_metrics_and_log(stream_file: Path, tmp_path: Path):
@@ -409,12 +409,12 @@ def test_monitored_server_reports_its_transfers_in_metrics_and_log(stream_file: 
         )
         try:
             facts = json.loads(server.stdout.readline())
-            assert urlopen(f"{facts['monitor']}readyz", timeout=20).read() == b"ready\n"
+            assert urlopen(f"{facts['monitor']}readyz", timeout=120).read() == b"ready\n"
             assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(tmp_path / "got.swz")) == 0
-            metrics = urlopen(f"{facts['monitor']}metrics", timeout=20).read().decode()
+            metrics = urlopen(f"{facts['monitor']}metrics", timeout=120).read().decode()
         finally:
             server.terminate()
-            server.communicate(timeout=20)
+            server.communicate(timeout=120)
     assert "splatwire_transfers_started_total 1.0" in metrics.splitlines()
     events = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     assert [event["event"] for event in events] == ["transfer started", "transfer ended", "stopped"]

@@ -42,7 +42,7 @@ async def asked(port: int, request: bytes = PAGE, host: str = ELSEWHERE) -> byte
     reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=(host, 0))
     writer.write(request)
     try:
-        return await asyncio.wait_for(reader.read(), 20)
+        return await asyncio.wait_for(reader.read(), 120)
     except ConnectionResetError:
         return b""
     finally:

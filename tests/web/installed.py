@@ -21,7 +21,7 @@ TSCONFIG = {
 
 
 def called(words: list[str], folder: Path) -> str:
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=1200)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
 
@@ -51,7 +51,7 @@ def install(folder: Path, packed: Path, others: Mapping[str, str]) -> None:
     (folder / "package.json").write_text(json.dumps(project))
     (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))
     words = ["npm", "install", "--no-audit", "--no-fund", "--loglevel=error", str(packed)]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=1200)
     if done.returncode and ("ENOTFOUND" in done.stderr or "ECONNREFUSED" in done.stderr or "EAI_AGAIN" in done.stderr):
         pytest.skip(f"npm reaches no registry, so the package was not installed anywhere: {done.stderr[-200:]}")
     assert done.returncode == 0, done.stderr

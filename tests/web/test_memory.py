@@ -27,7 +27,7 @@ def test_small_streams_allocate_little_memory_in_the_page(tmp_path: Path) -> Non
     for name, stream in names.items():
         write_stream(stream, tmp_path / name)
     done = subprocess.run(
-        ["node", "scripts/test.mjs", "only", "memory"], cwd=WEB, capture_output=True, text=True, timeout=600,
+        ["node", "scripts/test.mjs", "only", "memory"], cwd=WEB, capture_output=True, text=True, timeout=1200,
         env={**os.environ, "GREEDY": ":".join(str(tmp_path / name) for name in names)}, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
