@@ -138,7 +138,7 @@ def test_result_is_bit_identical_for_any_thread_count(monkeypatch: pytest.Monkey
 
 @pytest.mark.slow
 @pytest.mark.extended
-def test_kernels_compiled_anew_give_bit_identical_results(tmp_path: Path) -> None:
+def test_freshly_compiled_kernels_give_bit_identical_results(tmp_path: Path) -> None:
     found = [digest(drawn_gaussians(make_scene(make_hints()), make_cameras(), 0))]
     drawn = "t.drawn_gaussians(t.make_scene(t.make_hints()), t.make_cameras(), 0)"
     script = f"import test_compiled_heads as t; print(t.digest({drawn}))"
