@@ -74,11 +74,18 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the slowest folders first."""
+    """Puts the slowest folders first, one module of each in turn, so that workers run tests of different folders.
 
-    def place(item: pytest.Item) -> int:
+    Tests of one folder keep workers waiting together: for the same kernels to be compiled, or for time to pass.
+    """
+    turns: dict[str, dict[Path, int]] = {}
+
+    def place(item: pytest.Item) -> tuple[int, int]:
         folder = item.path.relative_to(REPOSITORY / "tests").parts[0]
-        return LONGEST.index(folder) if folder in LONGEST else len(LONGEST)
+        if folder not in LONGEST:
+            return len(items), 0
+        modules = turns.setdefault(folder, {})
+        return modules.setdefault(item.path, len(modules)), LONGEST.index(folder)
 
     items.sort(key=place)
     if _without_torch():

@@ -87,6 +87,14 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def alone(packed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project with the installed package and no other."""
+    folder = tmp_path_factory.mktemp("alone")
+    install(folder, packed, {})
+    return folder
+
+
+@pytest.fixture(scope="module")
 def project(packed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A Vite project with the installed package and the README's examples as its code."""
     folder = tmp_path_factory.mktemp("theirs")
@@ -122,13 +130,13 @@ def test_package_metadata_and_size_are_as_documented(packed: Path) -> None:
     assert size["index"] + size["view"] + size["engine"] <= 400_000
 
 
-def test_node_decoder_gives_the_gaussians_of_python(project: Path, stream: SceneStream, tmp_path: Path) -> None:
+def test_node_decoder_gives_the_gaussians_of_python(alone: Path, stream: SceneStream, tmp_path: Path) -> None:
     """Reads bytes, half of the packets, and a server with a broken connection."""
     half, file = half_of(stream), stream_to_bytes(stream)
     (tmp_path / "whole.swz").write_bytes(file)
     (tmp_path / "half.swz").write_bytes(stream_to_bytes(half))
     (tmp_path / "asking.swz").write_bytes(stream_to_bytes(add_concealment(half, ANTIALIASED, b"")))
-    (project / "decode.mjs").write_text(DECODE)
+    (alone / "decode.mjs").write_text(DECODE)
 
     async def work() -> dict[str, Any]:
         async with hosting({}, {"ball.swz": file}) as host:
@@ -142,7 +150,7 @@ def test_node_decoder_gives_the_gaussians_of_python(project: Path, stream: Scene
                 str(tmp_path / "asking.swz"),
                 f"{host.url}ball.swz",
             ]
-            return json.loads(await asyncio.to_thread(called, words, project))
+            return json.loads(await asyncio.to_thread(called, words, alone))
 
     told = asyncio.run(asyncio.wait_for(work(), 1800))
     assert told["whole"]["digest"] == stream.manifest.symbols_digest
@@ -162,15 +170,15 @@ def test_node_decoder_gives_the_gaussians_of_python(project: Path, stream: Scene
     assert told["lost"] >= 1
 
 
-def test_node_decoder_gives_levels_and_frames_of_python(project: Path, tmp_path: Path) -> None:
+def test_node_decoder_gives_levels_and_frames_of_python(alone: Path, tmp_path: Path) -> None:
     splats = some_splats(5000)
     levels = encode_levels(SplatScene(splats), Packetization(block_size=400, lanes=2))
     clip, _ = encode_sequence(moving_frames(200, 7), SequenceOptions(Fraction(8), 3))
     paths = [str(tmp_path / f"{name}.swz") for name in ("levels", "clip")]
     for path, stream in zip(paths, (levels, clip), strict=True):
         Path(path).write_bytes(stream_to_bytes(stream))
-    (project / "frames.mjs").write_text(FRAMES)
-    told = json.loads(called(["node", "frames.mjs", *paths], project))
+    (alone / "frames.mjs").write_text(FRAMES)
+    told = json.loads(called(["node", "frames.mjs", *paths], alone))
     partial = decode_stream(levels)
     finest = partial.scene.splats.means[partial[Levels].of == 0]
     assert told["verified"] is True
@@ -187,6 +195,7 @@ def check_centres(theirs: list[float], ours: np.ndarray) -> None:
     assert np.allclose(np.sort(found, axis=0), np.sort(ours, axis=0), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.extended
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_vite_project_with_the_package_builds_and_renders(project: Path, stream: SceneStream) -> None:
     called(["node_modules/.bin/tsc"], project)
