@@ -79,11 +79,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Tests of one folder keep workers waiting together: for the same kernels to be compiled, or for time to pass.
     """
     turns: dict[str, dict[Path, int]] = {}
+    last = len(items)
 
     def place(item: pytest.Item) -> tuple[int, int]:
         folder = item.path.relative_to(REPOSITORY / "tests").parts[0]
         if folder not in LONGEST:
-            return len(items), 0
+            return last, 0
         modules = turns.setdefault(folder, {})
         return modules.setdefault(item.path, len(modules)), LONGEST.index(folder)
 
