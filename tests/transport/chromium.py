@@ -258,14 +258,14 @@ def processor_seconds(told: dict[str, Any]) -> float:
 
 
 @contextlib.contextmanager
-def browser(*options: str) -> Iterator[Browser]:
-    """Starts a browser with a fresh profile and more options, and ends it afterwards."""
+def browser() -> Iterator[Browser]:
+    """Starts a browser with a fresh profile and ends it afterwards."""
     found = executable()
     assert found is not None
     theirs_in, ours_out = os.pipe()
     ours_in, theirs_out = os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        words = [sys.executable, "-c", LAUNCH, str(theirs_in), str(theirs_out), found, *FLAGS, *options]
+        words = [sys.executable, "-c", LAUNCH, str(theirs_in), str(theirs_out), found, *FLAGS]
         with running([*words, f"--user-data-dir={profile}"], pass_fds=(theirs_in, theirs_out)):
             os.close(theirs_in)
             os.close(theirs_out)
@@ -287,8 +287,7 @@ def isolated_page() -> Iterator[Browser]:
     After an error the next page starts another browser.
     """
     if not _SHARED:
-        # WebGL is drawn as elsewhere; composing pages without it takes a fifth less processor time
-        _SHARED.append(_RUNNING.enter_context(browser("--disable-gpu-compositing")))
+        _SHARED.append(_RUNNING.enter_context(browser()))
     try:
         page = _SHARED[0].another()
         yield page
