@@ -160,6 +160,18 @@ def test_hostile_relay_answers_are_validated():
         assert stream is None or set(stream.packets) <= set(LEVELS.packets)
 
 
+def test_a_damaged_visible_tile_is_missing_from_the_view():
+    tracks, options = truth(LEVELS), ReceiverOptions(viewpoint=far())
+    whole, damaged = RelayReceiver(options, None), RelayReceiver(options, None)
+    assert asyncio.run(whole.receive(HostileRelay(tracks))) == "seen"
+    number = max(whole._whole)
+    frame = bytearray(tracks[f"part/{number}"][0])
+    frame[-1] ^= 1
+    told = tracks | {f"part/{number}": [bytes(frame)]}
+    assert asyncio.run(damaged.receive(HostileRelay(told))) == "sent"
+    assert damaged.num_rejected == 1
+
+
 def mutated(data: bytes, rng: random.Random) -> bytes:
     """Returns the frame, possibly mutated."""
     if not data or rng.random() < 0.8:

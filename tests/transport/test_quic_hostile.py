@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.protocol.datagrams import Feedback, Request
-from splatwire.transport.protocol.wire import DATA, WELCOME, encode, kind_of
+from splatwire.transport.protocol.datagrams import Feedback, Request, TierHead, Welcome
+from splatwire.transport.protocol.wire import DATA, SIDE, WELCOME, encode, encode_data, encode_symbol, kind_of
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.asyncio.protocol import QuicConnectionProtocol
@@ -25,13 +25,14 @@ from splatwire.transport.quic import server as quic_server
 from splatwire.transport.quic.common import (
     ALPN,
     WEBTRANSPORT_PATH,
+    WINDOW_BYTES,
     FrameReader,
     QuicLimits,
     configuration,
     stream_frame,
 )
 from splatwire.transport.quic.server import RETRY_HANDSHAKES
-from splatwire.transport.quic.sessions import HELD
+from splatwire.transport.quic.sessions import HELD, MOST_PENDING
 from transport.test_quic import OTHER, fetch, run, serving
 
 pytestmark = pytest.mark.slow
@@ -252,6 +253,37 @@ def test_session_without_a_stream_buffers_little():
             connection._sessions._session.send(request())
             assert server.num_malformed == 1
             await until(lambda: client.ended)
+            await close_client(client)
+
+    run(work())
+
+
+def test_a_client_that_acknowledges_nothing_fills_no_memory():
+    """A client may confirm datagrams to the protocol core that it never acknowledges to QUIC."""
+
+    async def work() -> None:
+        async with serving() as server:
+            client = await connected(server.port, ALPN)
+            client.quic.send_stream_data(0, stream_frame(b"\0"))
+            client.transmit()
+            await until(lambda: server.connections and next(iter(server.connections))._sessions.asked)
+            (connection,) = server.connections
+            session = connection._sessions._session
+            for number in range(2 * MOST_PENDING):
+                session.send(encode_data(1, number, number, bytes(1000)))
+            assert len(connection.quic._datagrams_pending) == MOST_PENDING
+            head = encode(
+                Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (TierHead(1, 0, 0),), b"", True, False)
+            )
+            symbol = encode_symbol(SIDE, 1, 0, 0, 0, bytes(1000))
+            session.send(head)
+            for _ in range(2 * WINDOW_BYTES // len(symbol)):  # one head may wait, and a second one
+                session.send(symbol)
+            assert server.num_malformed == 0
+            for _ in range(2 * WINDOW_BYTES // len(symbol)):
+                session.send(symbol)
+            assert server.num_malformed
+            assert not server.connections
             await close_client(client)
 
     run(work())

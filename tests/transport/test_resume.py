@@ -170,6 +170,21 @@ def test_unreturning_server_ends_the_transfer_with_a_reason():
     assert len(receiver.stream().packets) < len(STREAM.packets)
 
 
+@pytest.mark.parametrize("is_live", [True, False])
+def test_a_server_that_repeats_itself_without_end_ends_the_transfer(is_live):
+    tiers = (TierHead(60, 0, 0),)
+    welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers, is_live=is_live)
+    receiver, now = Receiver(5, 0.0, reliable=True), 0.1
+    receiver.poll(0.0)
+    receiver.receive(encode(welcome), now)
+    packet = make_packet(PacketId(0, 59), 1, b"", 9)
+    for sequence in range(300):
+        now += 0.5
+        receiver.receive(encode(Data(1, sequence, 59, packet.data)), now)
+        receiver.poll(now)
+    assert receiver.finished == (None if is_live else Finished("the server sends nothing new", False))
+
+
 def test_silence_ends_the_transfer_without_reconnection():
     path = Path(serving())
     path.plan = [(1.0, lambda: setattr(path, "server", None))]

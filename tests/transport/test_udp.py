@@ -22,7 +22,9 @@ from splatwire.transport import (
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
-from splatwire.transport.udp import UdpServer, bound_socket, receive_udp, resolve
+from splatwire.transport.protocol.datagrams import Hello
+from splatwire.transport.protocol.wire import encode
+from splatwire.transport.udp import MOST_ANSWERS, UdpServer, bound_socket, receive_udp, resolve
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
@@ -114,6 +116,35 @@ def test_unreachable_server_is_reported_at_once():
         receiver = await fetch(port)
         assert not receiver.finished.ok
         assert receiver.stream() is None
+
+    run(work())
+
+
+def test_responses_that_the_socket_does_not_accept_are_bounded():
+    """A slow uplink accepts fewer responses than a flood of requests asks for."""
+
+    class Blocked:
+        def __init__(self) -> None:
+            self.hellos = [encode(Hello(nonce, "")) for nonce in range(2 * MOST_ANSWERS)]
+
+        def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
+            if not self.hellos:
+                raise BlockingIOError
+            return self.hellos.pop(), ("127.0.0.1", 9)
+
+        def sendto(self, data: bytes, address: object) -> int:
+            raise BlockingIOError
+
+    async def work() -> None:
+        server = served(OTHER)
+        real, server._socket = server._socket, Blocked()
+        asyncio.get_running_loop().remove_reader(real)
+        server._blocked = True
+        while server._socket.hellos:
+            server._readable()
+        assert len(server._backlog) == MOST_ANSWERS
+        server._socket = real
+        server.close()
 
     run(work())
 

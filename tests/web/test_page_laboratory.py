@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not i
 TAG = '<splat-wire src="{}" panel="open" style="width: 600px; height: 400px"></splat-wire>'
 PAGES = {
     name: f'<script type="module" src="splatwire.js"></script>{TAG.format(f"{name}.swz")}'
-    for name in ("ball", "levels")
+    for name in ("ball", "levels", "part")
 }
 OVER = f"{ELEMENT}.shadowRoot.querySelector('.over').classList.contains('shown')"
 CAMERA = {"viewmat": tiny_cameras(1, 64, 48).viewmats[0].tolist(), "focal": 60.0, "width": 64, "height": 48}
@@ -38,7 +38,8 @@ SPY = f"""(() => {{
 def streams() -> dict[str, bytes]:
     plain = encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
     levels = encode_levels(SplatScene(some_splats(6000)), Packetization(block_size=400, lanes=2))
-    return {"ball.swz": stream_to_bytes(plain), "levels.swz": stream_to_bytes(levels)}
+    scenes = {"ball.swz": plain, "levels.swz": levels, "part.swz": plain.with_packets(plain.packets[::2])}
+    return {name: stream_to_bytes(scene) for name, scene in scenes.items()}
 
 
 def driven(streams: dict[str, bytes], name: str, work: Callable[[Browser], None]) -> None:
@@ -96,6 +97,23 @@ def test_difference_disappears_once_its_picture_changes(streams: dict[str, bytes
             page.wait_for("window.hidden")
 
     driven(streams, "ball", work)
+
+
+def test_figures_of_an_incomplete_scene_name_their_reference(streams: dict[str, bytes]) -> None:
+    rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
+    told = f"{rows}.find((dt) => dt.textContent === 'PSNR').nextSibling.textContent"
+
+    def work(page: Browser) -> None:
+        assert page.evaluate(f"{ELEMENT}.status.complete") is False
+        page.evaluate(SPY)
+        page.evaluate(f"{ELEMENT}.panel.set({{concealer: 'grow'}})")
+        page.wait_for("gains.includes(null)", 90)  # the picture of what arrived
+        page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})")  # after the comparison
+        assert page.evaluate(told) == "of what arrived: nothing dropped"
+        page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.panel.set({{dropped: 0.5}})")
+        page.wait_for(f"/^of what arrived: [0-9.]+ dB$/.test({told})", 90)
+
+    driven(streams, "part", work)
 
 
 def test_picture_without_losses_stays_if_it_is_chosen_during_a_comparison(streams: dict[str, bytes]) -> None:

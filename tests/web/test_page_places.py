@@ -23,11 +23,20 @@ pytestmark = [pytest.mark.skipif(executable() is None, reason="Chromium is not i
 SCRIPT = '<script type="module" src="splatwire.js"></script><style>body {{ margin: 0; }}</style>'
 SIZE = "width: 400px; height: 300px"
 ONE = f'{SCRIPT}<splat-wire src="{{src}}" panel="none" {{more}} style="{{style}}"></splat-wire>'
+GET = "const get = HTMLCanvasElement.prototype.getContext; HTMLCanvasElement.prototype.getContext ="
+WITHOUT_2D = f"<script>{{ {GET} function (kind, ...more) {{ \
+return kind === '2d' && this.className.includes('first') ? null : get.call(this, kind, ...more); }}; }}</script>"
+WITHOUT_MEMORY = """<script>{ const make = URL.createObjectURL; URL.createObjectURL = (blob) => make(new Blob([
+`const say = self.postMessage; self.postMessage = (message, ...more) => {
+  if (message.kind === "splats") throw new RangeError("no memory"); say.call(self, message, ...more); };`, blob])); }
+</script>"""
 PAGES = {
     "none": ONE.format(src="levels.swz", more="", style=f"{SIZE}; display: none"),
     "anchors": f'{SCRIPT}<splat-wire src="anchors.swz" style="{SIZE}"></splat-wire>'.format(),
     "zero": ONE.format(src="levels.swz", more="", style="width: 0; height: 0; min-height: 0"),
     "plain": ONE.format(src="ball.swz", more="", style=SIZE),
+    "without-2d": WITHOUT_2D + ONE.format(src="ball.swz", more="", style=SIZE),
+    "without-memory": WITHOUT_MEMORY + ONE.format(src="ball.swz", more="", style=SIZE),
     "turned": ONE.format(
         src="ball.swz", more="", style=f"{SIZE}; position: absolute; left: 100px; top: 50px; rotate: 90deg; scale: 0.5"
     ),
@@ -105,6 +114,42 @@ def test_renderer_that_a_busy_server_refused_is_requested_again(streams: dict[st
         opened(page, f"{host.url}plain")
         assert host.busy["splatwire-view.js"] == 0
         assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    driven(streams, work)
+
+
+def test_scene_appears_without_a_canvas_for_the_first_pictures(streams: dict[str, bytes]) -> None:
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}without-2d")
+        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view", 90)
+        assert page.resolve(COLOURS)
+        assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    driven(streams, work)
+
+
+def test_error_of_the_decoding_thread_is_reported(streams: dict[str, bytes]) -> None:
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}without-memory")
+        assert page.wait_for(f"{ELEMENT}?.status?.failed", 90) == "no memory"
+
+    driven(streams, work)
+
+
+def test_refused_renderer_is_requested_again_after_a_lost_context(streams: dict[str, bytes]) -> None:
+    def work(host: Host, page: Browser) -> None:
+        opened(page, f"{host.url}plain")
+        page.evaluate(f"""(() => {{
+          window.before = {ELEMENT}.view;
+          window.refused = 0;
+          {GET} function (kind, ...more) {{
+            return kind.startsWith("webgl") && refused < 2 && ++refused ? null : get.call(this, kind, ...more); }};
+          get.call(before.canvas, "webgl2").getExtension("WEBGL_lose_context").loseContext();
+        }})()""")
+        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.view !== before", 90)
+        assert page.evaluate("refused") == 2
+        assert page.evaluate(f"{ELEMENT}.status.failed") is None
+        assert page.resolve(COLOURS)
 
     driven(streams, work)
 

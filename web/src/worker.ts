@@ -18,6 +18,11 @@ async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<
   return receiveAll(source, reception);
 }
 
+const fail = (error: unknown): void => say({ kind: "failed", text: (error as Error)?.message ?? String(error) });
+
+// browsers report an error of an asynchronous function nowhere, and the page would wait without end
+self.addEventListener("unhandledrejection", ({ reason }) => fail(reason));
+
 self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) => {
   if (data.kind === "help" || data.kind === "batch") return helper.receive(data);
   if (data.kind === "conceal") return void reception.conceal(data);
@@ -36,7 +41,7 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) =
     },
     async (error: unknown) => {
       await reception.settled();
-      say({ kind: "failed", text: (error as Error).message });
+      fail(error);
     },
   );
 });

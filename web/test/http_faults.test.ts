@@ -390,6 +390,21 @@ for (const status of [401, 403, 404, 410])
     assert.equal(server.asked.length, 2);
   });
 
+test("messages about a server do not contain the token in its address", async () => {
+  const answers: Answering[] = [
+    () => new Response(null, { status: 403 }),
+    () => new Response(null, { status: 416 }),
+    (asked, n) => (n ? new Response(null, { status: 401 }) : part(LEVELS, asked)),
+    () => Promise.reject(new TypeError("Failed to fetch")),
+  ];
+  for (const answering of answers) {
+    let failures = 0;
+    new Server((asked, n) => (failures > 20 ? part(LEVELS, asked) : answering(asked, n)));
+    const { text, lost } = await visit(null, { file: `${URL_}?token=secret` }, { wait: async () => void failures++ });
+    assert.doesNotMatch([text, ...lost].join(), /secret/);
+  }
+});
+
 test("where the whole file is refused for another reason than parts of it, both reasons are said", async () => {
   new Server((asked) => new Response(null, { status: asked.range ? 503 : 403 }));
   const { text, complete } = await visit();

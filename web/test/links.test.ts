@@ -19,6 +19,11 @@ test("embed code repeats attributes and names no version of the stream", () => {
   assert.match(code, /src="https:\/\/host\/streams\/scene\.swz" up="y" viewpoint="0 0 &quot;1" style=/);
 });
 
+test("a stream that no other page can load has no embed code", () => {
+  for (const src of ["blob:https://host/7", "data:,x", "file:///home/user/a.swz"])
+    assert.equal(embedCode(new URL(src), "https://host/splatwire.js"), null, src);
+});
+
 test("an application's bundle, a packed page and a blob have no embed code", () => {
   for (const own of [
     "https://host/assets/index-Bx3.js",

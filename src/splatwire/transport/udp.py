@@ -23,6 +23,8 @@ SOCKET_BUFFER = 4 << 20
 BATCH = 256
 """Maximum number of datagrams read or written in one turn of the event loop; timers run between turns."""
 LARGEST_READ = 2048
+MOST_ANSWERS = 1024
+"""Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
 
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
 """Callback for every datagram sent or received, with its source, its destination and its payload."""
@@ -126,7 +128,7 @@ class UdpServer(SocketServer):
             except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable
                 continue
             answer = self.core.receive(address, data, self._loop.time())
-            if answer is not None:
+            if answer is not None and len(self._backlog) < MOST_ANSWERS:
                 self._backlog.append((address, answer))
         self.pump()
 

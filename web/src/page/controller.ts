@@ -132,7 +132,7 @@ export class Controller {
     this.#comparison = new Comparison(
       this.stage,
       () => this.panel.settings.show,
-      (psnr) => this.panel.setRow("PSNR", psnr === null ? this.#psnrPlaceholder() : psnr),
+      (psnr) => this.panel.setRow("PSNR", this.#psnrText(psnr)),
     );
     const hotspots = createElement("div", { class: "hotspots" }, this.#hotspots.slot);
     this.#whole.append(this.stage.surface, this.#comparison.canvas, hotspots, this.panel.element);
@@ -540,9 +540,10 @@ export class Controller {
     this.dispatch("progress", { packets, expected, bytes, gaussians: this.status.gaussians });
   }
 
-  /** Text in place of the PSNR if no packets are dropped on purpose. */
-  #psnrPlaceholder(): string {
-    return this.status.complete ? "no loss" : "of what arrived: nothing dropped";
+  /** Text about the PSNR, null if there is no difference. The reference picture has only what arrived. */
+  #psnrText(psnr: string | null): string {
+    if (this.status.complete) return psnr ?? "no loss";
+    return `of what arrived: ${this.#dropsPackets ? (psnr ?? "no difference") : "nothing dropped"}`;
   }
 
   #settingsChanged(): void {

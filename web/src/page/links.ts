@@ -43,17 +43,17 @@ const SCRIPT = "/splatwire.js";
 const VERSION = /^\?[0-9a-f]{16}$/;
 
 /** Attributes of the element that embed code repeats, because they change the picture. */
-export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate", "camera-limits"] as const;
+export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate", "camera-limits", "updates"] as const;
 
 /**
  * Returns embed code for another page. `attributes` are those of the element. Returns null if this script, loaded from
- * `own`, is part of an application's bundle or of a packed page.
+ * `own`, is part of an application's bundle or of a packed page, or if no other page can load the stream.
  */
 export function embedCode(stream: URL, own: string, attributes: Readonly<Record<string, string>> = {}): string | null {
   const { protocol, origin, pathname } = new URL(own),
     quoted = (text: string): string => text.replaceAll("&", "&amp;").replaceAll('"', "&quot;"),
     address = new URL(stream);
-  if (!/^https?:$/.test(protocol) || !pathname.endsWith(SCRIPT)) return null;
+  if (![protocol, address.protocol].every((one) => /^https?:$/.test(one)) || !pathname.endsWith(SCRIPT)) return null;
   if (VERSION.test(address.search)) address.search = "";
   const all = { src: address.href, ...attributes, style: "height: 30rem" },
     words = Object.entries(all).map(([name, value]) => ` ${name}="${quoted(value)}"`),

@@ -26,8 +26,12 @@ const WEBGL_GAUSSIANS = 50_000,
   WEBGL_DELAY_MS = 3000;
 /** Time limit for an animation frame, milliseconds. An invisible page has none, but its promises must resolve. */
 const FRAME_TIMEOUT_MS = 100;
-/** Delay before a lost WebGL context is requested again, milliseconds. */
-const CONTEXT_RETRY_MS = 1000;
+/**
+ * Delay before a lost WebGL context is requested again, milliseconds, which doubles with each failure, and number of
+ * failures. After an error of the GPU, browsers refuse contexts for two minutes.
+ */
+const CONTEXT_RETRY_MS = 1000,
+  MAX_CONTEXT_FAILURES = 8;
 
 /** Display time of a hint, milliseconds. */
 const HINT_MS = 2000;
@@ -87,6 +91,8 @@ export class Stage implements ContextOwner {
   #shown: (() => void)[] = [];
   #opening = false;
   #destroyed = false;
+  #isContextLost = false;
+  #contextFailures = 0;
   #startWebGL: () => void = () => undefined;
   readonly #webGLWanted = new Promise<void>((resolve) => (this.#startWebGL = resolve));
 
@@ -152,7 +158,8 @@ export class Stage implements ContextOwner {
       await this.#open();
     } catch (error) {
       releaseContext(this);
-      this.failed(error as Error);
+      if (!this.#isContextLost || ++this.#contextFailures > MAX_CONTEXT_FAILURES) this.failed(error as Error);
+      else this.#openLater(CONTEXT_RETRY_MS * 2 ** this.#contextFailures);
     } finally {
       this.#opening = false;
     }
@@ -177,6 +184,7 @@ export class Stage implements ContextOwner {
       throw new Error(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
     }
     const view = this.view;
+    this.#contextFailures = 0;
     canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
     view.watcher = (camera) => this.#reportCamera(camera);
     view.background(this.#background);
@@ -204,8 +212,13 @@ export class Stage implements ContextOwner {
     if (this.view !== view) return;
     this.release();
     releaseContext(this);
+    this.#isContextLost = true;
     this.onContextLost?.();
-    setTimeout(() => void this.open(), CONTEXT_RETRY_MS);
+    this.#openLater(CONTEXT_RETRY_MS);
+  }
+
+  #openLater(ms: number): void {
+    setTimeout(() => void this.open(), ms);
   }
 
   /** Releases the WebGL context and paints in software. */
@@ -487,7 +500,8 @@ export class Stage implements ContextOwner {
         pose: this.orbit.pose(),
         antialiased: this.#antialiased,
       };
-      await paint(this.paintedCanvas, painted, periodicPause());
+      // without a 2D context or memory, the renderer draws the first picture
+      await paint(this.paintedCanvas, painted, periodicPause()).catch(() => this.startWebGL());
       const took = performance.now() - began;
       await nextPaint();
       for (const resolve of shown) resolve();

@@ -44,9 +44,9 @@ export function releaseContext(holder: ContextOwner): void {
   offerContext();
 }
 
-/** Offers a context to the next waiting owner, because another owner became invisible. */
+/** Offers a context to the next visible owner that waits, because another owner became invisible. */
 export function offerContext(): void {
-  const [next] = waiting;
+  const next = [...waiting].find(({ isVisible }) => isVisible);
   if (!next) return;
   waiting.delete(next);
   next.onContextAvailable();

@@ -3,6 +3,9 @@
 /** Upper bound of the delay that a server may request with `Retry-After`, milliseconds. */
 const MAX_WAIT_MS = 60_000;
 
+/** Returns the address for messages: without its query, which may have a token. */
+export const withoutQuery = (url: string): string => url.split("?")[0];
+
 /** Error for an HTTP error status. `final` is true if a retry cannot help. */
 export class HttpError extends Error {
   readonly final: boolean;
@@ -10,7 +13,7 @@ export class HttpError extends Error {
   readonly retryMs: number;
 
   constructor(url: string, { status, statusText, headers }: Response) {
-    super(`${url} answers ${status} ${statusText}`.trim());
+    super(`${withoutQuery(url)} answers ${status} ${statusText}`.trim());
     this.final = status >= 400 && status < 500 && status !== 408 && status !== 425 && status !== 429;
     const ms = retryDelay(headers.get("retry-after") ?? "");
     this.retryMs = ms > 0 ? Math.min(ms, MAX_WAIT_MS) : 0;
@@ -24,7 +27,7 @@ export class HttpError extends Error {
 export class Unreadable extends Error {
   constructor(url: string) {
     super(
-      `the server of ${url} answers, but this page may not read it: the file, or the address that it redirects to, ` +
+      `the server of ${withoutQuery(url)} answers, but this page may not read it: the file, or the address that it redirects to, ` +
         "needs the header Access-Control-Allow-Origin (CORS), unless the server has an error",
     );
   }

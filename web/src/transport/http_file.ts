@@ -1,7 +1,7 @@
 // A file on an HTTP server, read by range requests with timeouts and validation of responses.
 
 import { delay } from "../scheduler.ts";
-import { HttpError, Unreadable } from "./http_error.ts";
+import { HttpError, Unreadable, withoutQuery } from "./http_error.ts";
 
 export interface Limits {
   /** Initial idle timeout, milliseconds. Each timeout raises it. */
@@ -58,6 +58,8 @@ export interface Answer {
 
 /** A file and what earlier requests revealed about its server. One object serves all attempts of a visit. */
 export class HttpFile {
+  /** Address for messages. */
+  readonly name: string;
   /** Support for range requests. */
   ranges: "unknown" | "usable" | "unusable" = "unknown";
   /** True once the file was revalidated against the stored packets. */
@@ -90,6 +92,7 @@ export class HttpFile {
     readonly url: string,
     readonly limits = LIMITS,
   ) {
+    this.name = withoutQuery(url);
     this.#idleMs = limits.idleMs;
   }
 
@@ -178,12 +181,12 @@ export class HttpFile {
       whole = end === null,
       total: number | null = null,
       most = Infinity;
-    if (status === 416 && offset > 0) throw new PastEnd(`${this.url} has no byte ${offset}`);
+    if (status === 416 && offset > 0) throw new PastEnd(`${this.name} has no byte ${offset}`);
     if (first !== null && status >= 400 && status < 502 && !PASSING.includes(status) && !this.#isMissing(status))
-      throw new RangeUnsupported(`${this.url} answers ${status} to a request for a part of it`);
+      throw new RangeUnsupported(`${this.name} answers ${status} to a request for a part of it`);
     if (!response.ok || !body || status === 204) throw new HttpError(this.url, response);
     if (first === null || status !== 206) {
-      if (offset > 0) throw new RangeUnsupported(`${this.url} ignores the range of a request`);
+      if (offset > 0) throw new RangeUnsupported(`${this.name} ignores the range of a request`);
       if (first !== null) this.ranges = "unusable";
       [offset, whole] = [0, true];
     } else {
@@ -192,7 +195,7 @@ export class HttpFile {
         all = range?.[1] === "0" && Number(range[2]) + 1 === Number(range[3]),
         fits = !header || (range && Number(range[1]) === first && (end === null || Number(range[2]) < end));
       if (encoded || (headers.get("content-type") ?? "").startsWith("multipart/") || (!fits && !(all && first === 0)))
-        throw new RangeUnsupported(`${this.url} answers with another part than was requested`);
+        throw new RangeUnsupported(`${this.name} answers with another part than was requested`);
       this.#partial = true;
       if (range && range[3] !== "*") total = Number(range[3]);
       if (!fits) this.ranges = "unusable";
@@ -213,7 +216,7 @@ export class HttpFile {
       count += value?.length ?? 0;
       if (count > most) {
         cancel();
-        throw new RangeUnsupported(`${this.url} answers with more than was requested`);
+        throw new RangeUnsupported(`${this.name} answers with more than was requested`);
       }
       return value ?? null;
     };

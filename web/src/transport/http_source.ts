@@ -58,7 +58,7 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
       } else if (error instanceof FileReplaced) {
         file.noteChange();
         if (file.changes > MAX_CHANGES)
-          throw new BitstreamError(`${file.url} is replaced again and again while it is read`);
+          throw new BitstreamError(`${file.name} is replaced again and again while it is read`);
         store.clear();
         listener.changed?.();
         file.damagedTiles.clear();
@@ -163,7 +163,7 @@ async function receiveGaps(file: HttpFile, listener: Listener, store: PacketStor
 /** Restarts without the known offsets. After too many restarts, the whole file is requested. */
 function restart(file: HttpFile): never {
   checkOrder(file, false);
-  throw new RangeUnsupported(`${file.url} has its packets in another order in every answer`);
+  throw new RangeUnsupported(`${file.name} has its packets in another order in every answer`);
 }
 
 /** Throws `Reordered` if packets are not at the expected offsets and a restart may help. */

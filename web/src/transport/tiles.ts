@@ -78,12 +78,12 @@ export async function receiveTiles(
       }
       report();
       await view.taken();
-      if (!packets.length) file.noteUseless(`${file.url} answers with other bytes than were requested`);
+      if (!packets.length) file.noteUseless(`${file.name} answers with other bytes than were requested`);
     } finally {
       for (const tile of tiles) requested.delete(tile);
     }
     // tiles after the end of a short response are requested again with the other missing tiles
-    if (hasForeign) throw new OtherOrder(`${file.url} has other tiles than were requested`);
+    if (hasForeign) throw new OtherOrder(`${file.name} has other tiles than were requested`);
     const damaged = tiles.filter((tile) => view.missing(tile) && (tile === run.first || offsets[tile + 1] <= end));
     for (const tile of damaged) file.damagedTiles.set(tile, triesOf(tile) + 1);
     if (damaged.length) throw new DamagedTiles(`${damaged.length} tiles came damaged`);

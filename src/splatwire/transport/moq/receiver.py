@@ -181,7 +181,8 @@ class RelayReceiver:
                 task.cancel()
         if self._intake.report().complete:
             return "complete"
-        return "sent" if self.options.viewpoint is None else "seen"
+        seen = self.options.viewpoint is not None and all(number in self._whole for _, number in wanted)
+        return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
         """Chooses the packet tracks to receive and their order.

@@ -84,6 +84,8 @@ the uncorrected viewpoint.
 """
 IDLE_S = 1.0
 """Time after everything visible was received from which on the receiver sends reports less often, seconds."""
+MAX_FRUITLESS_S = 60.0
+"""Time in which the server sends datagrams, but nothing new, after which the receiver gives up, seconds."""
 MAX_FRUITLESS_ENDS = 25
 """Number of consecutive `End` datagrams without data, despite NACKs, from which the receiver concludes that the server
 will not retransmit (`Protection.resend`). The server sends ten per second, so round-trip times up to 2.5 s are covered.
@@ -325,6 +327,7 @@ class Receiver(ReceiveState):
         self._largest, self._received, self._largest_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
         self._told, self._ends_in_vain = 0, 0
+        self._progress, self._progress_at = (0, 0), now
         self._ended_at: float | None = None
         if self._collector is not None:
             self._collector.highest = -1
@@ -413,6 +416,9 @@ class Receiver(ReceiveState):
         if not isinstance(frame, End):
             self._ends_in_vain = 0
             self._ended_at = None if self._viewing else self._ended_at
+        progress = self._collector.num_packets, self._head.num_missing if self._head else 0
+        if progress != self._progress:
+            self._progress, self._progress_at = progress, now
         if self.finished:
             return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
         everything = self._head is None and self._collector.num_packets == self._welcome.num_packets
@@ -460,6 +466,9 @@ class Receiver(ReceiveState):
             return f"no answer: nothing seems to serve there, or {SMALL_PATH}" if late else None
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
             return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
+        unlimited = self._welcome.is_live or self.options.stays
+        if not unlimited and self._heard_at - self._progress_at > MAX_FRUITLESS_S:
+            return "the server sends nothing new"
         if self._ends_in_vain >= MAX_FRUITLESS_ENDS and self._is_cut_off:
             return f"only small datagrams arrive: {SMALL_PATH}"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.is_live

@@ -8,12 +8,14 @@ from aioquic.h3.events import DatagramReceived, H3Event, HeadersReceived, WebTra
 from aioquic.quic import events
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.protocol.wire import MAX_DATAGRAM
+from splatwire.transport.protocol.datagrams import Welcome
+from splatwire.transport.protocol.wire import MAX_DATAGRAM, WELCOME, decode, kind_of
 from splatwire.transport.quic.common import (
     LEAST_BYTES,
     OUTSIDE_BYTES,
     STREAM,
     WEBTRANSPORT_PATH,
+    WINDOW_BYTES,
     FrameReader,
     on_stream,
     send_on_stream,
@@ -28,6 +30,10 @@ stream costs two round trips; with two copies, the first to arrive counts.
 HELD = 512
 """Maximum number of frames that wait until the client opens the reliable stream: the client's request as DATAGRAM may
 overtake the opening of the stream. The side information of a large scene has some hundred frames.
+"""
+MOST_PENDING = 2048
+"""Maximum number of DATAGRAM frames that wait in QUIC until earlier bytes are acknowledged; further ones are dropped,
+as by a full queue on the path. A client may confirm to the protocol core what it never acknowledges to QUIC.
 """
 
 
@@ -49,6 +55,7 @@ class Session:
         self._prefix = prefix
         self._reader = FrameReader()
         self._copies = REDUNDANT_FRAMES
+        self._most_unacknowledged = WINDOW_BYTES
         self._held: list[bytes] = []
 
     def send(self, data: bytes) -> None:
@@ -56,17 +63,23 @@ class Session:
 
         `connection.transmit` sends it.
         """
-        copied = on_stream(data) and self._copies > 0
+        copied, quic = on_stream(data) and self._copies > 0, self.connection.quic
         if on_stream(data):
+            if kind_of(data) == WELCOME and isinstance(frame := decode(data), Welcome):  # a long head follows
+                self._most_unacknowledged = WINDOW_BYTES + 2 * frame.object_bytes
             self._on_stream(stream_frame(data))
         if copied or not on_stream(data):
             self._copies -= copied
-            self.connection.quic.send_datagram_frame(self._prefix + data)
+            if len(quic._datagrams_pending) < MOST_PENDING:
+                quic.send_datagram_frame(self._prefix + data)
 
     def _on_stream(self, frame: bytes) -> None:
+        quic = self.connection.quic
         if self.stream is not None:
-            if not send_on_stream(self.connection.quic, self.stream, frame):
+            if not send_on_stream(quic, self.stream, frame):
                 self.connection.malformed("the stream was given up")
+            elif len(quic._streams[self.stream].sender._buffer) > self._most_unacknowledged:
+                self.connection.malformed("the client acknowledges nothing on the stream")
         elif len(self._held) < HELD:
             self._held.append(frame)
         else:
