@@ -3,8 +3,9 @@
 import asyncio
 import errno
 import random
+import socket
 from collections.abc import Coroutine
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -136,11 +137,12 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
             raise BlockingIOError
 
     async def work() -> None:
-        server = served(OTHER)
-        real, server._socket = server._socket, Blocked()
+        server, blocked = served(OTHER), Blocked()
+        real = server._socket
+        server._socket = cast(socket.socket, blocked)
         asyncio.get_running_loop().remove_reader(real)
         server._blocked = True
-        while server._socket.hellos:
+        while blocked.hellos:
             server._readable()
         assert len(server._backlog) == MOST_ANSWERS
         server._socket = real
