@@ -48,6 +48,7 @@
 #define MOST_HARMONICS 16  // of a colour channel, rounded up to an even number
 #define TRANSFORM_UNIT 127
 #define PI 3.141592653589793
+#define LN2 0.6931471805599453
 #define R2 1.4142135623730951
 #define R3 1.7320508075688772
 #define R6 2.449489742783178
@@ -57,13 +58,14 @@ enum { S_POSITION = 4, S_DIRECTION = 5, S_SPIN = 6, S_COLOUR = 7, S_HARMONICS = 
 
 // Tables that the caller fills: of the range coder, of the codec, of the stream, and the block's means.
 int32_t normal[2 * 768 + 1], inverses[NUM_SCALES], widths[NUM_SCALES];
-int32_t thinness[MAX_THIN + 1], coefficients[4 * STEPS];
+int32_t coefficients[4 * STEPS];
 int32_t bases[8 * STEPS], scales[CONTEXTS], initial[2 * NUM_CONTEXTS];
 int32_t defaults[7];
 // Tables of the conversion to floating point: powers of two of the fractions of an octave and of whole octaves, the
 // transform of the harmonics, with rows of `MOST_HARMONICS` numbers, and the lower corner of the block.
 double fractions[1 << BITS], wholes[2 * OCTAVES], transform[MOST_HARMONICS * MOST_HARMONICS], corner[3];
 
+static int32_t thinness[MAX_THIN + 1];       // see `src/codec/gaussians/tables.ts`
 static int32_t models[2 * MOTION_CONTEXTS];  // of Gaussians or of motion
 static const int32_t running_bounds[7] = {2, 6, 13, 24, 42, 74, 135};
 
@@ -694,8 +696,10 @@ EXPORT(convert) uint32_t convert(uint32_t number, uint32_t harmonics, double hal
   return floats_at;
 }
 
-/// Computes the distributions of the stream's contexts, once all tables but `defaults` are filled.
+/// Computes the distributions of the stream's contexts and `thinness`, once all tables but `defaults` are filled.
 EXPORT(prepare) void prepare(void) {
+  for (int32_t log = 0, t = 1; t <= MAX_THIN; log++)
+    for (double most = (1 - power_of_two(-log)) * ((1 << BITS) / LN2); t <= most && t <= MAX_THIN;) thinness[t++] = log;
   heap_end = ((uint32_t)&__heap_base + 15) & ~15u;
   for (int32_t scale = 0; scale < NUM_SCALES; scale++) mixtures[scale].stride = 0;
   for (int32_t c = 0; c < CONTEXTS; c++) {
@@ -720,6 +724,20 @@ EXPORT(prepare) void prepare(void) {
 EXPORT(begin) uint32_t begin(uint32_t bytes) {
   if (!heap_end) heap_end = ((uint32_t)&__heap_base + 15) & ~15u;
   reserve(heap_end + bytes);
+  return heap_end;
+}
+
+/// Counts the elements of each of `number` lanes among `size` elements from `first` on; see `src/packets/plan.ts`.
+/// Returns the address of the counts, int32.
+EXPORT(lanes) uint32_t lanes(uint32_t first, uint32_t size, uint32_t low, uint32_t high, uint32_t number) {
+  int32_t *counts = (int32_t *)begin(4 * number);
+  for (uint32_t n = 0; n < number; n++) counts[n] = 0;
+  for (uint32_t end = first + size; first < end; first++) {
+    uint64_t z = ((uint64_t)high << 32 | (first ^ low)) + 0x9e3779b97f4a7c15;
+    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9;
+    z = (z ^ z >> 27) * 0x94d049bb133111eb;
+    counts[(z ^ z >> 31) % number]++;
+  }
   return heap_end;
 }
 

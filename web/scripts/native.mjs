@@ -17,7 +17,7 @@ const OFFSET = 45,
   EXCLUDED = `${PREFIXES}"'\`\\$`;
 /** Tables that the decoder's caller fills. */
 const tables = [
-  ..."normal inverses widths thinness coefficients bases scales initial defaults".split(" "),
+  ..."normal inverses widths coefficients bases scales initial defaults".split(" "),
   ..."fractions wholes transform corner motion".split(" "),
 ];
 try {
@@ -27,7 +27,8 @@ try {
     [
       ...["-m", "ziglang", "cc", "-target", "wasm32-freestanding", "-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all"],
       ...["-mcpu=generic+simd128+nontrapping_fptoint+bulk_memory", "-Os"],
-      ...["-fno-vectorize", "-mllvm", "-inline-threshold=0"], // fewer bytes, as fast
+      // fewer bytes, as fast
+      ...["-fno-vectorize", "-fno-slp-vectorize", "-mllvm", "-inline-threshold=0", "-mllvm", "-disable-lsr"],
       ...tables.map((name) => `-Wl,--export=${name}`),
       ...["-o", binary, source],
     ],

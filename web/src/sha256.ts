@@ -1,14 +1,10 @@
 // SHA-256 (FIPS 180-4) of data in pieces: node's, which is much faster, or a portable one.
 
 import { hex } from "./bytes.ts";
+import { builtin } from "./node.ts";
 
-interface NodeHash {
-  update(bytes: Uint8Array): void;
-  digest(encoding: "hex"): string;
-}
-
-interface NodeProcess {
-  getBuiltinModule?(name: "node:crypto"): { createHash(name: "sha256"): NodeHash } | undefined;
+interface NodeCrypto {
+  createHash(name: "sha256"): { update(bytes: Uint8Array): void; digest(encoding: "hex"): string };
 }
 
 /** Hash of the bytes that were added so far. */
@@ -19,18 +15,17 @@ export interface Sha256 {
 }
 
 export function newSha256(): Sha256 {
-  const { process } = globalThis as { process?: NodeProcess },
-    native = process?.getBuiltinModule?.("node:crypto")?.createHash("sha256");
+  const native = builtin<NodeCrypto>("crypto")?.createHash("sha256");
   if (native) return { update: (bytes) => native.update(bytes), hex: () => native.digest("hex") };
   const portable = new PortableSha256();
   return { update: (bytes) => portable.update(bytes), hex: () => hex(portable.digest()) };
 }
 
-/** Returns the SHA-256 of some bytes, 32 bytes. */
-export function sha256(bytes: Uint8Array): Uint8Array {
-  const hash = new PortableSha256();
+/** Returns the SHA-256 of some bytes, hexadecimal. */
+export function sha256(bytes: Uint8Array): string {
+  const hash = newSha256();
   hash.update(bytes);
-  return hash.digest();
+  return hash.hex();
 }
 
 const BLOCK = 64,

@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import { COLUMNS } from "../src/codec/gaussians/layout.ts";
-import { FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
+import { countLanesFast, FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
 import { SOURCE_DIGEST } from "../src/codec/gaussians/native_module.ts";
 import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
 import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
@@ -19,7 +19,7 @@ import {
   type TrackBases,
 } from "../src/codec/tracks/motion_packets.ts";
 import type { SequenceInfo } from "../src/codec/tracks/side_info.ts";
-import { Intake, planOf } from "../src/packets/plan.ts";
+import { countLanes, Intake, planOf } from "../src/packets/plan.ts";
 import { anySideInfo, randomNumbers } from "./side_info.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
@@ -54,6 +54,22 @@ for (const path of STREAMS) {
     }
   });
 }
+
+test("WebAssembly counts the elements of lanes as plain TypeScript does", () => {
+  const below = randomNumbers(5);
+  for (let n = 0; n < 100; n++) {
+    const seed = [below(2 ** 32), below(2 ** 32)] as const,
+      first = below(2 ** 24),
+      size = below(2000),
+      lanes = 1 + below(n % 2 ? 64 : 2 ** 14);
+    const counts = countLanes(first, size, seed, lanes);
+    assert.equal(
+      counts.reduce((sum, count) => sum + count, 0),
+      size,
+    );
+    assert.deepEqual(countLanesFast(first, size, seed, lanes), counts);
+  }
+});
 
 test("a decoder that grows keeps its instance while its tables stay", () => {
   const random = randomNumbers(3),

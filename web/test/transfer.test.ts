@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import type { Head } from "../src/packets/container.ts";
-import { crc32 } from "../src/packets/crc32.ts";
+import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
 import { dataView, FrameReader, readWelcome, writeRequest } from "../src/transport/frames.ts";
 import { Transfer } from "../src/transport/transfer.ts";
 import { NOT_YET, OPEN, REFUSE, VERSION } from "../src/transport/wire.ts";
@@ -33,7 +33,14 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
   assert.match(order, /^[0-9a-f]{32}$/);
 });
 
-test("the checksum equals zlib's", () => assert.equal(crc32(new TextEncoder().encode("123456789")), 0xcbf43926));
+test("the checksum equals zlib's, also in two parts", () => {
+  const bytes = new TextEncoder().encode("123456789");
+  for (const checksum of [crc32, portableCrc32]) {
+    assert.equal(checksum(bytes, 0), 0xcbf43926);
+    for (let n = 0; n < bytes.length; n++)
+      assert.equal(checksum(bytes.subarray(n), checksum(bytes.subarray(0, n), 0)), 0xcbf43926);
+  }
+});
 
 test("a live stream that has not begun is requested again, four times a second", () => {
   const transfer = new Transfer("live", 7n, 0);

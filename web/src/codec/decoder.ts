@@ -8,6 +8,7 @@ import { ANTIALIASED, BACKGROUND, EXTENT, METADATA, ORIGIN, UP, VIEWPOINT } from
 import type { Pause } from "../scheduler.ts";
 import { CausalSchema } from "./causal/schema.ts";
 import type { Verification } from "./gaussians/digest.ts";
+import { countLanesFast } from "./gaussians/native.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
 import { LevelSchema } from "./levels/schema.ts";
 import { checkMemory } from "./memory.ts";
@@ -65,7 +66,7 @@ export class StreamDecoder {
     verify: Verification = null,
     updates = false,
   ) {
-    const plan = planOf(head.manifest);
+    const plan = planOf(head.manifest, countLanesFast);
     this.schema = schemaOf(head, plan, verify, updates);
     this.intake = new Intake(plan);
     this.#numBytes = head.sideInfo.length;
@@ -78,7 +79,7 @@ export class StreamDecoder {
       longer = head.manifest.tiers;
     const same = tiers.every(({ count, lanes }, n) => longer[n]?.count === count && longer[n].lanes === lanes);
     if (!this.schema.grow || !same) throw new BitstreamError("the stream's new head contradicts its earlier one");
-    const plan = planOf(head.manifest);
+    const plan = planOf(head.manifest, countLanesFast);
     this.schema.grow(head.sideInfo, plan);
     this.intake.plan = plan;
     this.head = head;

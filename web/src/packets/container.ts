@@ -1,6 +1,6 @@
 // One-file layout (.swz), read incrementally: manifest, side information, then packets.
 
-import { BitstreamError, hex } from "../bytes.ts";
+import { BitstreamError } from "../bytes.ts";
 import { sha256 } from "../sha256.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
 import { type Manifest, readManifest } from "./manifest.ts";
@@ -16,7 +16,7 @@ export interface Head {
 
 /** Returns the head. Throws `BitstreamError` if the side information does not match the manifest. */
 export function checkHead(manifest: Manifest, sideInfo: Uint8Array): Head {
-  if (sideInfo.length !== manifest.sideInfoBytes || hex(sha256(sideInfo)) !== manifest.sideInfoDigest) {
+  if (sideInfo.length !== manifest.sideInfoBytes || sha256(sideInfo) !== manifest.sideInfoDigest) {
     throw new BitstreamError("the side information is damaged");
   }
   return { manifest, sideInfo };

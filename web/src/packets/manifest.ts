@@ -1,6 +1,6 @@
 // Manifest of a stream. Accepts the same manifests as `splatwire.bitstream.manifest`.
 
-import { BitstreamError, hex } from "../bytes.ts";
+import { BitstreamError } from "../bytes.ts";
 import { sha256 } from "../sha256.ts";
 import { type Fields, type Json, parseJson, writeJson } from "./json.ts";
 import * as limits from "./limits.ts";
@@ -72,7 +72,7 @@ export function readManifest(bytes: Uint8Array): Manifest {
   ]);
   const content = new Map(fields);
   content.delete("digest");
-  if (hex(sha256(new TextEncoder().encode(writeJson(content)))).slice(0, 16) !== fields.get("digest")) {
+  if (sha256(new TextEncoder().encode(writeJson(content))).slice(0, 16) !== fields.get("digest")) {
     throw new BitstreamError("the manifest is damaged: its digest does not match");
   }
   const codec = version === 1 ? "hacpp" : (choice(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"]);

@@ -16,6 +16,18 @@ interface Span {
   readonly numBlocks: number;
 }
 
+/** Counts the elements of each lane among `size` elements from `first` on. `seed` has a low and a high half. */
+export function countLanes(
+  first: number,
+  size: number,
+  [low, high]: readonly [number, number],
+  lanes: number,
+): Int32Array {
+  const counts = new Int32Array(lanes);
+  for (let rank = first; rank < first + size; rank++) counts[splitmixModulo((rank ^ low) >>> 0, high, lanes)]++;
+  return counts;
+}
+
 /** Blocks and packets of a stream, derived from its manifest. */
 export class Plan {
   readonly numBlocks: number;
@@ -23,7 +35,10 @@ export class Plan {
   readonly #lanes = new Map<number, Int32Array>();
   readonly #orders = new Map<number, Int32Array>();
 
-  constructor(readonly manifest: Manifest) {
+  constructor(
+    readonly manifest: Manifest,
+    readonly count = countLanes,
+  ) {
     const { blockSize, lanes } = manifest.packetization;
     const shapes = manifest.tiers.length ? manifest.tiers : [{ count: manifest.count, lanes }];
     let first = 0,
@@ -133,17 +148,14 @@ export class Plan {
     if (known) return known;
     const span = this.#span(block),
       size = this.blockCount(block),
-      counts = new Int32Array(span.lanes);
-    if (this.manifest.packetization.grouping === "contiguous") {
-      for (let lane = 0; lane < span.lanes; lane++) {
-        counts[lane] = Math.floor(size / span.lanes) + (lane < size % span.lanes ? 1 : 0);
-      }
-    } else {
-      const [low, high] = this.manifest.packetization.seed,
-        start = span.first + (block - span.firstBlock) * span.blockSize;
-      for (let rank = start; rank < start + size; rank++)
-        counts[splitmixModulo((rank ^ low) >>> 0, high, span.lanes)]++;
-    }
+      { grouping, seed } = this.manifest.packetization,
+      counts =
+        grouping === "contiguous"
+          ? Int32Array.from(
+              { length: span.lanes },
+              (_, lane) => Math.floor(size / span.lanes) + (lane < size % span.lanes ? 1 : 0),
+            )
+          : this.count(span.first + (block - span.firstBlock) * span.blockSize, size, seed, span.lanes);
     this.#lanes.set(block, counts);
     return counts;
   }
@@ -151,10 +163,10 @@ export class Plan {
 
 const plans = new WeakMap<Manifest, Plan>();
 
-/** Returns the shared plan of a manifest. */
-export function planOf(manifest: Manifest): Plan {
+/** Returns the shared plan of a manifest. `count` counts the elements of lanes, as `countLanes` does. */
+export function planOf(manifest: Manifest, count = countLanes): Plan {
   let plan = plans.get(manifest);
-  if (!plan) plans.set(manifest, (plan = new Plan(manifest)));
+  if (!plan) plans.set(manifest, (plan = new Plan(manifest, count)));
   return plan;
 }
 

@@ -1,6 +1,5 @@
 // Messages of the wire protocol, version 4 (docs/wire.md), as far as browsers write and read them.
 
-import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";
 import { crc32 } from "../packets/crc32.ts";
 import { sha256 } from "../sha256.ts";
@@ -91,7 +90,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     viewable: (flags & VIEWABLE) > 0,
     isLive: (flags & OPEN) > 0,
     preview: bytes.slice(at + 2, at + 2 + size),
-    order: hex(sha256(bytes.subarray(13, at))).slice(0, 2 * ORDER_BYTES),
+    order: sha256(bytes.subarray(13, at)).slice(0, 2 * ORDER_BYTES),
   };
   const fine =
     numbers.getBigUint64(1, true) === nonce &&

@@ -33,7 +33,7 @@ export class InitSegment {
 
   /** SHA-256 of the segment, hexadecimal. */
   get digest(): string {
-    return hex(sha256(this.#object));
+    return sha256(this.#object);
   }
 
   /** Returns true if the manifest belongs to another init segment. */

@@ -265,7 +265,7 @@ export class Transfer {
   #goOn(before: Before, welcome: Welcome): void {
     if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSame = false);
     const bits = before.bitsOf(welcome.order);
-    if (!bits && (welcome.bundled || hex(sha256(before.object)) !== hex(welcome.digest))) return;
+    if (!bits && (welcome.bundled || sha256(before.object) !== hex(welcome.digest))) return;
     this.isSame = true;
     this.head = before.head;
     for (let place = 0; bits && place < Math.min(welcome.packets, 8 * bits.length); place++)

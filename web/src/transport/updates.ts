@@ -1,6 +1,5 @@
 // Updates of a scene over HTTP: a file beside that of the scene, named after the state that it changes.
 
-import { hex } from "../bytes.ts";
 import { sha256 } from "../sha256.ts";
 import { HttpError } from "./http_error.ts";
 
@@ -23,7 +22,7 @@ const manifestEnd = (file: Uint8Array): number =>
   PREFIX_BYTES + new DataView(file.buffer, file.byteOffset, file.byteLength).getUint32(PREFIX_BYTES - 4, true);
 
 /** Returns the SHA-256 of a manifest, hexadecimal. `file` are the first bytes of a file, up to the end of it. */
-export const manifestDigest = (file: Uint8Array): string => hex(sha256(file.subarray(PREFIX_BYTES)));
+export const manifestDigest = (file: Uint8Array): string => sha256(file.subarray(PREFIX_BYTES));
 
 /** Returns the address of the update of a scene with this digest. */
 export const updateUrl = (file: string, digest: string): string =>

@@ -1,12 +1,12 @@
 // Packet decoder in WebAssembly, several times as fast as the plain one and bit for bit the same.
 
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../../entropy/tables.ts";
+import { countLanes } from "../../packets/plan.ts";
 import { COEFFICIENTS, COLUMNS } from "./layout.ts";
 import { MODULE } from "./native_module.ts";
 import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
 import { stepBases } from "./steps.ts";
-import { THINNESS } from "./tables.ts";
 import { FRACTIONS, WHOLES } from "./to_splats.ts";
 
 /** Length of a row of the module's table of the transform. */
@@ -24,6 +24,7 @@ interface Exports {
   begin(bytes: number): number;
   decode(bytes: number, count: number, harmonics: number, boxBits: number, unit: number, coarsest: number): number;
   convert(count: number, harmonics: number, half: number, size: number): number;
+  lanes(first: number, size: number, low: number, high: number, lanes: number): number;
   readonly [table: string]: unknown;
 }
 
@@ -33,13 +34,15 @@ let compiled: WebAssembly.Module | null | undefined;
 function compiledModule(): WebAssembly.Module | null {
   if (compiled !== undefined) return compiled;
   try {
-    const bytes: number[] = [];
+    const bytes = new Uint8Array(MODULE.length),
+      starts = Int8Array.from({ length: 128 }, (_, code) => PREFIXES.indexOf(String.fromCharCode(code)));
+    let size = 0;
     for (let n = 0; n < MODULE.length; n++) {
-      const prefix = PREFIXES.indexOf(MODULE[n]),
-        code = prefix < 0 ? MODULE.charCodeAt(n) : 48 * prefix + MODULE.charCodeAt(++n) - 40;
-      bytes.push((code - OFFSET) & 255);
+      const code = MODULE.charCodeAt(n),
+        prefix = starts[code];
+      bytes[size++] = (prefix < 0 ? code : 48 * prefix + MODULE.charCodeAt(++n) - 40) - OFFSET;
     }
-    compiled = new WebAssembly.Module(Uint8Array.from(bytes));
+    compiled = new WebAssembly.Module(bytes.subarray(0, size));
   } catch {
     compiled = null;
   }
@@ -55,6 +58,16 @@ export function instantiate<T>(): T | null {
     return null;
   }
 }
+
+let counter: Exports | null = null;
+
+/** Counts the elements of lanes as `countLanes` does: in WebAssembly if possible. */
+export const countLanesFast: typeof countLanes = (first, size, seed, lanes) => {
+  counter ??= instantiate<Exports>();
+  if (!counter) return countLanes(first, size, seed, lanes);
+  const address = counter.lanes(first, size, ...seed, lanes); // its memory may grow
+  return new Int32Array(counter.memory.buffer, address, lanes).slice();
+};
 
 /** Decodes the packets of one stream: in WebAssembly if possible. Memory is only taken for the first packet. */
 export class FastPackets implements GaussianPackets {
@@ -102,7 +115,6 @@ export class NativePackets implements GaussianPackets {
       normal: NORMAL,
       inverses: INVERSE_SCALES,
       widths: HALF_WIDTHS,
-      thinness: THINNESS,
       coefficients: Int32Array.from(COEFFICIENTS.flat()),
       bases: stepBases(info.bases),
       scales: info.scales,

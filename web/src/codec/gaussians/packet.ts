@@ -47,7 +47,7 @@ import {
 import { deviationContext, LUMA_MEAN, Neighbours } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
 import { Steps } from "./steps.ts";
-import { THINNESS } from "./tables.ts";
+import { thinness } from "./tables.ts";
 
 /** Decoded integers: `COLUMNS` numbers per Gaussian, and its harmonics. */
 export interface Decoded {
@@ -153,7 +153,7 @@ export class PacketDecoder implements GaussianPackets {
     const ratio = this.#decodePredicted(3, S_SCALE2, level, area, long, opacity, BITS - 1);
     const companded = clip(ratio, 0, this.#absolute ? (MAX_THIN >> this.#shift) << this.#shift : MAX_THIN);
     rows[row + SCALE2] = companded;
-    const thin = THINNESS[companded];
+    const thin = thinness()[companded];
     const finest = Math.max(
       this.#steps.exponent(S_POSITION, level, area, long, thin, opacity),
       1 - ((s0 - long) >> BITS),

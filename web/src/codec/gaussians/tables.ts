@@ -2,11 +2,16 @@
 
 import { BITS, MAX_THIN } from "./layout.ts";
 
+let table: Int32Array | null = null;
+
 /**
- * Log ratio r of scales for companded values t = (1 - 2^-r) / ln 2. Every entry but the first is at least 1e-5 from a
- * rounding boundary (tested), a billion times the error of a double.
+ * Returns the log ratios r of scales for companded values t = (1 - 2^-r) / ln 2. Every entry but the first is at least
+ * 1e-5 from a rounding boundary (tested), a billion times the error of a double.
  */
-export const THINNESS = Int32Array.from({ length: MAX_THIN + 1 }, (_, t) => (t ? Math.ceil(exactThinness(t)) : 0));
+export function thinness(): Int32Array {
+  table ??= Int32Array.from({ length: MAX_THIN + 1 }, (_, t) => (t ? Math.ceil(exactThinness(t)) : 0));
+  return table;
+}
 
 export function exactThinness(t: number): number {
   return -Math.log2(1 - (t * Math.LN2) / 2 ** BITS) * 2 ** BITS;

@@ -18,7 +18,7 @@ import {
 } from "./layout.ts";
 import type { Decoded } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
-import { THINNESS } from "./tables.ts";
+import { thinness } from "./tables.ts";
 
 const R2 = Math.sqrt(2),
   R3 = Math.sqrt(3),
@@ -72,7 +72,7 @@ export function convert({ rows, harmonics }: Decoded, info: SideInfo, block: num
     for (let a = 0; a < 3; a++) means[3 * i + a] = (2 * corner[a] + rows[row + LATTICE + a]) * half;
     const s0 = rows[row + SCALE0],
       s1 = s0 - rows[row + SCALE1],
-      s2 = s1 - THINNESS[rows[row + SCALE2]];
+      s2 = s1 - thinness()[rows[row + SCALE2]];
     scales[3 * i] = size * powerOfTwo(s0);
     scales[3 * i + 1] = size * powerOfTwo(s1);
     scales[3 * i + 2] = size * powerOfTwo(s2);

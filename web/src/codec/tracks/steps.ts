@@ -18,7 +18,7 @@ import {
 } from "../gaussians/layout.ts";
 import type { SideInfo } from "../gaussians/side_info.ts";
 import { Steps } from "../gaussians/steps.ts";
-import { THINNESS } from "../gaussians/tables.ts";
+import { thinness } from "../gaussians/tables.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 
 const LARGEST_SHIFT = 30;
@@ -42,7 +42,7 @@ export class MotionSteps {
       opacity = rows[row + OPACITY],
       s0 = rows[row + SCALE0],
       long = rows[row + SCALE1],
-      thin = THINNESS[rows[row + SCALE2]],
+      thin = thinness()[rows[row + SCALE2]],
       area = 2 * s0 - long;
     const finest = Math.max(steps.exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS)),
       place = Math.min(Math.max(unit - finest, 0), Math.max(coarsest, 0)) + 1,
