@@ -1,9 +1,11 @@
 """Reference pictures are rendered once and stored in one file each."""
 
 import numpy as np
+import pytest
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.data import save_cameras
+from splatwire.errors import SplatwireError
 from splatwire.evaluation.study import SceneEntry, Store, Study, concealment_rows
 from splatwire.evaluation.study.definition import Loss
 from splatwire.evaluation.study.references import prepare_references
@@ -34,3 +36,8 @@ def test_reference_renders_are_computed_once_and_yielded_singly(tmp_path):
     assert len(list((tmp_path / "store" / first.renders).glob("*.npy"))) == 2
     assert prepare(WHITE).digest != first.digest == prepare(scene.background, "other").digest
     assert len(calls) == 3
+    picture = sorted((tmp_path / "store" / first.renders).glob("*.npy"))[0]
+    for damage in (b"", picture.read_bytes()[:90], picture.read_bytes()[:-1]):
+        picture.write_bytes(damage)
+        with pytest.raises(SplatwireError, match=rf"{picture.name} is damaged: .*; remove its folder"):
+            views.reference(0)

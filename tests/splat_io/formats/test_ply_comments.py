@@ -1,6 +1,7 @@
 """Comments and columns of training programs: antialiasing, and the 3D filter of Mip-Splatting."""
 
 import lzma
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,6 +32,7 @@ def commented(folder: Path, *comments: str, newline: str = "\n") -> Path:
         "SplatRenderMode: mip", "splatrendermode=MIP", "SplatRenderMode mip", "Render_Mode: antialiased",
         "rasterize_mode: antialiased", "RasterizationMode: Mip-Splatting", "antialiased 1", "Antialiased: True",
         "anti-aliased yes", "anti_aliasing=on", "antialiasing enabled", "antialiased", "mip_splatting: true",
+        "GaussianRenderMode: mip", "splat.render_mode: mip", "mode: antialiased",
         'SplatRenderMode: "mip"', "use_mip_filter true", "with antialiasing", "enable_mip_splatting: 1",
     ],
 )  # fmt: skip
@@ -45,7 +47,7 @@ def test_training_comments_enable_antialiasing(comment: str, tmp_path: Path) -> 
     [
         "SplatRenderMode: default", "SplatRenderMode: classic", "antialiased 0", "antialiased: false",
         "anti-aliased no", "not antialiased", "antialiased pictures of a house", "mipmap 1", "mip 0",
-        "trained without antialiasing", "filter: mip", "",
+        "trained without antialiasing", "filter: mip", "mode: mips", "commode mip house", "",
     ],
 )  # fmt: skip
 def test_other_comments_do_not_enable_antialiasing(comment: str, tmp_path: Path) -> None:
@@ -57,6 +59,22 @@ def test_other_comments_do_not_enable_antialiasing(comment: str, tmp_path: Path)
 def test_last_antialiasing_comment_applies() -> None:
     assert states_antialiasing(["antialiased 0", "SplatRenderMode: mip"])
     assert not states_antialiasing(["SplatRenderMode: mip", "antialiased 0"])
+
+
+@pytest.mark.parametrize(
+    ("start", "filling"), [("pose ", "1"), ("colour space ", "-"), ("", "opacity "), ("a", " a."), ("rotation ", "-1 ")]
+)
+def test_a_long_comment_takes_little_time(start: str, filling: str, tmp_path: Path) -> None:
+    """A header has up to 65,536 bytes; patterns took minutes in such comments."""
+    path = commented(tmp_path, (start + 60_000 * filling)[:60_000] + "!")
+    before = time.process_time()
+    assert not read_content(path).antialiased
+    assert time.process_time() - before < 5
+
+
+def test_a_shift_late_in_a_long_comment_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    read_content(commented(tmp_path, f"settings {'x' * 5000} shift 100 200 300"))
+    assert "may be a shift of the positions" in caplog.text
 
 
 @pytest.mark.parametrize("newline", ["\r\n", "\r"])

@@ -250,6 +250,7 @@ def test_limits_grow_with_files_and_gaussians(tmp_path):
     (tmp_path / "a.usda").write_text("#usda 1.0")
     limits.add_file(tmp_path / "a.usda")
     assert limits.memory - start - binary == 120 * 9
+    assert limits.file_bytes == (tmp_path / "a.usdc").stat().st_size + 9
     limits.add_gaussians(1000)
     assert limits.memory - start - binary == 120 * 9 + 24 * 1000
     limits.restart()
@@ -453,6 +454,15 @@ def test_files_in_the_folder_are_composed(around, part):
     assert read_splats(composed(around / "a.usda", "reference", "./own.usdz")).num_gaussians == 20
 
 
+@pytest.mark.parametrize("part", ["reference", "payload"])
+def test_the_number_of_gaussians_is_compared_with_all_files_of_a_scene(around, part, monkeypatch):
+    monkeypatch.setattr("splatwire.io.formats._columns.FREE_GAUSSIANS", 0)
+    monkeypatch.setattr("splatwire.io.formats._columns.BYTES_PER_GAUSSIAN", 100)
+    path = composed(around / "a.usda", part, "./own.usda")
+    assert path.stat().st_size < 20 * 100 < (around / "own.usda").stat().st_size
+    assert read_here(path).num_gaussians == 20
+
+
 @pytest.mark.parametrize(
     ("part", "name"),
     [("reference", "./link.usda:SDF_FORMAT_ARGS:a=b"), ("clips by a pattern", "./frame.#.usda")],
@@ -527,6 +537,31 @@ def test_a_point_instancer_of_gaussians_is_refused(tmp_path):
 
     with pytest.raises(DatasetError, match="/Many repeats Gaussians, which is not read"):
         read_splats(edited(tmp_path, repeat))
+
+
+def test_gaussians_that_are_scaled_to_a_plane_are_flat(tmp_path):
+    def flatten(_, prim):
+        UsdGeom.Xformable(prim).AddScaleOp(opSuffix="flat").Set(Gf.Vec3f(1, 1, 0))
+
+    found = read_splats(edited(tmp_path, flatten))
+    assert found.num_gaussians == some_splats().num_gaussians
+    assert (found.scales.min(axis=1) < 1e-6 * found.scales.max(axis=1)).all()
+
+
+def test_prims_that_are_scaled_to_nothing_are_left_out(tmp_path, caplog):
+    def vanish(_, prim):
+        UsdGeom.Xformable(prim).AddScaleOp(opSuffix="none").Set(Gf.Vec3f(0, 0, 0))
+
+    def copied(stage, prim):
+        stage.DefinePrim("/Copy", "Xform").GetReferences().AddInternalReference(prim.GetParent().GetPath())
+        vanish(stage, prim)
+        stage.GetPrimAtPath(f"/Copy/{prim.GetName()}").GetAttribute("xformOp:scale:none").Set(Gf.Vec3f(1, 1, 1))
+
+    assert read_splats(edited(tmp_path, copied)).num_gaussians == some_splats().num_gaussians
+    assert "1 prims that are scaled to nothing are left out" in caplog.text
+    (tmp_path / "a.usda").unlink()
+    with pytest.raises(DatasetError, match=r"its 1 prims .* are scaled to nothing"):
+        read_splats(edited(tmp_path, vanish))
 
 
 def test_a_transform_that_is_not_finite_is_refused(tmp_path):

@@ -70,7 +70,11 @@ class References:
             return photo_views(dataset.select(list(self.chosen)))
 
         def load(view: int) -> Float[np.ndarray, "H W 3"]:
-            return np.load(_picture(root, self.renders, view), allow_pickle=False)
+            path = _picture(root, self.renders, view)
+            try:
+                return np.load(path, allow_pickle=False)
+            except (OSError, EOFError, ValueError) as error:
+                raise SplatwireError(f"{path} is damaged: {error}; remove its folder and start again") from error
 
         return ReferenceViews(cameras.select(list(self.chosen)), load, self.source, self.background)
 

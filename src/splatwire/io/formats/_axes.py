@@ -8,6 +8,7 @@ convention, and glTF nodes have arbitrary transforms. `transform_splats` applies
 
 import numpy as np
 
+from splatwire.io.formats._columns import SMALLEST_SIZE
 from splatwire.ops.quaternions import quaternions_of, rotation_matrices
 from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.types.splats import Splats
@@ -95,8 +96,8 @@ def is_similarity(matrix: np.ndarray) -> bool:
 def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray | None = None) -> Splats:
     """Applies an affine transform to Gaussians.
 
-    Covariances are exact for every matrix. Spherical harmonics are rotated with the nearest orthogonal matrix, which is
-    exact for rotations, reflections and uniform scalings.
+    Covariances are exact for every matrix; sizes that become 0 are raised to the minimum of files. Spherical harmonics
+    are rotated with the nearest orthogonal matrix, which is exact for rotations, reflections and uniform scalings.
 
     Args:
         splats: The Gaussians.
@@ -123,6 +124,7 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
             turned *= np.sign(np.linalg.det(turned))[:, None, None]
             quats = np.where(finite[:, None], quaternions_of(turned), np.nan)
         sh = np.einsum("ij,njc->nic", harmonics, part.sh.astype(np.float64))
+        scales = np.maximum(scales, SMALLEST_SIZE)
         moved = means if translation is None else means + translation
         arrays = (moved, quats, scales, part.opacities, sh)
         found.fill(begin, Splats(*(np.ascontiguousarray(array, np.float32) for array in arrays)))

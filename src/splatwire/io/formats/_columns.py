@@ -21,6 +21,8 @@ harmonics of degree 3 takes 236 bytes of memory, so memory is at most about 120 
 
 MAX_LOG_SCALE = 60.0
 """Limit of log scales: smaller sizes are raised to `exp(-60)`, larger ones than `exp(60)` are invalid."""
+SMALLEST_SIZE = np.float32(np.exp(-MAX_LOG_SCALE))
+"""Size to which smaller ones are raised."""
 _ROUNDING = 1e-3
 """Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
 _MIN_LENGTH = 1e-12
@@ -109,7 +111,7 @@ def _sizes(scales: np.ndarray | None) -> np.ndarray:
     """Returns standard deviations with zeros raised to the minimum and negative values replaced by NaN."""
     assert scales is not None
     wide = np.asarray(scales, np.float32)
-    return np.where(wide < 0, np.nan, np.maximum(wide, np.float32(np.exp(-MAX_LOG_SCALE))))
+    return np.where(wide < 0, np.nan, np.maximum(wide, SMALLEST_SIZE))
 
 
 def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:

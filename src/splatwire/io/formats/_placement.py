@@ -41,6 +41,9 @@ _SHIFTS = frozenset(
         "longitude",
         "lat",
         "lon",
+        "latlon",
+        "lla",
+        "llh",
         "altitude",
         "utm",
         "mgrs",
@@ -59,7 +62,7 @@ _SHIFTS = frozenset(
         "matrix",
     )
 )
-_SYSTEMS = re.compile(r"\b(?:epsg|crs|srs|wkt|proj4?|utm[-_ ]?zone|geo[-_ ]?ref\w*|projcs|geogcs)\b", re.I)
+_SYSTEMS = re.compile(r"\b(?:epsg|crs|srs|wkt|proj4?|utm[-_ ]?zone|wgs[-_ ]?84|geo[-_ ]?ref\w*|projcs|geogcs)\b", re.I)
 _POINTS = re.compile(r"\b(?:ref(?:erence)?|base|local|world|geo)[-_ ]?(?:point|position|pos|coord\w*)\b", re.I)
 _POSES = re.compile(
     r"\b(?:sim[-_ ]?3|se[-_ ]?3|(?:mean|median|average)(?:[-_ ]?(?:xyz|pos|positions?|points?|coord\w*))?|"
@@ -123,6 +126,8 @@ _MAX_NUMBERS = 32
 """Maximum number of values of a list or object that may be a vector or a matrix."""
 _MAX_BETWEEN = 4
 """Maximum number of words between a keyword and its number."""
+_PIECE = 1000
+"""Number of characters that are searched at once: the time of some patterns grows with the square of this number."""
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
@@ -217,6 +222,12 @@ def _unapplied_meaning(comment: str) -> str | None:
     """
     if comment.startswith("splatwire") or is_metadata(comment):
         return None
+    pieces = (comment[begin : begin + _PIECE] for begin in range(0, len(comment), _PIECE))
+    return next((meaning for piece in pieces if (meaning := _unapplied_meaning_of_piece(piece)) is not None), None)
+
+
+def _unapplied_meaning_of_piece(comment: str) -> str | None:
+    """Describes what a comment, or a part of a long one, probably changes; see `_unapplied_meaning`."""
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
     if _PROGRAM.match(comment) and sum(number is not None for number in numbers) < _VECTOR:

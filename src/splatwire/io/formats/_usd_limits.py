@@ -48,6 +48,11 @@ class Limits:
         self.restart()
 
     @property
+    def file_bytes(self) -> int:
+        """Total size of the files that were added, bytes."""
+        return self._bytes + self._characters
+
+    @property
     def memory(self) -> int:
         """Memory beyond that of the process before, bytes."""
         binary = self._bytes + self._most_gaussians  # the previous frame may still be in memory

@@ -96,12 +96,12 @@ class Stage:
     """
 
     def __init__(self, path: Path, limits: Limits) -> None:
-        self._path, self._bytes, self._limits = path, path.stat().st_size, limits
+        self._path, self._limits = path, limits
         try:
             self._layers, unread = checked_layers(path, limits.add_file)
             self._stage = _opened_stage(path, unread)
         except Tf.ErrorException as error:
-            raise DatasetError(f"{path}: usd-core cannot open it: {first_line(error)}") from error
+            raise DatasetError(f"{path}: usd-core cannot open it: {reason(error)}") from error
         everything = list(Usd.PrimRange(self._stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
         gaussians = [prim for prim in everything if prim.GetTypeName() == PRIM]
         visible = [prim for prim in gaussians if any(_is_visible(prim, time) for time in _visibility_times(prim))]
@@ -180,22 +180,29 @@ class Stage:
             may_be_empty: True if there may be no Gaussian at that time.
         """
         try:
-            found, count = [], 0
+            found, count, vanished = [], 0, 0
             for prim in self._prims:  # a file may refer to the same prim any number of times
                 if not _is_visible(prim, time):
                     continue
+                placement = self._placement(prim, time)
+                if not placement[:3, :3].any():
+                    vanished += 1
+                    continue
                 splats = self._splats(prim, time)
-                found.append((splats, self._placement(prim, time)))
+                found.append((splats, placement))
                 count += splats.num_gaussians
                 if count:
-                    check_count(self._path, count, self._bytes)
+                    check_count(self._path, count, self._limits.file_bytes)
                 self._limits.add_gaussians(sum(getattr(splats, field.name).nbytes for field in fields(splats)))
         except (Tf.ErrorException, *MALFORMED) as error:
             raise DatasetError(f"{self._path}: {first_line(error)}") from error
         if not found and not may_be_empty:
-            raise DatasetError(f"{self._path}: its {len(self._prims):,} prims of the type {PRIM} appear later")
+            why = "are scaled to nothing or appear later" if vanished else "appear later"
+            raise DatasetError(f"{self._path}: its {len(self._prims):,} prims of the type {PRIM} {why}")
+        if vanished and not may_be_empty:
+            LOG.warning("%s: %d prims that are scaled to nothing are left out", self._path, vanished)
         if not count and not may_be_empty:
-            check_count(self._path, count, self._bytes)
+            check_count(self._path, count, self._limits.file_bytes)
         flips, own = self._axes()
         shifts = np.array([placement[:3, 3] for _, placement in found]).reshape(-1, 3) * flips
         origin = choose_origin(shifts, wide=False) if found else NO_ORIGIN
@@ -347,15 +354,18 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
 
 def first_line(error: BaseException) -> str:
     """Returns the first line of the message of an error: usd-core adds a backtrace."""
-    try:
-        text = str(error)
-    except UnicodeDecodeError:  # usd-core quotes the file, which may be damaged
-        text = "it is damaged"
-    lines = [line.strip(" \t'\"") for line in text.splitlines() if line.strip(" \t'\"")]
+    lines = [line.strip(" \t'\"") for line in _text_of(error).splitlines() if line.strip(" \t'\"")]
     return next((line for line in lines if not line.startswith(("Error in", "Error:"))), (lines or [repr(error)])[0])
 
 
 def reason(error: BaseException) -> str:
     """Returns the text of the first error that usd-core reported, without the location in usd-core's source code."""
-    found = re.search(r"^\s*Error in .*? : '(.*)'$", str(error), re.MULTILINE)
+    found = re.search(r"^\s*Error in .*? : '(.*)'$", _text_of(error), re.MULTILINE)
     return found[1] if found else first_line(error)
+
+
+def _text_of(error: BaseException) -> str:
+    try:
+        return str(error)
+    except UnicodeDecodeError:  # usd-core quotes the file, which may be damaged
+        return "it is damaged"

@@ -24,7 +24,6 @@ from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
 from splatwire.io.formats._axes import harmonic_signs, is_similarity, transform_splats
 from splatwire.io.formats._columns import (
     MAX_GAUSSIANS,
-    MAX_LOG_SCALE,
     build_splats,
     check_count,
     concatenate,
@@ -64,7 +63,6 @@ _HARMLESS = (
     *("EXT_structural_metadata", "EXT_mesh_features", "EXT_instance_features"),
 )
 """Name prefixes of extensions that do not affect Gaussians."""
-_SMALLEST = float(np.exp(-MAX_LOG_SCALE))
 
 
 def read_gltf(path: Path) -> FileContent:
@@ -283,9 +281,7 @@ class _Gltf:
                 "%s: node %s stretches its Gaussians: their shape follows, and their harmonics only turn",
                 self._path, instance.node,
             )  # fmt: skip
-        moved = transform_splats(splats, matrix, shift)
-        np.maximum(moved.scales, np.float32(_SMALLEST), out=moved.scales)
-        return moved
+        return transform_splats(splats, matrix, shift)
 
     def _primitive(self, primitive: dict[str, Any]) -> Splats:
         attributes = primitive["attributes"]

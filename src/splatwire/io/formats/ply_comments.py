@@ -24,6 +24,8 @@ _SWITCH = re.compile(
 _MODE = re.compile(
     r"(?:splat[-_ ]?)?(?:render(?:ing|er)?|raster(?:i[sz](?:e|er|ation))?)[-_ ]?mode(?:\s*[:=]\s*|\s+)(\S.*)", re.I
 )
+_OTHER_MODE = re.compile(r"[\w. -]*mode(?:\s*[:=]\s*|\s+)(\S.*)", re.I)
+"""Pattern of comments that name any mode, of which only those of antialiasing are known."""
 _YES = frozenset(("", "1", "1.0", "true", "yes", "on", "enabled"))
 _NO = frozenset(("0", "0.0", "false", "no", "off", "none", "disabled"))
 _CLASSIC = re.compile(r"default|classic|normal|standard|vanilla|3dgs|gaussian|none|off|0|false|no", re.I)
@@ -69,6 +71,8 @@ def _antialiasing_setting(comment: str) -> bool | None:
     if mode := _MODE.fullmatch(text):
         kind = mode[1].strip()
         return True if _MIP.fullmatch(kind) else False if _CLASSIC.fullmatch(kind) else None
+    if (mode := _OTHER_MODE.fullmatch(text)) and _MIP.fullmatch(mode[1].strip()):
+        return True
     if (switch := _SWITCH.fullmatch(text)) and switch[1].lower() in _YES | _NO:
         return switch[1].lower() in _YES
     return None
