@@ -209,7 +209,8 @@ def test_shift_comment_in_a_compressed_ply_gives_a_warning(tmp_path: Path, caplo
     [
         "translation 451234.5 5411876 100", "Shift applied: x=-400000 y=-5000000", "shifted by 4.5e5, 5.4e6, 0",
         "origin: (451,234.5, 5,411,876.25, 118)", "local_origin 1 2 3", "scene center: 100 200 5", "geoOffset 1 2 3",
-        "reference point 48.1 11.5 500", "CloudCompare global shift (x,y,z) = (-4.5e5,-5.4e6,0)", "northing 5411876",
+        "reference point 48.1 11.5 500", "LLA: 48.1, 11.5, 500", "latlon 48.1 11.5",
+        "CloudCompare global shift (x,y,z) = (-4.5e5,-5.4e6,0)", "northing 5411876",
         "transform 2 0 0 5 0 2 0 0 0 0 2 0 0 0 0 1", "sim3 2 0 0 0 1 10 20 30", "mean 1 2 3", "pose 1 0 0 0 4 5 6",
         "world_to_local 0 0 1 0 1 0 0 0 0 1 0 0 0 0 0 1", "WorldToLocal = [1 0 0 5; 0 1 0 6; 0 0 1 7]", "offset 1 0 1",
         "T_world_local 1 2 3 0 0 0 1", "gps 48.1 11.5", "location: 48, 11, 300", "georegistration 1 2 3",
