@@ -21,6 +21,7 @@ from splatwire.finetuning.pictures import Pictures
 from splatwire.rate_control.pruning import PruningCurve
 from splatwire.rate_control.search import Interval, search
 from splatwire.rate_control.shares import search_share
+from splatwire.rate_control.steps import measured_precision
 from splatwire.rate_control.targets import Target
 from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures, tuned_to_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
@@ -133,7 +134,7 @@ def encode_controlled(
     if effort == "best":
         check_tunable(source)
     views = ViewSets.of(source, cameras)
-    plan = _Plan.of(source, effort, views, progress)
+    plan = _Plan.of(source, effort, views, target.quality or Quality(START), encode, progress)
     if effort != "best":
         return _Trials(plan, encode, progress).reached(target)
 
@@ -240,6 +241,7 @@ class _Plan:
         classes: Precision class of each Gaussian.
         curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians of `scene`.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
+        precision: Additional precision of each attribute (`Quality.precision`).
     """
 
     source: SplatScene
@@ -249,18 +251,44 @@ class _Plan:
     classes: np.ndarray
     curve: PruningCurve | None
     scene: SplatScene
+    precision: tuple[float, ...]
 
     @classmethod
-    def of(cls, source: SplatScene, effort: Effort, views: ViewSets, progress: Progress) -> "_Plan":
+    def of(
+        cls, source: SplatScene, effort: Effort, views: ViewSets, quality: Quality, encode: Encoder, progress: Progress
+    ) -> "_Plan":
+        """Measures a scene.
+
+        Args:
+            source: The scene.
+            effort: `fast` for all Gaussians and the steps of `quality`.
+            views: The views.
+            quality: Typical quality setting, at which the precision of attributes is chosen.
+            encode: Function that encodes a scene.
+            progress: Called with the name of the current task and its finished share.
+        """
         search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
         if effort == "fast":
             classes = precision_classes(source.splats, views.measured)
-            return cls(source, views.measured, search, held_out, classes, None, source)
+            return cls(source, views.measured, search, held_out, classes, None, source, quality.precision)
         measured = measure_gaussians(source, views.measured)
         progress("measuring Gaussians", 1.0)
         curve = PruningCurve.measured(source, measured.removal, search, lambda share: progress("pruning", share))
-        return cls(source, views.measured, search, held_out, measured.classes, curve, source)
+        kept = curve.kept(curve.best_share(quality.level))
+        precision = measured_precision(
+            source.select(kept),
+            measured.classes[kept],
+            quality,
+            views.search,
+            encode,
+            lambda share: progress("choosing precision", share),
+        )
+        return cls(source, views.measured, search, held_out, measured.classes, curve, source, precision)
+
+    def quality(self, level: float) -> Quality:
+        """Returns the quality setting of this scene at a quantisation level."""
+        return Quality(level, precision=self.precision)
 
     def with_more_pruning(self) -> "_Plan":
         """Returns a plan for fine-tuning, which keeps fewer Gaussians at each level.
@@ -434,7 +462,7 @@ class _Trials:
             The stream. For a target size, the largest stream found that does not exceed it; None if all are larger.
         """
         if target.quality is not None:
-            return self._plan.encoded(target.quality, self._encode)
+            return self._plan.encoded(replace(target.quality, precision=self._plan.precision), self._encode)
         if target.size is not None:
             return self.of_size(target.size)
         assert target.psnr is not None
@@ -540,7 +568,7 @@ class _Trials:
             level: Quantisation level.
             share: Share of the Gaussians to keep, 0 to 1; None for the best share at this level.
         """
-        encoded = self._plan.encoded(Quality(level), self._encode, share)
+        encoded = self._plan.encoded(self._plan.quality(level), self._encode, share)
         self._found.append((measure(encoded), encoded))
         self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))
         return self._found[-1][0]

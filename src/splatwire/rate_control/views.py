@@ -6,7 +6,7 @@ import statistics
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float64
 
 from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.evaluation.views import HELD_OUT_SIZE, held_out_cameras, spread
@@ -124,6 +124,10 @@ class SourcePictures:
         Views without any difference have infinite PSNR and are left out. The result is infinite if there is no other
         view.
         """
+        finite = [value for value in self.psnr(scene).tolist() if math.isfinite(value)]
+        return statistics.fmean(finite) if finite else math.inf
+
+    def psnr(self, scene: Scene) -> Float64[np.ndarray, "V"]:
+        """Returns the PSNR of a scene in each view, decibels; infinite for views without any difference."""
         pairs = zip(iterate_views(scene, self.cameras), self.images, strict=True)
-        values = [float(psnr(ours[None], theirs[None])[0]) for ours, theirs in pairs]
-        return statistics.fmean(finite) if (finite := [v for v in values if math.isfinite(v)]) else math.inf
+        return np.array([psnr(ours[None], theirs[None])[0] for ours, theirs in pairs], np.float64)

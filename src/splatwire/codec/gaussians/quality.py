@@ -31,6 +31,8 @@ class Quality:
             with harmonics use at most 4 classes; a larger number makes all of their steps slightly coarser.
         position: Additional precision of positions, -16 to 16: their steps are `2**-position` times as large. For
             scenes with many Gaussians at nearly equal depth.
+        precision: Additional precision of each quantity in `layout.STEPS`, octaves, -16 to 16 each. `encode --size` and
+            `--psnr` measure it for each scene.
 
     Raises:
         InvalidValueError: If an attribute is out of range.
@@ -39,6 +41,7 @@ class Quality:
     level: float = 8.0
     classes: int = 6
     position: float = 0.0
+    precision: tuple[float, ...] = (0.0,) * len(STEPS)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -46,6 +49,8 @@ class Quality:
             raise InvalidValueError(
                 f"a quality of level {self.level} with places {self.position} finer is not possible"
             )
+        if len(self.precision) != len(STEPS) or not all(-16 <= octaves <= 16 for octaves in self.precision):
+            raise InvalidValueError(f"a precision has {len(STEPS)} numbers from -16 to 16, not {self.precision}")
         if type(self.classes) is not int or not 1 <= self.classes <= MAX_CLASSES:
             raise InvalidValueError(f"classes of precision must be 1 to {MAX_CLASSES}, not {self.classes!r}")
 
@@ -65,6 +70,7 @@ class Quality:
         classes = self.num_classes(degree)
         offsets = np.array(_SHADED if degree else _FLAT) + self.level - (self.classes - classes) / 4 - (classes - 1)
         offsets[STEPS.index("position")] += self.position
+        offsets += self.precision
         return np.rint(offsets * (1 << STEP_BITS)).astype(np.int64)
 
 

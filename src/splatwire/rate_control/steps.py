@@ -1,0 +1,109 @@
+"""Distribution of precision over the attributes of Gaussians, measured for one scene.
+
+The fixed ratios of quantisation steps in `splatwire.codec.gaussians.quality` suit an average scene.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Int8, Int64
+
+from splatwire.bitstream import SceneStream
+from splatwire.codec.gaussians.layout import STEPS
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.gaussians.rounding import coding_for, round_splats
+from splatwire.finetuning.latents import Latents, Offsets
+from splatwire.ops.kd_order import kd_order
+from splatwire.rate_control.views import SourcePictures
+from splatwire.types import Cameras, SplatScene
+
+_GROUPS = {
+    "logits": ("opacity",),
+    "logs": ("scale0", "scale1", "scale2"),
+    "means": ("position",),
+    "quats": ("direction", "spin"),
+    "base": ("colour",),
+    "harmonics": ("harmonics",),
+}
+"""Attributes by their name in `Offsets`, and the quantities of `STEPS` whose steps determine their precision."""
+_MOST = 3.0
+"""Maximum change of the precision of an attribute, octaves."""
+_RUNS, _RUN = 4, 4096
+"""Number of spatially compact groups of Gaussians that are encoded to measure bytes, and Gaussians per group."""
+_LEAST_RATE = 1e-3
+"""Minimum share of an attribute in the bytes that one more octave of precision of all attributes takes."""
+_LEAST_ERROR = 1e-12
+"""Minimum squared error of a picture, so that shares of the error are finite."""
+
+
+def measured_precision(
+    scene: SplatScene,
+    classes: Int8[np.ndarray, "N"],
+    quality: Quality,
+    cameras: Cameras,
+    encode: Callable[[SplatScene, np.ndarray, Quality], SceneStream],
+    progress: Callable[[float], None] = lambda share: None,
+) -> tuple[float, ...]:
+    """Chooses the precision of each attribute, so that pictures of equal PSNR take as few bytes as possible.
+
+    For each attribute, two things are measured: the image error if only this attribute is rounded, and the bytes that
+    one octave of its precision takes. An octave divides the error by 4. Bytes are fewest if the error of each attribute
+    is proportional to its bytes per octave. The sum of the errors stays the same.
+
+    Args:
+        scene: The Gaussians.
+        classes: Precision class of each Gaussian.
+        quality: Quality setting at which attributes are measured.
+        cameras: Views in which errors are measured.
+        encode: Function that encodes a scene.
+        progress: Called with the finished share of the work.
+
+    Returns:
+        The additional precision of each quantity in `STEPS`, octaves (`Quality.precision`). It replaces that of
+        `quality`.
+    """
+    latents, precision = Latents.of(scene.splats), np.array(quality.precision)
+    exact = latents.splats()
+    offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, quality, classes)))
+    names = [name for name in _GROUPS if getattr(offsets, name).size]
+    groups = [[STEPS.index(step) for step in _GROUPS[name]] for name in names]
+    pictures = SourcePictures(replace(scene, splats=exact), cameras)
+    rows = _sample(scene)
+    some, some_classes = scene.select(rows), classes[rows]
+
+    def size(group: list[int], octaves: float) -> int:
+        changed = precision.copy()
+        changed[group] += octaves
+        return encode(some, some_classes, replace(quality, precision=tuple(changed.tolist()))).num_bytes
+
+    errors, rates = np.empty((len(names), cameras.num_views)), np.empty(len(names))
+    for place, (name, group) in enumerate(zip(names, groups, strict=True)):
+        drawn = replace(scene, splats=latents.splats(_only(offsets, name)), coding=None, hints=None)
+        errors[place] = np.maximum(10 ** (-pictures.psnr(drawn) / 10), _LEAST_ERROR)
+        rates[place] = (size(group, 1.0) - size(group, -1.0)) / 2
+        progress((place + 1) / len(names))
+    # The mean PSNR depends on the shares of the error of each view.
+    shares = (errors / errors.sum(axis=0)).mean(axis=1)
+    rates = np.maximum(rates, _LEAST_RATE * np.maximum(rates, 1.0).sum())
+    for group, octaves in zip(groups, np.log2(shares * rates.sum() / rates) / 2, strict=True):
+        precision[group] = np.clip(precision[group] + octaves, -_MOST, _MOST)
+    return tuple(precision.tolist())
+
+
+def _only(offsets: Offsets, name: str) -> Offsets:
+    """Returns the rounding errors of one attribute; those of the others are 0."""
+    none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
+    none["quats"][:, 0] = 1
+    return Offsets(**{**none, name: getattr(offsets, name)})
+
+
+def _sample(scene: SplatScene) -> Int64[np.ndarray, "M"]:
+    """Returns the indices of a few spatially compact groups of Gaussians, ascending; those of a small scene are all."""
+    count = scene.num_elements
+    if count <= _RUNS * _RUN:
+        return np.arange(count)
+    bounds = np.append(np.arange(0, count, _RUN), count)
+    order = kd_order(scene.splats.means, [bounds])
+    runs = np.linspace(0, len(bounds) - 2, 2 * _RUNS + 1)[1::2].round().astype(int).tolist()
+    return np.sort(np.concatenate([order[bounds[run] : bounds[run + 1]] for run in runs]))

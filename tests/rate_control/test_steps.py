@@ -1,0 +1,83 @@
+"""Precision of each attribute, measured for one scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shells import shell
+from splatwire.bitstream import SceneStream
+from splatwire.codec import encode_scene
+from splatwire.codec.gaussians.layout import S_COLOUR, S_DIRECTION, S_HARMONICS, S_POSITION, S_SPIN, STEP_BITS, STEPS
+from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.gaussians.rounding import coding_for, round_splats
+from splatwire.errors import InvalidValueError
+from splatwire.rate_control.steps import measured_precision
+from splatwire.rate_control.views import SourcePictures
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import precision_classes
+from splatwire.types import Cameras, SplatScene
+
+AT = Quality(7.5)
+
+
+def encode_plainly(some: SplatScene, classes: np.ndarray, quality: Quality) -> SceneStream:
+    return encode_scene(some, classes=classes, quality=quality)
+
+
+def views(scene: SplatScene) -> Cameras:
+    return surrounding_cameras(scene, 4, 128)
+
+
+def measured(scene: SplatScene) -> np.ndarray:
+    return np.array(measured_precision(scene, precision_classes(scene.splats), AT, views(scene), encode_plainly))
+
+
+def outcome(scene: SplatScene, quality: Quality) -> tuple[int, float]:
+    """Bytes of a scene at a quality setting, and PSNR after rounding, decibels."""
+    classes = precision_classes(scene.splats)
+    rounded = replace(scene, splats=round_splats(scene.splats, coding_for(scene.splats, quality, classes)))
+    return encode_plainly(scene, classes, quality).num_bytes, SourcePictures(scene, views(scene)).mean_psnr(rounded)
+
+
+def round_gaussians(scene: SplatScene) -> SplatScene:
+    """The scene with equal standard deviations along all axes, and one colour."""
+    splats = scene.splats
+    scales = np.repeat(np.sort(splats.scales, axis=1)[:, 1:2], 3, axis=1)
+    sh = np.repeat(splats.sh[:1], splats.num_gaussians, axis=0)
+    return replace(scene, splats=replace(splats, scales=scales, sh=sh))
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_measured_precision_takes_fewer_bytes_per_quality(degree):
+    scene = shell(2000, degree)
+    before, after = outcome(scene, AT), outcome(scene, replace(AT, precision=tuple(measured(scene).tolist())))
+    assert after[0] < before[0] + (after[1] - before[1]) * before[0] / 100
+    assert abs(after[1] - before[1]) < 3
+
+
+def test_rotations_of_round_gaussians_become_coarse_and_a_single_colour_becomes_fine():
+    octaves = measured(round_gaussians(shell(1000)))
+    assert octaves[S_DIRECTION] == octaves[S_SPIN] == octaves.min() < -2
+    assert octaves[S_COLOUR] > octaves[S_POSITION]
+
+
+def test_scenes_without_harmonics_keep_their_precision():
+    assert measured(shell(500))[S_HARMONICS] == 0
+
+
+def test_measured_precision_is_repeatable():
+    scene = shell(500)
+    assert (measured(scene) == measured(scene)).all()
+
+
+def test_an_octave_of_precision_halves_the_step_of_one_quantity():
+    precision = np.arange(len(STEPS)) / 2
+    finer = Quality(8.0, precision=tuple(precision.tolist())).bases(0) - Quality(8.0).bases(0)
+    assert finer.tolist() == (precision * (1 << STEP_BITS)).tolist()
+
+
+@pytest.mark.parametrize("precision", [(), (0.0,), (17.0,) * len(STEPS)])
+def test_precision_of_wrong_length_or_range_is_refused(precision):
+    with pytest.raises(InvalidValueError, match="9 numbers from -16 to 16"):
+        Quality(precision=precision)
