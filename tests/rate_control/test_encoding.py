@@ -139,6 +139,7 @@ class PretendedPlan(_Plan):
     def __init__(self, value: Callable[[float, float], float], offset: float, *, prunes: bool) -> None:
         object.__setattr__(self, "curve", "a curve" if prunes else None)
         object.__setattr__(self, "values", (value, offset))
+        object.__setattr__(self, "precision", Quality().precision)
 
     def encoded(self, quality: Quality, encode: object, share: float | None = None) -> PretendedScene:
         kept = 0.5 if share is None else share
