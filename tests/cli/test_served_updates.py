@@ -21,14 +21,16 @@ from codec.update.test_updates import moved, recoloured
 from explicit import encode_splats
 from processes import server_process
 from splatwire.bitstream import SceneStream, read_stream, stream_from_bytes, write_stream
+from splatwire.bitstream.sections import sections_of
 from splatwire.cli import _run_serve
 from splatwire.cli._run_view import newest_updates
 from splatwire.cli._served_updates import PATIENCE_S, UpdateFolder, chains_of
+from splatwire.cli.serve import Serve
 from splatwire.codec import apply_update, decode_stream, encode_update
 from splatwire.codec.update.chain import MAX_UPDATES
-from splatwire.codec.update.section import manifest_digest, update_name
+from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
 from splatwire.errors import InvalidValueError
-from splatwire.transport import make_served_stream
+from splatwire.transport import Protection, make_served_stream
 from splatwire.transport.http.content import served_stream_file
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -119,6 +121,75 @@ def test_a_version_that_a_scene_reaches_twice_offers_its_newest_update(tmp_path:
     folder.poll(9.0)
     served = folder.updates[update_name(manifest_digest(states[4].manifest))]
     assert stream_from_bytes(served_stream_file(served))[0] == read_stream(place / "5.swz")[0]
+
+
+def test_removed_files_are_forgotten(tmp_path: Path) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    updates, folder, place = edits(base), folder_of(tmp_path, base), tmp_path / "updates"
+    place.mkdir()
+    for number, update in enumerate(updates[1:]):
+        write_stream(update, place / f"{number}.swz")
+    (place / "cut.swz").write_bytes(b"cut")
+    assert folder.poll(0.0) == {}
+    assert list(folder._waiting.values()) == [read_update(sections_of(one)[SECTION]).base_digest for one in updates[1:]]
+    for path in place.iterdir():
+        path.unlink()
+    assert folder.poll(1.0) == {}
+    assert not folder._waiting
+    assert not folder._seen
+    assert not folder._read
+    write_stream(updates[0], place / "first.swz")
+    assert list(folder.poll(2.0)) == ["room"]
+    assert folder.poll(3.0) == {}
+
+
+def test_scenes_of_equal_content_change_together(tmp_path: Path) -> None:
+    base = encode_splats(some_splats(), DATAGRAM)
+    chains = chains_of({"one": (base, base), "other": (base, base)})
+    folder, place, updates = UpdateFolder(tmp_path, chains, make_served_stream), tmp_path, edits(base)
+    for number, update in enumerate(updates):
+        write_stream(update, place / f"{number}.swz")
+    served = folder.poll()
+    assert list(served) == ["one", "other"]
+    newest = [stream_from_bytes(served_stream_file(each))[0].manifest for each in served.values()]
+    assert newest[0] == newest[1]
+    assert [each is None for each in folder.updates.values()] == [False, False, False, True]
+
+
+def test_a_scene_that_reaches_a_former_version_of_another_one_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A request for the next update names only the version, not the scene."""
+    first = encode_splats(some_splats(), DATAGRAM)
+    forth, after, _ = edits(first)
+    back = encode_update(apply_update(first, forth), decode_stream(first).scene.splats)
+    middle = apply_update(first, forth)
+    returned = apply_update(middle, back)  # the same Gaussians in another order are another version
+    third = encode_update(returned, recoloured(decode_stream(returned).scene.splats))
+    folder = UpdateFolder(tmp_path, chains_of({"a": (returned, returned), "b": (middle, middle)}), make_served_stream)
+    write_stream(third, tmp_path / "1.swz")
+    assert list(folder.poll(0.0)) == ["a"]
+    write_stream(back, tmp_path / "2.swz")
+    assert folder.poll(1.0) == {}
+    assert "b would have the content that 'a' had before" in caplog.text
+    write_stream(after, tmp_path / "3.swz")
+    assert list(folder.poll(2.0)) == ["b"]
+
+
+def test_a_server_applies_the_updates_before_it_serves(tmp_path: Path) -> None:
+    """After SIGHUP, the scene would otherwise be the first version until the folder is read."""
+    base = encode_splats(some_splats(), SMALL)
+    write_stream(base, tmp_path / "room.swz")
+    (tmp_path / "updates").mkdir()
+    newest = base
+    for number, update in enumerate(edits(base)):
+        write_stream(update, tmp_path / "updates" / f"{number}.swz")
+        newest = apply_update(newest, update)
+    command = Serve(streams=(str(tmp_path / "room.swz"),), updates=tmp_path / "updates")
+    scenes = _run_serve._served_streams(command, Protection())
+    (stream,) = scenes.served.values()
+    assert stream_from_bytes(served_stream_file(stream))[0].manifest.num_elements == newest.manifest.num_elements == 460
+    assert [each is None for each in scenes.updates.values()] == [False, False, False, True]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")

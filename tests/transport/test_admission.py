@@ -264,3 +264,33 @@ def test_three_clients_with_many_requests_leave_slots_for_others(seed: int):
         assert answered[host] < asked[host]
         assert sent[host] <= begun[host] * (LIMITS.max_sent_ratio * one_pass + 102_000)
     assert isinstance(begin(serving, ("198.51.100.1", 1), 1, now), Welcome)
+
+
+def test_starts_are_forgotten_after_the_window() -> None:
+    """Each of many networks would otherwise keep its starts for ever."""
+    starts = StartRateLimiter(3)
+    for number in range(100):
+        starts.note((number,), number, number / 100)
+    assert len(starts) == 100
+    starts.note((5,), 4711, WINDOW_S + 0.505)
+    assert len(starts) == 100 - 51 + 1
+    assert not starts.seen((4,), 4)
+    assert starts.seen((99,), 99)
+    starts.note((5,), 4711, 3 * WINDOW_S)
+    assert len(starts) == 1
+    assert starts.allowed((5,), 4 * WINDOW_S)
+    assert len(starts) == 0
+
+
+def test_a_nonce_that_starts_again_counts_each_time() -> None:
+    starts = StartRateLimiter(3)
+    for now in range(3):
+        assert starts.allowed(("client",), float(now))
+        starts.note(("client",), 7, float(now))
+    assert not starts.allowed(("client",), 3.0)
+    starts.note(("client",), 8, 3.0)
+    assert starts.seen(("client",), 7)
+    for now in range(4, 6):
+        starts.note(("client",), 8, float(now))
+    assert not starts.seen(("client",), 7)
+    assert len(starts) == 3

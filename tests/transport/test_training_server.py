@@ -1,7 +1,10 @@
 """Receivers follow a scene while it is trained."""
 
 import asyncio
+import os
+import socket
 import threading
+import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from dataclasses import replace
@@ -20,8 +23,9 @@ from splatwire.bitstream import SceneStream, stream_to_bytes
 from splatwire.codec.update.chain import UpdateChain
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.rate_control.partial_updates import PartialUpdates
-from splatwire.transport import Receiver, ReceiverOptions, make_served_stream
+from splatwire.transport import Receiver, ReceiverOptions, ServerLimits, make_served_stream
 from splatwire.transport.address import Address
+from splatwire.transport.running_server import RunningServer
 from splatwire.transport.udp import receive_udp
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
@@ -130,6 +134,182 @@ def test_gaussians_that_cannot_be_encoded_are_an_error_and_the_next_ones_are_ser
             server.push(**vars(replace(splats, opacities=np.zeros_like(splats.opacities))), wait=True)
         server.push(**vars(splats), wait=True)
         assert asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}")) == states_of(splats)[0]
+
+
+def test_gaussians_that_are_no_numbers_are_left_out() -> None:
+    splats = some_splats()
+    broken = {name: values.copy() for name, values in vars(splats).items()}
+    for number, values in enumerate(broken.values()):
+        values[7 * number : 7 * number + 3] = (np.nan, np.inf, -np.inf)[number % 3]
+    with splatwire.serve_training() as server:
+        server.push(**vars(splats), wait=True)
+        server.push(**broken, wait=True, share=1.0)
+        received = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}"))
+        assert received.manifest.num_elements == 485
+        with pytest.raises(SplatwireError, match="no Gaussian can be drawn"):
+            server.push(**{name: np.full_like(values, np.nan) for name, values in broken.items()}, wait=True)
+        server.push(**vars(splats), wait=True, share=1.0)
+        received = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}"))
+    assert received.manifest.num_elements == 500
+
+
+def test_the_degree_may_change() -> None:
+    splats = some_splats()
+    with splatwire.serve_training() as server:
+        for degree in (3, 0, 1):
+            wider = np.zeros((500, (degree + 1) ** 2, 3), np.float32)
+            wider[:, 0] = splats.sh[:, 0]
+            server.push(**{**vars(splats), "sh": wider}, wait=True)
+            received = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}"))
+            assert splatwire.decode(received).scene.splats.degree == degree
+
+
+def test_clients_have_the_last_state_after_drain() -> None:
+    scenes, warnings = [some_splats(), trained(some_splats(), 1)], []
+
+    async def work(server: splatwire.TrainingServer) -> list[SceneStream]:
+        found = []
+        await asyncio.to_thread(server.push, **vars(scenes[0]), wait=True)
+
+        async def receive() -> None:
+            async with aclosing(followed(server.port, warnings)) as received:
+                async for scene in received:
+                    found.append(scene)
+
+        receiving = asyncio.ensure_future(receive())
+        while not found:
+            await asyncio.sleep(0.02)
+        await asyncio.to_thread(server.push, **vars(scenes[1]), share=1.0)
+        await asyncio.to_thread(server.drain, 30.0)
+        server.close()
+        receiving.cancel()
+        return found
+
+    with splatwire.serve_training() as server:
+        found = asyncio.run(asyncio.wait_for(work(server), 60))
+    expected = PartialUpdates.start(scenes[0]).pushed(scenes[1], 1.0).chain.scene
+    assert stream_to_bytes(found[-1]) == stream_to_bytes(expected)
+
+
+def test_drain_without_clients_only_encodes() -> None:
+    with splatwire.serve_training() as server:
+        server.drain()
+        server.push(**vars(some_splats()))
+        began = time.monotonic()
+        server.drain(3600.0)
+        assert time.monotonic() - began < 600
+        assert server.encoding_seconds > 0
+        with pytest.raises(InvalidValueError, match="most_s: expected"):
+            server.drain(float("nan"))
+
+
+def test_a_server_that_cannot_publish_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The thread that encodes would otherwise wait for ever."""
+
+    def fail(*arguments: Any) -> None:
+        raise ZeroDivisionError("a fault")
+
+    monkeypatch.setattr(RunningServer, "publish", fail)
+    with splatwire.serve_training() as server, pytest.raises(ZeroDivisionError, match="a fault"):
+        server.push(**vars(some_splats()), wait=True)
+    assert not splatwire_threads()
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit])
+def test_a_server_that_cannot_be_opened_is_an_error(monkeypatch: pytest.MonkeyPatch, error: type) -> None:
+    async def fail(*arguments: Any) -> None:
+        raise error
+
+    monkeypatch.setattr("splatwire.api.training._open_server", fail)
+    with pytest.raises(error), splatwire.serve_training():
+        pass
+    assert not splatwire_threads()
+
+
+def test_waiting_for_a_server_that_is_closed_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    started, go_on, raised = threading.Event(), threading.Event(), []
+    start = PartialUpdates.start
+
+    def slow(splats: Splats, antialiased: bool) -> PartialUpdates:
+        started.set()
+        assert go_on.wait(30)
+        return start(splats, antialiased)
+
+    def push() -> None:
+        with pytest.raises(InvalidValueError) as error:
+            server.push(**vars(some_splats()), wait=True)
+        raised.append(str(error.value))
+
+    monkeypatch.setattr(PartialUpdates, "start", staticmethod(slow))
+    with splatwire.serve_training() as server:
+        server.push(**vars(some_splats()))
+        assert started.wait(30)
+        waiting = threading.Thread(target=push)
+        waiting.start()
+        while server._waiting is None:
+            time.sleep(0.01)
+        closing = threading.Thread(target=server.close)
+        closing.start()
+        waiting.join(30)
+        go_on.set()
+        closing.join(30)
+    assert raised == ["push: the server was closed before the Gaussians were encoded"]
+
+
+def test_closing_ends_the_transfers_of_clients() -> None:
+    limits = ServerLimits(fixed_rate=2000.0)
+
+    async def work(server: splatwire.TrainingServer) -> None:
+        async def fetch() -> Receiver:
+            return await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions(name="scene"))
+
+        receiving = asyncio.ensure_future(fetch())
+        while not server._opened.running.is_busy:
+            await asyncio.sleep(0.02)
+        await asyncio.to_thread(server.close)
+        assert not receiving.done()
+        receiving.cancel()
+
+    with splatwire.serve_training(limits=limits) as server:
+        server.push(**vars(some_splats()), wait=True)
+        asyncio.run(asyncio.wait_for(work(server), 60))
+    assert not splatwire_threads()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_cannot_push_and_does_not_close() -> None:
+    """Data loaders are forked and inherit the object, but not its threads."""
+    splats = some_splats()
+    with splatwire.serve_training() as server:
+        server.push(**vars(splats), wait=True)
+        if not (child := os.fork()):
+            status = 1
+            try:
+                server.push(**vars(splats), wait=True)
+            except InvalidValueError as error:
+                status = 0 if "another process" in str(error) else 2
+            finally:
+                server.close()
+                os._exit(status)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        server.push(**vars(trained(splats, 1)), wait=True)
+        received = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}"))
+    assert received == states_of(splats, trained(splats, 1))[1]
+
+
+@pytest.mark.parametrize("kind", ["port", "page"])
+def test_a_port_that_is_taken_is_one_error(kind: str) -> None:
+    if kind == "page":
+        pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+    with socket.socket(type=socket.SOCK_DGRAM if kind == "port" else socket.SOCK_STREAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        if kind == "page":
+            taken.listen()
+        number = taken.getsockname()[1]
+        with pytest.raises(InvalidValueError, match=str(number)), splatwire.serve_training(**{kind: number}):
+            pass
+    assert not splatwire_threads()
 
 
 def test_closing_ends_the_threads_and_refuses_more() -> None:

@@ -11,11 +11,12 @@ import { type DecodedBatch, type HelperThread, numHelpers, PacketPool } from "./
 import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
-import { delay, nextTask, periodicPause, SLICE_MS } from "./scheduler.ts";
+import { delay, nextTask, type Pause, periodicPause, SLICE_MS } from "./scheduler.ts";
 import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { Counts, Fetching, ReceivedPacket } from "./transport/events.ts";
 import type { Receiver } from "./transport/failover.ts";
+import type { Choice } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { PacketCache } from "./transport/packet_cache.ts";
 import { isIntact, PacketStore } from "./transport/packet_store.ts";
@@ -34,8 +35,9 @@ const VERIFICATION = { keptBytes: 32 << 20 };
  */
 const UPDATE_MS = 1000,
   MAX_UPDATE_MS = 30_000;
-/** Number of requests without an answer after which the file of the scene is compared. */
-const RELOAD_POLLS = 15;
+/** Number of requests without an answer, and of damaged answers, after which the file of the scene is requested. */
+const RELOAD_POLLS = 15,
+  MAX_DAMAGED = 3;
 
 const sceneOf = ({ decoder, splats }: DecodedStream, manifest: Uint8Array): UpdatedScene => {
   const { info } = decoder.schema as GaussianSchema;
@@ -94,6 +96,8 @@ export class WorkerReceiver implements Receiver {
   readonly #batches: Batch[] = [];
   /** The complete scene, which updates change; null until they are requested. */
   #updated: UpdatedScene | null = null;
+  /** Stream of the scene before all updates in `#updated`. */
+  #updatedFrom: DecodedStream | null = null;
   /** True once everything was compared with the digest. */
   #isVerified = false;
   /** True while all packets are from the cache and the file may have been replaced since. */
@@ -380,8 +384,7 @@ export class WorkerReceiver implements Receiver {
 
   async #drawOne(received: DecodedStream): Promise<void> {
     const { schema } = received.decoder;
-    if (this.#unconfirmed || this.#updated?.changed || schema.moving || (schema.viewDependent && !this.#viewRequest))
-      return;
+    if (this.#unconfirmed || this.#isUpdated || schema.moving || (schema.viewDependent && !this.#viewRequest)) return;
     if (schema.tiling) return this.#drawTiles(received);
     while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
       const ask = this.#viewRequest,
@@ -440,6 +443,7 @@ export class WorkerReceiver implements Receiver {
     if (this.#updated || !received?.decoder.intake.complete || received.decoder.head.manifest.codec !== "gaussians")
       return;
     this.#updated = sceneOf(received, this.store.manifestBytes);
+    this.#updatedFrom = received;
     let polls = 0,
       failures = 0;
     while (received === this.#received) {
@@ -454,14 +458,20 @@ export class WorkerReceiver implements Receiver {
       } catch (error) {
         if (!failures) say({ kind: "updatemissed", reason: (error as Error).message });
         failures++;
-        if (error instanceof BitstreamError) await this.#reload(file).catch(() => undefined);
+        if (error instanceof BitstreamError && failures % MAX_DAMAGED === 0)
+          await this.#reload(file).catch(() => undefined);
       }
     }
   }
 
+  /** True if the drawn scene is no longer that of the received stream. */
+  get #isUpdated(): boolean {
+    return !!this.#updated && (this.#updated.changed || this.#updatedFrom !== this.#received);
+  }
+
   #applyUpdate(update: SceneUpdate): void {
     const scene = this.#updated!,
-      drawsCopies = !scene.changed && this.#received!.hasCopies,
+      drawsCopies = !this.#isUpdated && this.#received!.hasCopies,
       { hidden, splats } = scene.apply(update),
       numNew = splats.reduce((sum, { count }) => sum + count, 0),
       replaces = scene.numHidden > scene.count || drawsCopies;
@@ -499,21 +509,16 @@ export class WorkerReceiver implements Receiver {
       throw new Error("the scene is incomplete");
     const before = this.#updated!.count;
     this.#updated = sceneOf(received, fileManifest(bytes));
+    this.#updatedFrom = received;
     this.#sendUpdate(null, received.splats, before, this.#updated.count);
   }
 
   async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
     const received = this.#received;
     if (!received) return;
-    if (this.#updated?.changed) {
-      // losses are those of the packets before the updates
-      const gains = new Float32Array(2 * this.#updated.numDrawn).fill(1);
-      return say({ kind: "gains", gains, lossless: null, shownPackets: received.decoder.intake.size, ask }, [
-        gains.buffer,
-      ]);
-    }
     const pause = periodicPause(() => this.#ask === ask);
     this.#ask = ask;
+    if (this.#isUpdated) return this.#concealUpdated(choice, ask, pause);
     try {
       await received.prepare(choice, pause);
     } catch (error) {
@@ -530,6 +535,19 @@ export class WorkerReceiver implements Receiver {
     if (shownPackets === null || !gains) return;
     const lossless = received.gainsWithoutCopies;
     say({ kind: "gains", gains, lossless, shownPackets, ask }, buffersOfGains(gains, lossless));
+  }
+
+  /**
+   * Conceals losses in a scene that updates have changed. They are losses of the packets before the updates: an update
+   * is applied as a whole.
+   */
+  async #concealUpdated(choice: Choice, ask: number, pause: Pause): Promise<void> {
+    const from = this.#updatedFrom!,
+      shown = await from.conceal(choice, pause);
+    if (shown === null || from !== this.#updatedFrom) return;
+    const gains = this.#updated!.gainsOfDrawn(from.gainsOfSplats),
+      shownPackets = this.store.count - from.decoder.intake.size + shown;
+    say({ kind: "gains", gains, lossless: null, shownPackets, ask }, buffersOfGains(gains));
   }
 
   /** Stops computing gains, because all packets are there. */

@@ -3,7 +3,7 @@
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
 import { BitstreamError } from "../src/bytes.ts";
 import type { GaussianSchema } from "../src/codec/gaussians/schema.ts";
@@ -12,7 +12,9 @@ import { headerOf, readRemoved, readUpdate } from "../src/codec/update/update.ts
 import { UpdatedScene } from "../src/codec/update/updated_scene.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
+import type { FromWorker } from "../src/transport/messages.ts";
 import { fileManifest, manifestDigest, updateUrl } from "../src/transport/updates.ts";
+import { flipped, part, Server, URL_, visit } from "./fake_web.ts";
 import { spoiled } from "./hostile.ts";
 import { random } from "./vectors.ts";
 
@@ -76,6 +78,88 @@ test("updates that follow each other lead to the scenes of Python", async () => 
     if (n === 1) drawn -= scene.numHidden;
     if (n === 1) assert.deepEqual(rowsOf(scene.compact()), rowsOf(expected.visibleParts()));
   }
+});
+
+test("gains of the scene before its updates are those of the Gaussians that stay", async () => {
+  const scene = sceneOf(CHAIN.states[0]),
+    meansOf = (parts: readonly Splats[]): string[] =>
+      parts.flatMap(({ count, means }) =>
+        Array.from({ length: count }, (_, n) => means.subarray(3 * n, 3 * n + 3).join()),
+      ),
+    before = Float32Array.from({ length: 2 * scene.count }, (_, n) => 2 + n),
+    gainOf = new Map(meansOf(scene.visibleParts()).map((means, n) => [means, before[2 * n]])),
+    { splats } = scene.apply(await readUpdate(bytesOf(CHAIN.updates[0]), pause)),
+    added = splats.reduce((sum, { count }) => sum + count, 0),
+    gains = scene.gainsOfDrawn(before);
+  assert.deepEqual(gains.subarray(0, before.length), before);
+  assert.deepEqual(gains.subarray(before.length), new Float32Array(2 * added).fill(1));
+  const means = meansOf(scene.compact()),
+    compacted = scene.gainsOfDrawn(before),
+    kept = means.length - added;
+  for (let n = 0; n < means.length; n++)
+    if (compacted[2 * n] !== 1 && means.indexOf(means[n]) === means.lastIndexOf(means[n]))
+      assert.equal(compacted[2 * n], gainOf.get(means[n]));
+  assert.ok(compacted.subarray(0, 2 * kept).every((gain) => gain > 1));
+  assert.deepEqual(compacted.subarray(2 * kept), new Float32Array(2 * added).fill(1));
+});
+
+/** Answers requests for the updates of the scene `states[0]`; counts those for the scene. */
+async function followed(
+  answers: (update: Uint8Array, n: number) => Uint8Array,
+): Promise<[readonly FromWorker[], number]> {
+  const file = bytesOf(CHAIN.states[0]),
+    update = bytesOf(CHAIN.updates[0]),
+    name = updateUrl(URL_, manifestDigest(fileManifest(file))),
+    server = new Server((asked) => part(file, asked)),
+    { reception, said, complete } = await visit();
+  assert.ok(complete);
+  let updates = 0,
+    scenes = 0;
+  mock.method(globalThis, "fetch", async (url: string) => {
+    if (url === URL_) scenes++;
+    if (url === URL_) return new Response(readFileSync(CHAIN.states[1]));
+    if (url !== name) return new Response(null, { status: 404 });
+    return new Response(answers(update, updates++) as Uint8Array<ArrayBuffer>);
+  });
+  mock.timers.enable({ apis: ["setTimeout"] });
+  void reception.follow(URL_);
+  while (!said.some(({ kind }) => kind === "update")) {
+    await new Promise((resolve) => setImmediate(resolve));
+    mock.timers.tick(500);
+  }
+  await reception.conceal({
+    kind: "conceal",
+    choice: { concealer: "drop", dropped: 0.5, burst: 1, seed: 3, sent: 1 },
+    ask: 1,
+  });
+  reception.changed(); // ends the loop
+  for (let n = 0; n < 10; n++) {
+    await new Promise((resolve) => setImmediate(resolve));
+    mock.timers.tick(60_000);
+  }
+  mock.restoreAll();
+  mock.timers.reset();
+  assert.ok(server.asked.length);
+  return [said, scenes];
+}
+
+test("a damaged update is requested again, and the whole scene after the third one", async () => {
+  const damaged = (update: Uint8Array): Uint8Array => flipped(update, update.length - 9),
+    [said, scenes] = await followed((update, n) => (n < 2 ? damaged(update) : update));
+  assert.equal(scenes, 0);
+  assert.equal(said.filter(({ kind }) => kind === "updatemissed").length, 1);
+  const [others, requests] = await followed(damaged),
+    message = others.find(({ kind }) => kind === "update") as FromWorker & { kind: "update" };
+  assert.equal(requests, 1);
+  assert.equal(message.hidden, null);
+});
+
+test("simulated losses have an effect after an update, too", async () => {
+  const [said] = await followed((update) => update),
+    answer = said.find(({ kind }) => kind === "gains") as FromWorker & { kind: "gains" },
+    lost = answer.gains.filter((gain, n) => n % 2 === 0 && gain === 0).length,
+    count = sceneOf(CHAIN.states[0]).count;
+  assert.ok(lost > count / 5 && lost < (4 * count) / 5, `${lost} of ${count}`);
 });
 
 test("updates of another scene change nothing", async () => {

@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import logging
+import os
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -20,13 +22,15 @@ from splatwire.rate_control.partial_updates import SHARE, PartialUpdates
 from splatwire.transport import Protection, ServedStream, ServerLimits, make_served_stream
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.protocol.preview import stream_preview
-from splatwire.transport.running_server import RunningServer
+from splatwire.transport.running_server import DRAIN_INTERVAL_S, RunningServer
 from splatwire.transport.udp import UdpServer
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 STREAM_NAME = "scene"
 """Name of the stream that a training server offers."""
+REQUEST_S = 2.0
+"""Time within which clients that follow a scene request its next update, seconds; pages do so once a second."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +58,17 @@ class _Opened:
 class TrainingServer:
     """Serves a scene that is trained; `serve_training` makes it.
 
-    Two threads work for it: one sends, and one encodes. All methods may be called by any thread.
+    Two threads work for it: one sends, and one encodes. All methods may be called by any thread of the process that
+    made it. In a forked process, such as that of a data loader, `push` raises an error and `close` has no effect.
     """
 
     def __init__(self, settings: _Settings) -> None:
         self._settings = settings
+        self._process = os.getpid()
         self._condition = threading.Condition()
-        self._waiting: Splats | None = None
+        self._waiting: tuple[Splats, float] | None = None
         self._num_pushed = self._num_done = 0
+        self._encoding_s = 0.0
         self._error: Exception | None = None
         self._closed = False
         opened: Future[_Opened] = Future()
@@ -69,7 +76,8 @@ class TrainingServer:
         self._serving.start()
         try:
             self._opened = opened.result()
-        except BaseException:
+        except BaseException:  # also Ctrl-C, while the server is opened
+            opened.add_done_callback(_stop_opened)
             self._serving.join()
             raise
         self._encoding = threading.Thread(target=self._encode, name="splatwire-encoding", daemon=True)
@@ -85,8 +93,17 @@ class TrainingServer:
         """Addresses for clients: `page` with the URL of the page, and `fingerprint` of its certificate, if any."""
         return dict(self._opened.running.facts)
 
+    @property
+    def encoding_seconds(self) -> float:
+        """Duration of the last encoding, seconds; 0 before the first one."""
+        with self._condition:
+            return self._encoding_s
+
     @checked
-    def push(self, means: Any, quats: Any, scales: Any, opacities: Any, sh: Any, *, wait: bool = False) -> None:
+    def push(
+        self, means: Any, quats: Any, scales: Any, opacities: Any, sh: Any, *, wait: bool = False,
+        share: float | None = None,
+    ) -> None:  # fmt: skip
         """Sends the Gaussians of the trainer: at first all, later the changes that matter most.
 
         The arrays are copied, and encoded in another thread. If the scene before is still being encoded, this one
@@ -100,11 +117,14 @@ class TrainingServer:
             opacities: Opacities in (0, 1), not logits, (G,).
             sh: Coefficients of spherical harmonics, (G, D, 3).
             wait: True to return when the changes can be received.
+            share: Maximum share of the Gaussians to send; 1 sends all changes, for instance at the end of a training.
+                None for the share of the server.
 
         Raises:
-            InvalidValueError: If the arrays are no Gaussians, the server is closed, or the Gaussians of an earlier call
-                could not be encoded.
+            InvalidValueError: If the arrays are no Gaussians, the server is or was closed meanwhile, or the Gaussians
+                of an earlier call could not be encoded.
         """
+        _check_share(share)
         given = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh}
         shapes: dict[str, tuple[int | str, ...]] = {
             "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3)
@@ -117,27 +137,64 @@ class TrainingServer:
         splats = Splats(**rows)
         if not splats.num_gaussians:
             raise InvalidValueError("means: expected at least one Gaussian")
+        self._check_process()
         with self._condition:
             self._raise_error()
             if self._closed:
                 raise InvalidValueError("push: the server is closed")
-            self._waiting = splats
+            self._waiting = splats, self._settings.share if share is None else share
             self._num_pushed += 1
             number = self._num_pushed
             self._condition.notify_all()
             while wait and self._num_done < number and not self._closed:
                 self._condition.wait()
             self._raise_error()
+            if wait and self._num_done < number:
+                raise InvalidValueError("push: the server was closed before the Gaussians were encoded")
+
+    def drain(self, most_s: float = 10.0) -> None:
+        """Waits until clients have received what was pushed.
+
+        Returns when everything is encoded, clients that follow the scene had the time to request it, and all transfers
+        and HTTP responses have ended. Returns at once if no client has ever connected.
+
+        Args:
+            most_s: Maximum duration, seconds.
+
+        Raises:
+            InvalidValueError: If the duration is negative, or the last pushed Gaussians could not be encoded.
+        """
+        if not most_s >= 0:
+            raise InvalidValueError(f"most_s: expected a number of at least 0, not {shown(most_s)}")
+        self._check_process()
+        end = time.monotonic() + most_s
+        with self._condition:
+            self._condition.wait_for(lambda: self._closed or self._num_done == self._num_pushed, most_s)
+            self._raise_error()
+        if not self._opened.running.num_clients:
+            return
+        time.sleep(max(min(REQUEST_S, end - time.monotonic()), 0))
+        while time.monotonic() < end and self._opened.running.is_busy:
+            time.sleep(DRAIN_INTERVAL_S)
 
     def close(self) -> None:
-        """Stops the server and ends its threads, after the encoding that is running; a scene that waits is dropped."""
+        """Stops the server and ends its threads, after the encoding that is running.
+
+        A scene that waits is dropped, and running transfers are ended; see `drain`.
+        """
+        if os.getpid() != self._process:
+            return
         with self._condition:
             self._closed = True
             self._condition.notify_all()
         self._encoding.join()
-        with contextlib.suppress(RuntimeError):  # the loop is closed already
-            self._opened.loop.call_soon_threadsafe(self._opened.stop.set)
+        _stop(self._opened)
         self._serving.join()
+
+    def _check_process(self) -> None:
+        """Raises an error in a forked process, which has no threads that encode and send."""
+        if os.getpid() != self._process:
+            raise InvalidValueError("push: the server belongs to another process, from which this one was forked")
 
     def _raise_error(self) -> None:
         error, self._error = self._error, None
@@ -146,6 +203,14 @@ class TrainingServer:
 
     def _encode(self) -> None:
         """Encodes the scenes that wait, in a thread of its own."""
+        try:
+            self._encode_until_closed()
+        finally:  # nobody waits for a thread that has ended
+            with self._condition:
+                self._closed = True
+                self._condition.notify_all()
+
+    def _encode_until_closed(self) -> None:
         state: PartialUpdates | None = None
         updates = OfferedUpdates(self._prepared)
         while True:
@@ -154,21 +219,37 @@ class TrainingServer:
                     self._condition.wait()
                 if self._closed:
                     return
-                splats, number, self._waiting = self._waiting, self._num_pushed, None
-            assert splats is not None
+                waiting, number, self._waiting = self._waiting, self._num_pushed, None
+            assert waiting is not None
             error: Exception | None = None
+            started = time.monotonic()
             try:
-                if state is None:
-                    state = PartialUpdates.start(splats, self._settings.antialiased)
-                else:
-                    state = state.pushed(splats, self._settings.share)
-                self._publish(self._prepared(state.chain.scene), updates.prepared(state.chain.offers()))
+                state = self._published(state, *waiting, updates)
             except Exception as raised:  # the next push raises it
                 error = raised
                 LOG.warning("the pushed Gaussians are not sent: %s", raised)
             with self._condition:
-                self._num_done, self._error = number, error
+                self._num_done, self._error, self._encoding_s = number, error, time.monotonic() - started
                 self._condition.notify_all()
+
+    def _published(
+        self, state: PartialUpdates | None, splats: Splats, share: float, updates: OfferedUpdates
+    ) -> PartialUpdates:
+        """Encodes a scene, and offers it and its update to clients.
+
+        Args:
+            state: State of the scene before; None for the first one.
+            splats: The scene.
+            share: Maximum share of the Gaussians to send.
+            updates: Updates that are offered.
+        """
+        if state is None:
+            after = PartialUpdates.start(splats, self._settings.antialiased)
+        else:
+            after = state.pushed(splats, share)
+        if state is None or after.chain is not state.chain:
+            self._publish(self._prepared(after.chain.scene), updates.prepared(after.chain.offers()))
+        return after
 
     def _prepared(self, stream: SceneStream) -> ServedStream:
         preview = stream_preview(stream.side_info, stream.manifest.codec)
@@ -179,25 +260,46 @@ class TrainingServer:
         done: Future[None] = Future()
 
         def publish() -> None:
-            self._opened.running.publish({STREAM_NAME: scene}, updates)
+            try:
+                self._opened.running.publish({STREAM_NAME: scene}, updates)
+            except BaseException as error:
+                done.set_exception(error)
+                raise
             done.set_result(None)
 
         self._opened.loop.call_soon_threadsafe(publish)
         done.result()
 
     def _serve(self, opened: "Future[_Opened]") -> None:
-        asyncio.run(self._serve_until_stopped(opened))
+        try:
+            asyncio.run(self._serve_until_stopped(opened))
+        except BaseException as error:
+            if opened.done():
+                raise
+            opened.set_exception(error)
 
     async def _serve_until_stopped(self, opened: "Future[_Opened]") -> None:
         async with contextlib.AsyncExitStack() as stack:
-            try:
-                running = await _open_server(self._settings, stack)
-            except Exception as error:
-                opened.set_exception(error)
-                return
+            running = await _open_server(self._settings, stack)
             stop = asyncio.Event()
             opened.set_result(_Opened(running, asyncio.get_running_loop(), stop))
             await stop.wait()
+
+
+def _stop(opened: _Opened) -> None:
+    """Stops a server; has no effect if it has ended."""
+    with contextlib.suppress(RuntimeError):  # the loop is closed already
+        opened.loop.call_soon_threadsafe(opened.stop.set)
+
+
+def _stop_opened(opened: "Future[_Opened]") -> None:
+    if opened.exception() is None:
+        _stop(opened.result())
+
+
+def _check_share(share: float | None) -> None:
+    if share is not None and not 0 < share <= 1:
+        raise InvalidValueError(f"share: expected a number above 0, at most 1, not {shown(share)}")
 
 
 def _floats(value: Any, name: str, shape: tuple[int | str, ...]) -> np.ndarray:
@@ -264,9 +366,9 @@ def serve_training(
         >>> with splatwire.serve_training() as server:
         ...     for _ in range(3):
         ...         server.push(splats.means, splats.quats, splats.scales, splats.opacities, splats.sh)
+        ...     server.drain()
     """
-    if not 0 < share <= 1:
-        raise InvalidValueError(f"share: expected a number above 0, at most 1, not {shown(share)}")
+    _check_share(share)
     for what, number in (("port", port), ("page", page or 0)):
         if not 0 <= number < 1 << 16:
             raise InvalidValueError(f"{what}: expected a port from 0 to 65535, not {shown(number)}")

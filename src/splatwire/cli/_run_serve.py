@@ -121,7 +121,8 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
         return _Scenes(served, None)
     updates = import_module("splatwire.cli._served_updates")  # decodes, with libraries that a relay lacks
     chains = updates.chains_of({name: (source, streams[name][1]) for name, (_, source) in sources.items()})
-    return _Scenes(served, updates.UpdateFolder(command.updates, chains, lambda stream: program_of(stream, protection)))
+    folder = updates.UpdateFolder(command.updates, chains, lambda stream: program_of(stream, protection))
+    return _Scenes(served | folder.poll(), folder)  # also after SIGHUP, so that no client gets an earlier version
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:

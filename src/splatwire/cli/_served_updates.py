@@ -3,8 +3,9 @@
 import logging
 import stat
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from pathlib import Path
+from typing import Any
 
 from splatwire.api.offered_updates import OfferedUpdates
 from splatwire.bitstream import SceneStream, read_stream
@@ -12,7 +13,7 @@ from splatwire.bitstream.limits import UPDATE
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.update.apply import check_base
 from splatwire.codec.update.chain import UpdateChain
-from splatwire.codec.update.section import SECTION, read_update
+from splatwire.codec.update.section import SECTION, UpdateFields, manifest_digest, read_update, update_name
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.transport import ServedStream
 from splatwire.transport.event_log import log_event
@@ -51,8 +52,10 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 class UpdateFolder:
     """Applies updates to served scenes when update files appear in a folder.
 
-    An update changes one version of a scene. Its file waits until the scene has reached this version, so the order of
-    the files does not matter. An object of this class must not be used by several threads at once.
+    An update changes one version of a scene. Its file waits until a scene has reached this version, so the order of the
+    files does not matter. Scenes with equal content change together. While a file waits, only the version that it
+    changes is stored. A file that is removed is forgotten. An object of this class must not be used by several threads
+    at once.
 
     Args:
         folder: Folder with the updates: `.swz` files, each written by `encode --update`. It may be missing at first.
@@ -71,7 +74,7 @@ class UpdateFolder:
         self._offered = OfferedUpdates(prepare)
         self._seen: dict[Path, tuple[Signature, float]] = {}
         self._read: dict[Path, Signature] = {}
-        self._waiting: dict[Path, SceneStream] = {}
+        self._waiting: dict[Path, str] = {}
         self.updates: dict[str, ServedStream | None] = {}
         for chain in chains.values():
             self.updates |= dict.fromkeys(chain.offers())
@@ -86,38 +89,59 @@ class UpdateFolder:
             The changed scenes, prepared for sending, by name.
         """
         self._read_new(time.monotonic() if now is None else now)
-        changed: dict[str, ServedStream] = {}
+        changed: dict[str, UpdateChain] = {}
         while found := self._next():
-            name, path = found
-            update = self._waiting.pop(path)
+            names, path = found
+            del self._waiting[path]
             try:
-                chain = self._chains[name].extended(update)
-            except SplatwireError as error:
+                update = _read_update(path)
+                chains = {name: self._chains[name].extended(update) for name in names}
+                self._check_distinct(chains)
+            except (SplatwireError, OSError) as error:
                 log_event(LOG, logging.ERROR, "update refused", file=str(path), error=str(error))
                 continue
-            changed[name] = self._prepare(chain.scene)
-            self._chains[name] = chain
-            elements, size = chain.scene.manifest.num_elements, chain.updates[-1].num_bytes
-            log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
+            self._chains |= chains
+            changed |= chains
+            for name, chain in chains.items():
+                elements, size = chain.scene.manifest.num_elements, chain.updates[-1].num_bytes
+                log_event(LOG, logging.INFO, "updated", stream=name, file=str(path), elements=elements, bytes=size)
         if changed:
             offers = {key: one for chain in self._chains.values() for key, one in chain.offers().items()}
             self.updates = self._offered.prepared(offers)
-        return changed
+        return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
-    def _next(self) -> tuple[str, Path] | None:
-        """Returns the name of a scene, and the file of an update that applies to its current version.
+    def _next(self) -> tuple[list[str], Path] | None:
+        """Returns the names of the scenes to which a waiting update applies, and the file of the update.
 
         Returns None if no such update is waiting.
         """
-        states = {chain.source_digest: name for name, chain in self._chains.items()}
-        for path, update in self._waiting.items():
-            if (name := states.get(read_update(sections_of(update)[SECTION]).base_digest)) is not None:
-                return name, path
-        return None
+        states: dict[str, list[str]] = {}
+        for name, chain in self._chains.items():
+            states.setdefault(chain.source_digest, []).append(name)
+        return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
+
+    def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
+        """Checks that no scene reaches a version that another scene has left.
+
+        Receivers request the next update by the version that they have, and would get that of the other scene.
+
+        Args:
+            changed: Scenes that an update has changed, by name.
+
+        Raises:
+            InvalidValueError: If a scene reaches such a version.
+        """
+        reached = {update_name(manifest_digest(chain.scene.manifest)) for chain in changed.values()}
+        for name, chain in self._chains.items():
+            if name not in changed and any(chain.offers().get(each) is not None for each in reached):
+                raise InvalidValueError(f"{' and '.join(changed)} would have the content that '{name}' had before")
 
     def _read_new(self, now: float) -> None:
-        """Reads files that are new or have changed."""
-        for path in sorted(self._folder.glob("*.swz")):
+        """Reads files that are new or have changed, and forgets files that were removed."""
+        present = sorted(self._folder.glob("*.swz"))
+        for known in (self._seen, self._read, self._waiting):
+            _forget_removed(known, set(present))
+        for path in present:
             try:
                 status = path.stat()
             except OSError:  # removed meanwhile
@@ -131,15 +155,35 @@ class UpdateFolder:
             since = since if before == signature else now
             self._seen[path] = signature, since
             try:
-                update = read_stream(path)[0]
-                if update.manifest.codec != UPDATE:
-                    raise BitstreamError(f"the stream has {update.manifest.elements}, it is not an update")
-                if len(update.packets) < update.manifest.num_packets:
-                    raise BitstreamError("packets of the update are missing")
-                read_update(sections_of(update).get(SECTION, b""))
+                base = _fields_of(_read_update(path)).base_digest
             except (SplatwireError, OSError) as error:
                 if now - since >= PATIENCE_S:
                     self._read[path] = signature
                     log_event(LOG, logging.ERROR, "update refused", file=str(path), error=str(error))
                 continue
-            self._read[path], self._waiting[path] = signature, update
+            self._read[path], self._waiting[path] = signature, base
+
+
+def _forget_removed(known: dict[Path, Any], present: Set[Path]) -> None:
+    for path in known.keys() - present:
+        del known[path]
+
+
+def _read_update(path: Path) -> SceneStream:
+    """Reads the file of an update.
+
+    Raises:
+        BitstreamError: If the file is damaged or incomplete, or is no update.
+        OSError: If it cannot be read.
+    """
+    update = read_stream(path)[0]
+    if update.manifest.codec != UPDATE:
+        raise BitstreamError(f"the stream has {update.manifest.elements}, it is not an update")
+    if len(update.packets) < update.manifest.num_packets:
+        raise BitstreamError("packets of the update are missing")
+    _fields_of(update)
+    return update
+
+
+def _fields_of(update: SceneStream) -> UpdateFields:
+    return read_update(sections_of(update).get(SECTION, b""))

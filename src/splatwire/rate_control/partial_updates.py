@@ -60,7 +60,7 @@ class PartialUpdates:
         held: Gaussians that the receivers have, before quantisation, in the order of `newest`. The row of a Gaussian
             that they do not have is undefined.
         known: Mask of the Gaussians in `held` that the receivers have.
-        num_at_first: Number of Gaussians when the whole scene was sent.
+        num_at_first: Number of drawable Gaussians when the whole scene was sent.
         size_at_first: Size of the scene at that time, see `_scene_size`.
         antialiased: True if the scene was trained with an antialiased renderer.
     """
@@ -87,7 +87,7 @@ class PartialUpdates:
         stream = encode_scene(SplatScene(splats, antialiased=antialiased), PRESETS["datagram"])
         known = SplatScene(splats).drawable.copy()
         size = _scene_size(splats.select(known))
-        return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, len(known), size, antialiased)
+        return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, int(known.sum()), size, antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
         """Encodes the changes that matter most as an update.
@@ -98,7 +98,8 @@ class PartialUpdates:
         are new or removed. Gaussians that are removed or no longer drawable do not count towards the share.
 
         The whole scene is encoded again if an update cannot express the change: another degree of spherical harmonics,
-        positions outside the lattice, or a number of Gaussians or a size of the scene that has doubled or halved.
+        positions outside the lattice, or a number of drawable Gaussians or a size of the scene that has more than
+        doubled or halved.
 
         Args:
             splats: The newest Gaussians.
@@ -111,7 +112,7 @@ class PartialUpdates:
         drawable = SplatScene(splats).drawable
         if not drawable.any():
             raise InvalidValueError("no Gaussian can be drawn")
-        ratios = count / self.num_at_first, _scene_size(splats.select(drawable)) / self.size_at_first
+        ratios = drawable.sum() / self.num_at_first, _scene_size(splats.select(drawable)) / self.size_at_first
         if splats.degree != self.newest.degree or any(not 1 / MAX_GROWTH <= ratio <= MAX_GROWTH for ratio in ratios):
             return PartialUpdates.start(splats, self.antialiased)
         held, known = self._held_rows(splats)

@@ -37,6 +37,16 @@ class RunningServer:
         """True while the server stops: it refuses new transfers, and running transfers continue."""
         return self.server.core.draining
 
+    @property
+    def is_busy(self) -> bool:
+        """True while transfers are running or HTTP requests are answered."""
+        return bool(self.server.core.num_transfers or (self.page is not None and self.page.num_active))
+
+    @property
+    def num_clients(self) -> int:
+        """Number of transfers and HTTP requests until now."""
+        return self.server.core.num_served + (0 if self.page is None else self.page.num_answers)
+
     def replace(
         self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
     ) -> None:
@@ -81,7 +91,7 @@ class RunningServer:
         """
         loop = asyncio.get_running_loop()
         self.server.core.draining, end = True, loop.time() + most_s
-        while loop.time() < end and (self.server.core.num_transfers or (self.page and self.page.num_active)):
+        while loop.time() < end and self.is_busy:
             await asyncio.sleep(DRAIN_INTERVAL_S)
 
     def not_ready(self) -> str | None:

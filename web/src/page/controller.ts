@@ -473,6 +473,7 @@ export class Controller {
     if (hidden) stage.update(hidden, packed);
     else stage.add(packed, true);
     this.#copies = 0;
+    if (this.#dropsPackets) this.#conceal(); // the gains are those of the Gaussians before the update
     this.#gaussians = status.gaussians = gaussians;
     panel.setRow("Gaussians", gaussians.toLocaleString());
     panel.setMessage(`Updated: ${numRemoved} Gaussians removed, ${numNew} new.`);

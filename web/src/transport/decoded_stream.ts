@@ -213,6 +213,12 @@ export class DecodedStream {
     return this.#gains && this.#gainsOfDrawn(this.#gains);
   }
 
+  /** Gains of `splats`, in their order, after a concealment. */
+  get gainsOfSplats(): Float32Array {
+    const { first = 0, part = null } = this.#copies ?? {};
+    return this.#gains!.filter((_, n) => !part || n < 2 * first || n >= 2 * (first + part.count));
+  }
+
   /** Gains that hide only the redundant Gaussians; null if there are none. */
   get gainsWithoutCopies(): Float32Array | null {
     const copies = this.#copies;

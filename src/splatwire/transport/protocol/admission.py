@@ -2,8 +2,9 @@
 
 import asyncio
 import ipaddress
-from collections import Counter, OrderedDict, deque
+from collections import Counter, OrderedDict
 from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 Network: TypeAlias = tuple[Hashable, ...]
@@ -157,8 +158,40 @@ class ConnectionSlots:
             self._held[network] = left
 
 
+@dataclass(slots=True)
+class _Starts:
+    """New transfers of a network.
+
+    Attributes:
+        recent: Time in seconds and nonce of each start within `WINDOW_S`, the oldest first.
+        counts: Number of these starts by nonce.
+    """
+
+    recent: list[tuple[float, int]] = field(default_factory=list)  # a deque takes 700 bytes for one start
+    counts: dict[int, int] = field(default_factory=dict)
+
+    def drop_oldest(self) -> None:
+        """Forgets the oldest start."""
+        nonce = self.recent.pop(0)[1]
+        self.counts[nonce] -= 1
+        if not self.counts[nonce]:
+            del self.counts[nonce]
+
+    def is_expired(self, now: float) -> bool:
+        """True if there was no start within the last `WINDOW_S` at time `now`, seconds."""
+        return not self.recent or now - self.recent[-1][0] >= WINDOW_S
+
+    def drop_expired(self, now: float) -> None:
+        """Forgets starts before the last `WINDOW_S` at time `now`, seconds."""
+        while self.recent and now - self.recent[0][0] >= WINDOW_S:
+            self.drop_oldest()
+
+
 class StartRateLimiter:
-    """Rate limiter for the new transfers of each network within `WINDOW_S`. `MAX_NETWORKS` bounds its memory.
+    """Rate limiter for the new transfers of each network within `WINDOW_S`.
+
+    A call takes about the same time with many starts as with few. Starts of the last `WINDOW_S` are stored for at most
+    `MAX_NETWORKS` networks.
 
     Args:
         most: Maximum number of new transfers per network within `WINDOW_S`.
@@ -166,16 +199,22 @@ class StartRateLimiter:
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._networks: OrderedDict[Network, deque[tuple[float, int]]] = OrderedDict()
+        self._networks: OrderedDict[Network, _Starts] = OrderedDict()
+
+    def __len__(self) -> int:
+        """Number of stored starts of all networks."""
+        return sum(len(starts.recent) for starts in self._networks.values())
 
     def seen(self, network: Network, nonce: int) -> bool:
         """True if the network has recently started a transfer with this nonce (random id of a connection attempt)."""
-        return any(nonce == other for _, other in self._networks.get(network, ()))
+        return network in self._networks and nonce in self._networks[network].counts
 
     def allowed(self, network: Network, now: float) -> bool:
         """True if the network may start another transfer at time `now`, seconds."""
-        starts = self._networks.get(network, ())
-        return sum(now - at < WINDOW_S for at, _ in starts) < self._most
+        if (starts := self._networks.get(network)) is None:
+            return True
+        starts.drop_expired(now)
+        return len(starts.recent) < self._most
 
     def note(self, network: Network, nonce: int, now: float) -> None:
         """Counts a new transfer of a network.
@@ -185,7 +224,12 @@ class StartRateLimiter:
             nonce: Number that identifies the client's connection attempt.
             now: Time, seconds.
         """
-        self._networks.setdefault(network, deque(maxlen=self._most)).append((now, nonce))
+        starts = self._networks.setdefault(network, _Starts())
+        starts.drop_expired(now)
+        starts.recent.append((now, nonce))
+        starts.counts[nonce] = starts.counts.get(nonce, 0) + 1
+        if len(starts.recent) > self._most:
+            starts.drop_oldest()
         self._networks.move_to_end(network)
-        if len(self._networks) > MAX_NETWORKS:
+        while len(self._networks) > MAX_NETWORKS or next(iter(self._networks.values())).is_expired(now):
             self._networks.popitem(last=False)

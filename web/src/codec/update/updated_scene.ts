@@ -30,6 +30,8 @@ export class UpdatedScene {
   /** Number of drawn Gaussians, hidden ones included, and the indices of those that are not hidden, ascending. */
   #drawn = 0;
   #visible = new Int32Array();
+  /** Index of each drawn Gaussian in the scene before all updates, -1 for new ones. */
+  #sources = new Int32Array();
   #changed = false;
 
   /**
@@ -43,6 +45,7 @@ export class UpdatedScene {
     parts: readonly Splats[],
   ) {
     this.#append(parts);
+    this.#sources = this.#sources.map((_, n) => n);
   }
 
   /** Number of Gaussians of the scene. */
@@ -53,11 +56,6 @@ export class UpdatedScene {
   /** True after the first update. */
   get changed(): boolean {
     return this.#changed;
-  }
-
-  /** Number of drawn Gaussians, hidden ones included. */
-  get numDrawn(): number {
-    return this.#drawn;
   }
 
   /** Number of hidden Gaussians. */
@@ -87,13 +85,25 @@ export class UpdatedScene {
 
   /** Forgets the hidden Gaussians. Returns the others, which replace all drawn ones. */
   compact(): readonly Splats[] {
-    const parts = this.visibleParts().filter(({ count }) => count);
+    const parts = this.visibleParts().filter(({ count }) => count),
+      sources = this.#visible.map((n) => this.#sources[n]);
     this.#parts = [];
     this.#firsts = [];
     this.#drawn = 0;
-    this.#visible = new Int32Array();
+    this.#visible = this.#sources = new Int32Array();
     this.#append(parts);
+    this.#sources = sources;
     return parts;
+  }
+
+  /**
+   * Returns gains of size and opacity of the drawn Gaussians, from those of the scene before all updates. New Gaussians
+   * have gain 1.
+   */
+  gainsOfDrawn(before: Float32Array): Float32Array {
+    const gains = new Float32Array(2 * this.#drawn).fill(1);
+    this.#sources.forEach((from, n) => from < 0 || gains.set(before.subarray(2 * from, 2 * from + 2), 2 * n));
+    return gains;
   }
 
   /** Returns the Gaussians that are not hidden, part by part. */
@@ -111,12 +121,15 @@ export class UpdatedScene {
 
   #append(parts: readonly Splats[]): void {
     const before = this.#drawn,
-      kept = this.#visible;
+      kept = this.#visible,
+      sources = this.#sources;
     for (const part of parts) {
       this.#parts.push(part);
       this.#firsts.push(this.#drawn);
       this.#drawn += part.count;
     }
+    this.#sources = new Int32Array(this.#drawn).fill(-1);
+    this.#sources.set(sources);
     this.#visible = new Int32Array(kept.length + this.#drawn - before);
     this.#visible.set(kept);
     for (let n = before; n < this.#drawn; n++) this.#visible[kept.length + n - before] = n;
