@@ -191,7 +191,7 @@ def test_clients_have_the_last_state_after_drain() -> None:
     assert stream_to_bytes(found[-1]) == stream_to_bytes(expected)
 
 
-def test_drain_without_clients_only_encodes() -> None:
+def test_drain_ends_soon_without_clients() -> None:
     with splatwire.serve_training() as server:
         server.drain()
         server.push(**vars(some_splats()))

@@ -155,8 +155,8 @@ class TrainingServer:
     def drain(self, most_s: float = 10.0) -> None:
         """Waits until clients have received what was pushed.
 
-        Returns when everything is encoded, clients that follow the scene had the time to request it, and all transfers
-        and HTTP responses have ended. Returns at once if no client has ever connected.
+        Returns when everything is encoded, clients that follow the scene had the time to request it (`REQUEST_S`), and
+        all transfers and HTTP responses have ended.
 
         Args:
             most_s: Maximum duration, seconds.
@@ -171,8 +171,6 @@ class TrainingServer:
         with self._condition:
             self._condition.wait_for(lambda: self._closed or self._num_done == self._num_pushed, most_s)
             self._raise_error()
-        if not self._opened.running.num_clients:
-            return
         time.sleep(max(min(REQUEST_S, end - time.monotonic()), 0))
         while time.monotonic() < end and self._opened.running.is_busy:
             time.sleep(DRAIN_INTERVAL_S)

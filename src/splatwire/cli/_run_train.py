@@ -47,7 +47,7 @@ from splatwire.types.background import BLACK
 _DEVICES = ("auto", "cpu", "cuda")
 _PLACES = {"cpu": "CPU", "cuda": "GPU"}
 _PICTURES = (".png", ".jpg", ".jpeg", ".webp")
-_OF_GAUSSIANS = ("gaussians", "degree", "quality")
+_OF_GAUSSIANS = ("gaussians", "degree", "quality", "serve", "page", "host")
 """Options that apply only to explicit Gaussians."""
 FINE_TUNING_ITERATIONS = 720
 """Default number of iterations when training continues from a finished scene."""

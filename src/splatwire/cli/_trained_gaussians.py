@@ -11,6 +11,7 @@ from splatwire.cli._files import prepared_output
 from splatwire.cli._options import quality_option
 from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
+from splatwire.cli._served_training import check_serving, served_training
 from splatwire.cli._training import (
     CPU_ITERATIONS,
     GAUSSIAN_RECIPE,
@@ -60,6 +61,7 @@ def check_gaussian_options(command: Train) -> None:
         InvalidValueError: If an option applies only to anchors, or a value is not valid.
         UnknownNameError: If the file name has no suffix of a format of explicit Gaussians.
     """
+    check_serving(command)
     refuse_options(command, _OF_ANCHORS, "is for anchors: the size of explicit Gaussians follows from --gaussians")
     if len(command.loss) > 1:
         raise InvalidValueError("--model gaussians takes one --loss")
@@ -88,18 +90,27 @@ def run_gaussians(command: Train, device: str, place: str) -> None:
         state, config, train, test = _initial_training(command, place)
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
     options = RunOptions(checkpoint, command.checkpoint_interval)
-    with watch(preview_writer(command.preview), "fine-tuning with the rounding of the codec") as listener:
-        result = train_gaussians(train, test, config, state=state, options=options, listener=listener, device=device)
-    if result.stopped:
-        raise stopped_early(result.state.iteration, config.iterations)
-    num_bytes = None
-    if output.name.lower().endswith(FILE_SUFFIX):
-        stream = add_concealment(encode_scene(result.scene), VIEWPOINT, viewpoint_section(train.cameras))
-        write_stream(stream, output)
-        num_bytes = stream.num_bytes
-    else:
-        save_scene(result.scene, output)
+    with served_training(command) as served:
+        with watch(preview_writer(command.preview), "fine-tuning with the rounding of the codec") as listener:
+            listener = dataclasses.replace(listener, iterated=served.iterated)
+            result = train_gaussians(
+                train, test, config, state=state, options=options, listener=listener, device=device
+            )
+        if result.stopped:
+            raise stopped_early(result.state.iteration, config.iterations)
+        num_bytes = _write(result.scene, train, output)
+        served.finish(result.scene)
     _report(command, result, config, num_bytes)
+
+
+def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
+    """Writes the trained scene, and returns the bytes of its stream; None for a file of another format."""
+    if not output.name.lower().endswith(FILE_SUFFIX):
+        save_scene(scene, output)
+        return None
+    stream = add_concealment(encode_scene(scene), VIEWPOINT, viewpoint_section(train.cameras))
+    write_stream(stream, output)
+    return stream.num_bytes
 
 
 def _initial_training(command: Train, place: str) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:

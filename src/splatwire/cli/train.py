@@ -74,5 +74,12 @@ class Train:
     """Iterations between checkpoints."""
     preview: str | None = None
     """Picture to write after each test: the photo of the first test view next to its render."""
+    serve: int | None = None
+    """With --model gaussians: UDP port on which the scene is served while it is trained, 0 for a free one. `receive
+    --follow` and `view` get its changes about once a second."""
+    page: int | None = None
+    """With --serve: TCP port of a web page that shows the scene, 0 for a free one. Streams are then sent over QUIC."""
+    host: str = "127.0.0.1"
+    """With --serve: address to listen on; 0.0.0.0 for all addresses of this machine."""
     json: JsonFlag = False
     """Print one JSON object."""

@@ -42,11 +42,6 @@ class RunningServer:
         """True while transfers are running or HTTP requests are answered."""
         return bool(self.server.core.num_transfers or (self.page is not None and self.page.num_active))
 
-    @property
-    def num_clients(self) -> int:
-        """Number of transfers and HTTP requests until now."""
-        return self.server.core.num_served + (0 if self.page is None else self.page.num_answers)
-
     def replace(
         self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
     ) -> None:

@@ -157,6 +157,7 @@ class TrainingLoop:
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
             self.listener.progress(model.means.after(state, report, elapsed, self.seconds))
+            self.listener.iterated(lambda: model.scene(self.device))
             if self.listener.should_stop():
                 return bool(state.iteration < model.iterations)
             self._keep(model)

@@ -1,15 +1,32 @@
 """The verb `train --model gaussians` on photos in the nerfstudio layout."""
 
+import asyncio
+import contextlib
 import json
+import subprocess
+import sys
+import time
+from dataclasses import replace
 from pathlib import Path
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
 
+from explicit import ball_of_gaussians
+from splatwire.api.following import follow
+from splatwire.api.network import receive
+from splatwire.api.training import serve_training
+from splatwire.bitstream import stream_from_bytes
+from splatwire.cli._served_training import ServedTraining
 from splatwire.cli.main import main
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, encode_update
+from splatwire.codec.update.apply import describe_update
 from splatwire.io import open_scene
 from splatwire.neural.training.gaussians import load_gaussian_checkpoint
+from splatwire.transport import Receiver, ReceiverOptions
+from splatwire.transport.address import Address
+from splatwire.transport.udp import receive_udp
 from splatwire.types import SplatScene
 
 
@@ -91,6 +108,9 @@ def test_training_starts_from_the_gaussians_of_a_file(
         (("--loss", "first:0.2"), "first:0.2"),
         (("--preset", "mip"), "mipnerf360"),
         (("--resume",), "no such file"),
+        (("--serve", "70000"), "a port is a number"),
+        (("--page", "0"), "--page and --host are for --serve"),
+        (("--host", "0.0.0.0"), "--page and --host are for --serve"),
     ],
 )
 def test_invalid_options_are_one_error_line(
@@ -109,9 +129,66 @@ def test_a_name_of_another_kind_of_file_is_refused(
     assert "unknown format of explicit Gaussians" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ["--gaussians", "--degree", "--quality"])
+@pytest.mark.parametrize("option", ["--gaussians", "--degree", "--quality", "--serve"])
 def test_options_of_gaussians_are_refused_for_anchors(
     option: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert _run(["train", str(folder), "-o", str(tmp_path / "a.scene"), option, "1"]) == 2
     assert f"{option} is for --model gaussians" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [False, True])
+def test_a_follower_of_a_training_ends_with_the_last_state(folder: Path, tmp_path: Path, page: bool) -> None:
+    pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+    if page:
+        pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+    ply, states = tmp_path / "a.ply", []
+    words = [sys.executable, "-m", "splatwire", *_words(folder, ply, "--serve", 0, *(("--page", 0) if page else ()))]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+
+    async def receive(port: int) -> None:
+        async def fetch(name: str) -> Receiver:
+            return await receive_udp(Address("127.0.0.1", port), ReceiverOptions(name=name))
+
+        async for state in follow(fetch, "scene", lambda warning: None):
+            states.append(state)
+
+    async def receive_until_the_end(port: int) -> None:
+        receiving = asyncio.ensure_future(receive(port))
+        await asyncio.to_thread(process.communicate, timeout=300)
+        receiving.cancel()
+
+    try:
+        line = next(line for line in process.stderr if line.startswith("watch it: "))
+        if page:
+            url = line.split()[-1]
+            with urlopen(url) as answer:
+                assert ' updates=""' in answer.read().decode()
+            while process.poll() is None:
+                with contextlib.suppress(OSError), urlopen(f"{url}streams/scene.swz") as answer:
+                    states.append(stream_from_bytes(answer.read())[0])
+                time.sleep(0.05)
+        else:
+            asyncio.run(receive_until_the_end(int(line.split(":")[-1].split("/")[0])))
+        assert process.wait(60) == 0
+    finally:
+        process.kill()
+        process.communicate()
+    trained = open_scene(ply)
+    assert isinstance(trained, SplatScene)
+    last = describe_update(states[-1], encode_update(states[-1], trained))
+    assert last == {"num_kept": trained.num_gaussians, "num_removed": 0, "num_new": 0}
+
+
+def test_a_state_that_cannot_be_served_does_not_end_the_training(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+    scene = SplatScene(ball_of_gaussians())
+    broken = replace(scene, splats=replace(scene.splats, opacities=np.zeros_like(scene.splats.opacities)))
+    with serve_training() as server:
+        served = ServedTraining(server)
+        served.iterated(lambda: broken)
+        served.iterated(lambda: pytest.fail("the interval has not passed"))
+        served.finish(scene)
+        assert asyncio.run(receive(f"udp://127.0.0.1:{server.port}")).manifest.num_elements == 200
+    assert capsys.readouterr().err.count("the scene is not served") == 1

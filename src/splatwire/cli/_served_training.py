@@ -1,0 +1,108 @@
+"""Training that is served while it runs (`train --serve`): clients get the changes of the Gaussians."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from splatwire.api.training import STREAM_NAME, TrainingServer, serve_training
+from splatwire.cli._listening import check_port
+from splatwire.cli.train import Train
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.types import SplatScene
+
+PUSH_S = 1.0
+"""Minimum interval between two states that are sent, seconds."""
+ENCODING_SHARE = 0.25
+"""Maximum share of the time in which states are encoded, because the encoder takes processor time from the training."""
+DRAIN_S = 60.0
+"""Maximum time that clients have to receive the last state, seconds."""
+
+
+class ServedTraining:
+    """Sends states of a training to the clients of a server, and reports errors without ending the training.
+
+    Args:
+        server: The server; None to send nothing.
+    """
+
+    def __init__(self, server: TrainingServer | None) -> None:
+        self._server = server
+        self._next = 0.0
+        self._error = ""
+
+    def iterated(self, scene: Callable[[], SplatScene]) -> None:
+        """Sends the present state if it is time.
+
+        Args:
+            scene: Returns the scene of the present state.
+        """
+        if self._server is None or (now := time.monotonic()) < self._next:
+            return
+        self._next = now + max(PUSH_S, self._server.encoding_seconds / ENCODING_SHARE)
+        with self._reported():
+            self._server.push(**vars(scene().splats))
+
+    def finish(self, scene: SplatScene) -> None:
+        """Sends all changes of the last state, and waits until clients have received them.
+
+        Args:
+            scene: The trained scene.
+        """
+        if self._server is None:
+            return
+        with self._reported():  # an earlier state may have failed
+            self._server.drain(DRAIN_S)
+        with self._reported():
+            self._server.push(**vars(scene.splats), share=1.0)
+            self._server.drain(DRAIN_S)
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Prints a warning instead of an error, once if it repeats itself."""
+        try:
+            yield
+        except SplatwireError as error:
+            if str(error) != self._error:
+                self._error = str(error)
+                print(f"splatwire: warning: the scene is not served: {error}", file=sys.stderr, flush=True)
+
+
+def check_serving(command: Train) -> None:
+    """Checks the options of a served training.
+
+    Raises:
+        InvalidValueError: If a port is out of range, or an option needs `--serve`.
+    """
+    if command.serve is None and (command.page is not None or command.host != Train.host):
+        raise InvalidValueError("--page and --host are for --serve")
+    check_port(command.serve or 0)
+    check_port(command.page or 0)
+
+
+@contextmanager
+def served_training(command: Train) -> Iterator[ServedTraining]:
+    """Opens the server of a training, if requested, and prints how to watch.
+
+    Args:
+        command: Options of `splatwire train`.
+
+    Raises:
+        InvalidValueError: If a port cannot be bound.
+    """
+    if command.serve is None:
+        yield ServedTraining(None)
+        return
+    with serve_training(host=command.host, port=command.serve, page=command.page) as server:
+        if "page" in server.facts:
+            print(f"watch it: {server.facts['page']}", file=sys.stderr, flush=True)
+        else:
+            url = f"udp://{_connectable(command.host)}:{server.port}/{STREAM_NAME}"
+            print(f"watch it: splatwire view {url}", file=sys.stderr, flush=True)
+        yield ServedTraining(server)
+
+
+def _connectable(host: str) -> str:
+    """Returns the address under which this machine reaches a server that listens on an address, for a URL."""
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"[{host}]" if ":" in host else host
