@@ -20,6 +20,7 @@ from rate_control.test_partial_updates import trained
 from splatwire.api.following import follow
 from splatwire.api.offered_updates import OfferedUpdates
 from splatwire.bitstream import SceneStream, stream_to_bytes
+from splatwire.codec import decode_stream
 from splatwire.codec.update.chain import UpdateChain
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.rate_control.partial_updates import PartialUpdates
@@ -161,7 +162,7 @@ def test_the_degree_may_change() -> None:
             wider[:, 0] = splats.sh[:, 0]
             server.push(**{**vars(splats), "sh": wider}, wait=True)
             received = asyncio.run(splatwire.receive(f"udp://127.0.0.1:{server.port}"))
-            assert splatwire.decode(received).scene.splats.degree == degree
+            assert decode_stream(received).scene.splats.degree == degree
 
 
 def test_clients_have_the_last_state_after_drain() -> None:
