@@ -11,6 +11,7 @@ import pytest
 from splat_io.formats.handmade import some_splats
 from splatwire.errors import DatasetError
 from splatwire.io.formats import is_antialiased, read_content, read_splats, write_splats
+from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.io.formats.ply_comments import states_antialiasing
 from splatwire.types.splats import Splats
 
@@ -466,3 +467,10 @@ def test_comment_aa_means_antialiasing(comment: str, expected: bool, tmp_path: P
 def test_integer_positions_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     read_content(retyped(tmp_path, x="int", y="int", z="int"))
     assert "properties x, y, z are integers, so they may be quantised" in caplog.text
+
+
+def test_a_field_with_a_long_name_takes_little_time(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    before = time.process_time()
+    warn_of_unused_fields(tmp_path / "a.sog", {f"colour space {1_000_000 * '-'}!": 1.0, "shift": [1, 2, 3]})
+    assert time.process_time() - before < 5
+    assert "field 'shift: 1 2 3' may be a shift of the positions" in caplog.text

@@ -188,10 +188,13 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
     """
     for name, value in content.items() if isinstance(content, dict) else ():
         text = _value_as_text(value)
-        if text is not None and names_up(f"{name}: {text}"):
-            _warn(path, f"{name}: {text}", "the axis that is up", "field")
-        elif text is not None and (meaning := _unapplied_meaning(f"{name}: {text}")) is not None:
-            _warn(path, f"{name}: {text}", meaning, "field")
+        if text is None:
+            continue
+        field = f"{name:.200}: {text}"
+        if names_up(field):
+            _warn(path, field, "the axis that is up", "field")
+        elif (meaning := _unapplied_meaning(field)) is not None:
+            _warn(path, field, meaning, "field")
 
 
 def _value_as_text(value: object) -> str | None:
