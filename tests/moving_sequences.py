@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from close import unit
 from random_numbers import Numbers
@@ -51,6 +52,15 @@ def darkened(frames: list[Splats], dark: Collection[int]) -> list[Splats]:
     ]
 
 
+def cut_frames(count: int, frames: int, sizes: Collection[float]) -> list[Splats]:
+    """Frames with scene cuts: `frames` frames of each of several scenes, which have the given sizes."""
+    return [
+        replace(splats, means=splats.means * np.float32(size), scales=splats.scales * np.float32(size))
+        for number, size in enumerate(sizes)
+        for splats in moving_frames(count + number, frames, seed=number)
+    ]
+
+
 def shuffled(frames: list[Splats], seed: int = 0) -> list[Splats]:
     """The frames, each with its present Gaussians in random order."""
     rng = Numbers(seed)
@@ -65,6 +75,30 @@ def drawn(splats: Splats) -> Splats:
     """Visible Gaussians of a frame."""
     frame = Frame.of(splats)
     return splats.select(frame.drawn)
+
+
+def cloud(count: int, seed: int, size: float = 1.0) -> Splats:
+    """Gaussians of random colours and sizes in a ball."""
+    rng = Numbers(seed)
+    means = unit(rng.randn(count, 3))
+    means *= size * rng.rand(count, 1) ** (1 / 3)
+    quats = unit(rng.randn(count, 4))
+    scales = size * np.exp(rng.randn(count, 3) * 0.4 - 3.5)
+    return Splats(
+        means,
+        quats,
+        scales,
+        rng.rand(count) * 0.7 + 0.25,
+        rng.randn(count, 1, 3),
+    )
+
+
+def errors(frame: Splats, shown: Splats) -> np.ndarray:
+    """Distance of each Gaussian of a frame from its nearest shown one, in its own size and in colour."""
+    distance = cdist(frame.means.astype(np.float64), shown.means.astype(np.float64))
+    near = distance.argmin(axis=1)
+    far = np.take_along_axis(distance, near[:, None], axis=1)[:, 0] / frame.scales.max(axis=1)
+    return far + np.abs(shown.sh[near, 0] - frame.sh[:, 0]).max(axis=1)
 
 
 def halves(*numbers: float) -> bytes:

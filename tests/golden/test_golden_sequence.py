@@ -12,6 +12,8 @@ from splatwire.codec import decode_stream
 from splatwire.sequence.decoding import decode_frames
 
 CLIP = Path(__file__).with_name("tiny_clip.swz")
+SHOTS = Path(__file__).with_name("tiny_shots.swz")
+SHOTS_DIGEST = "7058906a1f52133834f4f6cf2e773466253f30bd62f1dd3f22723c845315c2b5"
 DIGEST = "0fc1553877db00d774f6982676ede15b798e33ae1c311dd0a6631e08002a4fc0"
 
 
@@ -19,6 +21,13 @@ def test_golden_clip_decodes_to_the_same_integers():
     stream, report = read_stream(CLIP)
     assert report.num_missing == 0
     assert stream.manifest.symbols_digest == DIGEST
+    decode_stream(stream)  # decoding compares the digest
+
+
+def test_golden_shots_decode_to_the_same_integers():
+    stream, report = read_stream(SHOTS)
+    assert report.num_missing == 0
+    assert stream.manifest.symbols_digest == SHOTS_DIGEST
     decode_stream(stream)  # decoding compares the digest
 
 

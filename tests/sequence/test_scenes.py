@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import cdist
 
-from close import unit
-from moving_sequences import darkened, drawn, moving_frames, shuffled
-from random_numbers import Numbers
+from moving_sequences import cloud, darkened, drawn, errors, moving_frames, shuffled
 from splatwire.codec import decode_stream
 from splatwire.errors import InvalidValueError
 from splatwire.sequence import SequenceEncoder, SequenceOptions, decode_frames, encode_sequence
@@ -18,22 +15,6 @@ pytestmark = pytest.mark.slow
 COUNT = 800
 
 
-def cloud(count: int, seed: int, size: float = 1.0) -> Splats:
-    """Gaussians of random colours and sizes in a ball."""
-    rng = Numbers(seed)
-    means = unit(rng.randn(count, 3))
-    means *= size * rng.rand(count, 1) ** (1 / 3)
-    quats = unit(rng.randn(count, 4))
-    scales = size * np.exp(rng.randn(count, 3) * 0.4 - 3.5)
-    return Splats(
-        means,
-        quats,
-        scales,
-        rng.rand(count) * 0.7 + 0.25,
-        rng.randn(count, 1, 3),
-    )
-
-
 def together(*parts: Splats) -> Splats:
     return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
@@ -41,14 +22,6 @@ def together(*parts: Splats) -> Splats:
 def moved(splats: Splats, way: float) -> Splats:
     shift = np.array([way, 0.0, 0.0], np.float32)
     return Splats(splats.means + shift, splats.quats, splats.scales, splats.opacities, splats.sh)
-
-
-def errors(frame: Splats, shown: Splats) -> np.ndarray:
-    """Distance of each Gaussian of a frame from its nearest shown one, in its own size and in colour."""
-    distance = cdist(frame.means.astype(np.float64), shown.means.astype(np.float64))
-    near = distance.argmin(axis=1)
-    far = np.take_along_axis(distance, near[:, None], axis=1)[:, 0] / frame.scales.max(axis=1)
-    return far + np.abs(shown.sh[near, 0] - frame.sh[:, 0]).max(axis=1)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7])

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
-from moving_sequences import darkened, moving_frames
+from moving_sequences import cut_frames, darkened, moving_frames
 from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
 from splatwire.bitstream import (
@@ -68,9 +68,8 @@ WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS.registered(), "splatwire/str
 def golden_streams() -> dict[str, SceneStream]:
     pinned = json.loads((GOLDEN / "gaussians.json").read_text())
     found = {name: stream_from_bytes(base64.b64decode(case["swz"]))[0] for name, case in pinned.items()}
-    return found | {
-        name: read_stream(GOLDEN / f"{name}.swz")[0] for name in ("tiny_causal", "tiny", "tiny_clip", "tiny_levels")
-    }
+    files = ("tiny_causal", "tiny", "tiny_clip", "tiny_shots", "tiny_levels")
+    return found | {name: read_stream(GOLDEN / f"{name}.swz")[0] for name in files}
 
 
 def some_cuts(stream: SceneStream, rng: random.Random) -> list[dict[str, Any]]:
@@ -360,7 +359,8 @@ def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None
     wild = [replace(s, means=s.means + 0.1 * scattered.randn(*s.means.shape)) for s in moving_frames(1000)]
     confused = encode_sequence(map(Frame.of, wild), SequenceOptions(group_frames=4, order="tracked"))[0]
     dark = encode_sequence(darkened(moving_frames(300), range(3, 8)), SequenceOptions(group_frames=4))[0]
-    clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark}
+    shots = encode_sequence(cut_frames(300, 4, [1.0, 0.02, 30.0]), SequenceOptions(group_frames=4))[0]
+    clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark, "shots": shots}
     frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}

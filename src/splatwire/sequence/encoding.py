@@ -203,7 +203,7 @@ class SequenceEncoder:
             assert classes is not None
             return self._encode_single_frames(group, frames, scenes, classes)
         self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
-        return self._writer.add(group, classes)
+        return self._writer.add(group, classes, cut=0 in scenes and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
         """Joins the frames of the current group of pictures to tracks.
@@ -237,15 +237,14 @@ class SequenceEncoder:
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
-        self._writer.fit(group.first(np.arange(len(group.keys))), classes)
         LOG.warning(
             "%d of the first %d frames show another scene than the one before: each frame is a group", len(scenes),
             len(frames),
         )  # fmt: skip
         packets = []
-        for frame in frames:
+        for number, frame in enumerate(frames):
             own = group_of([frame])
-            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)])
+            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)], cut=number in scenes)
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:

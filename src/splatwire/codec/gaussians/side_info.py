@@ -84,13 +84,13 @@ class SideInfo:
         """Number of spherical harmonics above degree 0 of a Gaussian, all three colour channels together."""
         return 3 * ((self.degree + 1) ** 2 - 1)
 
-    @functools.cached_property
+    @property
     def kernel_tables(self) -> tuple[np.ndarray, ...]:
         """Tables of the entropy coder, in the argument order of the numba kernels.
 
         They are the distributions of residuals (see `residual_windows`) and the tables of the range coder.
         """
-        return (*residual_windows((self.scales * SCALE_UNIT).ravel(), *tables()), *tables())
+        return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
         """Returns the stream's constants for the argument `stream` of numba kernels.
@@ -107,6 +107,12 @@ class SideInfo:
     def block_defaults(self) -> np.ndarray:
         """Means of opacity, scales and colour of each block, int64 (B, 7), in fixed point (`BITS` fractional bits)."""
         return self.defaults << DEFAULT_SHIFT
+
+
+@functools.lru_cache(maxsize=8)  # of megabytes each, and a stream may have thousands
+def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
+    """Tabulates the distributions of residuals (see `residual_windows`), from the serialised `SideInfo.scales`."""
+    return tuple(residual_windows(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
 
 
 def write_side_info(info: SideInfo) -> bytes:

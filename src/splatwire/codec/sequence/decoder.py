@@ -17,11 +17,11 @@ from splatwire.codec.memory import check_memory, words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Run, SymbolRows
-from splatwire.codec.sequence.keyframes import to_scene_positions
+from splatwire.codec.sequence.keyframes import scene_places
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
-from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
+from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info, spacing_of
 from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.sequence.trajectories import Offsets, PacketMoves
 from splatwire.codec.threads import ordered_map
@@ -67,7 +67,7 @@ class TracksDecoder:
         self._spans = _BlockMap(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
-        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 24 + SHOWN_BYTES) + self._num
+        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 24 + NUM_CHANNELS + 24 + SHOWN_BYTES) + self._num
         frames = info.timeline.group_frames
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
@@ -84,7 +84,8 @@ class TracksDecoder:
         """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""
         self._lives = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
         self._splats = blank_splats(self._num_tracks, self.info.keyframes.degree)
-        self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
+        self._places = np.zeros((self._num_tracks, 3), np.int64)
+        self._shifts = np.zeros((self._num_tracks, NUM_CHANNELS), np.int8)
         self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = np.zeros(self._num_tracks, dtype=np.bool_)
         self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
@@ -104,7 +105,8 @@ class TracksDecoder:
         known = other._num_tracks
         for name in ("means", "quats", "scales", "opacities", "sh"):
             getattr(self._splats, name)[:known] = getattr(other._splats, name)
-        self._rows[:known], self._received[:known] = other._rows, other._received
+        self._places[:known], self._shifts[:known] = other._places, other._shifts
+        self._received[:known] = other._received
         self._rounding[:known] = other._rounding
         self._loss_mask.received[: other._num] = other._loss_mask.received
 
@@ -115,7 +117,7 @@ class TracksDecoder:
         """
         group, base = self._spans.of(run.block)
         if base is not None:
-            return decode_packets(self.info.keyframes, base, run.counts, run.payloads)
+            return decode_packets(*self.info.shot_of(base), run.counts, run.payloads)
         return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
 
     def store(self, run: Run, rows: SymbolRows) -> None:
@@ -139,11 +141,13 @@ class TracksDecoder:
             received[own], whole[own], harmonics[own] = True, rows[0][begin:end], rows[1][begin:end]
             begin = end
         here = np.arange(first, first + count)
-        store_block(self._splats, here, whole, harmonics, received, self.info.keyframes, base)
-        self._rows[here] = to_scene_positions(whole, self.info.keyframes, base)
+        keyframes, block = self.info.shot_of(base)
+        spacing = spacing_of(keyframes, self.info.keyframes)
+        store_block(self._splats, here, whole, harmonics, received, keyframes, block)
+        self._places[here] = scene_places(whole, keyframes, block, spacing)
+        self._shifts[here] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
         self._received[here] = received
-        steps = motion_shifts(self._rows[here], self.info.keyframes, self.info.coarser)[:, 0]
-        exponents = steps + self.info.keyframes.size_log - self.info.keyframes.unit - 1
+        exponents = self._shifts[here, 0] + self.info.keyframes.size_log - self.info.keyframes.unit - 1
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
@@ -249,8 +253,8 @@ class TracksDecoder:
         headers, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
         tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
-        own = self._rows[np.where(good, tracks, 0)]
-        places, shifts = own[:, :3], motion_shifts(own, self.info.keyframes, self.info.coarser)
+        own = np.where(good, tracks, 0)
+        places, shifts = self._places[own], self._shifts[own].astype(np.int64)
         found, end = list["_Moved | None"](), 0
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count

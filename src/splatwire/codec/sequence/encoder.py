@@ -33,14 +33,12 @@ from splatwire.codec.sequence.motion_coder import FIRST_COST, MotionCoder, all_s
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
 from splatwire.codec.sequence.sending import by_importance, interleave_blocks
 from splatwire.codec.sequence.side_info import Group, SequenceInfo, write_side_info
-from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import Targets, Trajectories
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.types.background import BLACK, Background
 from splatwire.types.sequence_scene import Timeline
-from splatwire.types.splats import Splats
 from splatwire.version import __version__
 
 DATAGRAMS = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_bytes=1150)
@@ -98,17 +96,6 @@ class TracksEncoder:
         self.importance: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
-    def fit(self, splats: Splats, classes: np.ndarray | None) -> None:
-        """Fits the quantisation steps and context tables of all keyframe Gaussians to given Gaussians.
-
-        Call this before the first group is added. Without this call, steps and tables are fitted to the first group.
-
-        Args:
-            splats: The Gaussians to fit to.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for the finest.
-        """
-        self._keyframes.fit(splats, classes)
-
     def add_frames(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
         """Starts to fit the motion of the next group before all of its frames are available, to reduce latency.
 
@@ -121,13 +108,14 @@ class TracksEncoder:
             self._fitting = self._fitting or self._fit(keys, moves)
             self._fitting.add_frames(moves, end)
 
-    def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
+    def add(self, group: TrackGroup, classes: np.ndarray | None = None, *, cut: bool = False) -> list[Packet]:
         """Encodes the next group of frames.
 
         Args:
             group: The tracks of the group.
             classes: Precision class of each track, 0 for the finest and negative for coarser. None for the finest class
                 in the first group, and for a medium class in later groups.
+            cut: True if the group shows another scene than the group before; steps, lattice and tables may then change.
 
         Returns:
             Packets of the group in sending order, without a stream id: keyframe Gaussians of new tracks, then motion.
@@ -156,9 +144,9 @@ class TracksEncoder:
 
             This runs in a thread while other tracks are encoded. The result is cached.
             """
-            packets = self._encode_keyframes(group, classes, born, numbers)
+            packets = self._encode_keyframes(group, classes, born, numbers, cut=cut)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
-            fit(targets, group.moves, self._known, self._keyframes.info, who, (0, group.moves.num_frames), threads)
+            fit(targets, group.moves, self._known, self._keyframes.reference, who, (0, group.moves.num_frames), threads)
             own = targets.largest[born], targets.turns[born]
             _, moving[born] = motion_masks(*own, self._known.shifts, numbers[born])
             by[len(old) :] = born[np.argsort(numbers[born])]
@@ -222,7 +210,7 @@ class TracksEncoder:
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
-        info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.info, COARSER, zero, named)
+        info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.shots, COARSER, zero, named)
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
@@ -254,10 +242,10 @@ class TracksEncoder:
         return fitting.numbers, new | far, moving, targets
 
     def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
-        return Fitting(keys, self._known, self._keyframes.info, moves.num_frames, self._threads)
+        return Fitting(keys, self._known, self._keyframes.reference, moves.num_frames, self._threads)
 
     def _encode_keyframes(
-        self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray
+        self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray, *, cut: bool
     ) -> list[Packet]:
         """Encodes the keyframe Gaussians of tracks that begin in a group; assigns track numbers to these tracks.
 
@@ -266,18 +254,21 @@ class TracksEncoder:
             classes: Precision class of each track of the group, or None.
             where: Indices of the new tracks in the group.
             numbers: Track number of each track of the group; entries of new tracks are filled in.
+            cut: True if the group shows another scene than the group before.
 
         Returns:
             The packets of the keyframe Gaussians.
         """
         if not len(where):
             return []
-        coded = self._keyframes.encode(group.first(where), None if classes is None else classes[where])
+        coded = self._keyframes.encode(
+            group.first(where), None if classes is None else classes[where], len(self._groups), cut=cut
+        )
         born = where[coded.order]
         keyframes = group.moves.at(born, np.zeros_like(born))
-        shifts = motion_shifts(coded.rows, self._keyframes.info, COARSER)
+        shifts = self._keyframes.shifts_of(coded.rows, COARSER)
         first_new = len(self._known.keys)
-        self._known = self._known.with_births(keyframes, group.keys[born], coded.rows, shifts)
+        self._known = self._known.with_births(keyframes, group.keys[born], coded.places, shifts)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
         numbers[born] = np.arange(first_new, len(self._known.keys))
@@ -306,7 +297,7 @@ class TracksEncoder:
         if len(rows) and len(rows) + (some.start or 0) == len(by):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[some], coder.costs[some] = rows, self._costs[tracks]
-        coder.places[some], coder.shifts[some] = known.rows[tracks, :3], known.shifts[tracks]
+        coder.places[some], coder.shifts[some] = known.places[tracks], known.shifts[tracks]
 
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]

@@ -11,9 +11,13 @@ import numpy as np
 from splatwire.bitstream import HEADER_BYTES, Packet, PacketId, Packetization, PacketPlan, make_packet
 from splatwire.codec.gaussians.blocks import Boxes
 from splatwire.codec.gaussians.encoder import encode_block, fit_side_info
+from splatwire.codec.gaussians.layout import STEP_BITS
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_blocks, write_side_info
 from splatwire.codec.gaussians.source_scene import SourceScene, levels_of
+from splatwire.codec.sequence.layout import MAX_PLACE, MAX_SPACING
+from splatwire.codec.sequence.side_info import Shot, spacing_of
+from splatwire.codec.sequence.steps import motion_shifts
 from splatwire.codec.threads import ordered_map
 from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
@@ -23,6 +27,9 @@ FINEST_UNIT = 28
 a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and the track needs a new base: this costs
 bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
 """
+LEAST_CHANGE = 16
+"""Smallest change of quantisation steps at a scene cut for which a new shot begins, octaves with `STEP_BITS` fractional
+bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +38,8 @@ class CodedKeyframes:
 
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
-        rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS). Positions are relative to the scene's
-            origin, in half lattice units.
+        rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS), with positions relative to their blocks.
+        places: Positions relative to the scene's origin, in half units of the first shot's lattice, int64 (n, 3).
         digested: Decoded integers of each block, from which the stream's digest is computed. Each block has two arrays
             (`gaussians.attributes.empty_rows`): first all attributes except spherical harmonics, then the harmonics.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
@@ -41,9 +48,19 @@ class CodedKeyframes:
 
     order: np.ndarray
     rows: np.ndarray
+    places: np.ndarray
     digested: list[tuple[np.ndarray, np.ndarray]]
     packets: list[Packet]
     num_blocks: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Gaussians that are ready to be encoded: their blocks, packet plan and side information."""
+
+    source: SourceScene
+    plan: PacketPlan
+    info: SideInfo
 
 
 def span_size(count: int, block_size: int) -> int:
@@ -59,7 +76,7 @@ def span_size(count: int, block_size: int) -> int:
 class KeyframeEncoder:
     """Encodes the keyframe Gaussians of a sequence, one group of frames after another.
 
-    Quantisation steps, lattice and context tables are fitted to the first group and used for all groups.
+    Quantisation steps, lattice and context tables are fitted to the first group of each shot.
 
     Args:
         quality: Quality setting.
@@ -69,74 +86,112 @@ class KeyframeEncoder:
 
     def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
         self._quality, self._packetization, self._threads = quality, packetization, threads
-        self._infos: list[SideInfo] = []
+        self._infos: list[tuple[int, list[SideInfo]]] = []
         self._like: SideInfo | None = None
         self._level = 0
 
     @property
-    def info(self) -> SideInfo:
+    def shots(self) -> tuple[Shot, ...]:
         """Side information of all keyframe Gaussians encoded so far."""
-        boxes = [info.boxes for info in self._infos]
-        joined = Boxes(
-            *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
-        )
-        return replace(self._infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in self._infos]))
+        shots, block = list[Shot](), 0
+        for first_group, infos in self._infos:
+            boxes = [info.boxes for info in infos]
+            joined = Boxes(
+                *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
+            )
+            info = replace(infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in infos]))
+            shots.append(Shot(first_group, block, info))
+            block += len(info.defaults)
+        return tuple(shots)
 
-    def fit(self, splats: Splats, classes: np.ndarray | None) -> None:
-        """Fits quantisation steps, lattice and context tables to the given Gaussians.
+    @property
+    def reference(self) -> SideInfo:
+        """Side information of the first group; motion is in units of its lattice."""
+        return self._infos[0][1][0]
 
-        Call this before the first `encode`, which otherwise fits them to the Gaussians of the first group.
+    def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:
+        """Returns the quantisation steps of the motion of tracks of the current shot; see `motion_shifts`."""
+        info = self._infos[-1][1][-1]
+        return motion_shifts(rows, info, coarser, spacing_of(info, self.reference))
 
-        Args:
-            splats: The Gaussians to fit to.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for the finest.
-        """
-        self._fitted(splats, classes)
-
-    def encode(self, splats: Splats, classes: np.ndarray | None) -> CodedKeyframes:
+    def encode(self, splats: Splats, classes: np.ndarray | None, group: int, *, cut: bool = False) -> CodedKeyframes:
         """Encodes the keyframe Gaussians of a group of frames.
+
+        At a scene cut, a new shot begins if steps adapted to the new Gaussians differ from those of the shot before, or
+        if new context tables save bytes.
 
         Args:
             splats: The Gaussians, at least one; each must have a visible effect.
             classes: Precision class of each Gaussian, 0 for the finest and negative for coarser. None for the finest
                 class in the first group, and for a medium class in later groups.
+            group: Index of the group of frames.
+            cut: True if the group shows another scene than the group before.
 
         Raises:
             InvalidValueError: If a Gaussian is too far away from the others.
         """
-        source, plan, info = self._fitted(splats, classes)
-        self._infos.append(info)
-        return self._coded(source, plan, info)
-
-    def _fitted(self, splats: Splats, classes: np.ndarray | None) -> tuple[SourceScene, PacketPlan, SideInfo]:
-        """Sorts Gaussians into blocks and computes their side information.
-
-        The first call fits quantisation steps and context tables, and later calls use them again.
-        """
         size = span_size(splats.num_gaussians, self._packetization.block_size)
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
-        source = SourceScene.of(splats, plan, classes, None, self._quality, self._coding(splats, classes),
-                                most_unit=FINEST_UNIT)  # fmt: skip
-        known = None if self._like is None else self._like.transform
-        fitted = fit_side_info(source, {}, known, self._like, self._threads_for(plan))
-        info = read_side_info(write_side_info(fitted), plan.num_blocks)
-        if self._like is None:
-            self._like, self._level = info, int(np.median(source.classes))
-        return source, plan, info
+        like, level = self._like, self._level
+        if like is None:
+            return self._begin_shot(self._fitted(splats, classes, plan, None, None), group)
+        if cut:
+            fresh = self._fitted(splats, classes, plan, None, None)
+            if self._differs(fresh.info):
+                return self._begin_shot(fresh, group)
+        coding = self._coding(splats, classes, like, level)
+        shared = self._fitted(splats, classes, plan, coding, like)
+        coded = self._coded(shared)
+        if cut:
+            fresh = self._fitted(splats, classes, plan, coding, None)
+            boxes = len(write_blocks(shared.info.boxes, shared.info.defaults))
+            if _num_bytes(self._coded(fresh)) + len(write_side_info(fresh.info)) < _num_bytes(coded) + boxes:
+                return self._begin_shot(fresh, group)
+        self._infos[-1][1].append(shared.info)
+        return coded
 
-    def _coding(self, splats: Splats, classes: np.ndarray | None) -> SplatCoding | None:
-        """Returns the quantisation parameters that were fitted to earlier Gaussians; None if none were fitted yet.
+    def _begin_shot(self, fitted: "_Fitted", group: int) -> CodedKeyframes:
+        """Begins a shot with a group of frames, and encodes the keyframe Gaussians of this group."""
+        self._infos.append((group, [fitted.info]))
+        self._like, self._level = fitted.info, int(np.median(fitted.source.classes))
+        return self._coded(fitted)
+
+    def _differs(self, info: SideInfo) -> bool:
+        """True if steps and lattice of `info` may replace those of the current shot, and differ from them."""
+        assert self._like is not None
+        apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
+        return bool(apart >= LEAST_CHANGE) and abs(spacing_of(info, self.reference)) <= MAX_SPACING
+
+    def _fitted(
+        self, splats: Splats, classes: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
+        like: SideInfo | None,
+    ) -> "_Fitted":  # fmt: skip
+        """Sorts Gaussians into blocks and computes their side information.
+
+        Args:
+            splats: The Gaussians.
+            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for the finest.
+                Ignored if `coding` is given.
+            plan: Packet plan of the Gaussians.
+            coding: Quantisation parameters; None to choose them.
+            like: Side information with context tables to use; None to fit new tables.
+        """
+        source = SourceScene.of(splats, plan, classes, None, self._quality, coding, most_unit=FINEST_UNIT)
+        known = None if coding is None else coding.transform
+        fitted = fit_side_info(source, {}, known, like, self._threads_for(plan))
+        return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
+
+    def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, level: int) -> SplatCoding:
+        """Returns the quantisation parameters of the current shot for further Gaussians.
 
         Args:
             splats: The Gaussians to encode.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for a medium
-                class.
+            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for `level`.
+            info: Side information of the shot.
+            level: Median precision class of the shot's first Gaussians.
         """
-        if self._like is None:
-            return None
-        info, count = self._like, splats.num_gaussians
-        most = self._quality.num_classes(splats.degree) - 1
-        levels = np.full(count, self._level, np.uint8) if classes is None else levels_of(classes, count, most)
+        count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
+        levels = np.full(count, level, np.uint8) if classes is None else levels_of(classes, count, most)
         transform, bases = info.transform, tuple(info.bases.tolist())
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
 
@@ -147,34 +202,43 @@ class KeyframeEncoder:
         """
         return 1 if plan.num_blocks == 1 else self._threads
 
-    def _coded(self, source: SourceScene, plan: PacketPlan, info: SideInfo) -> CodedKeyframes:
+    def _coded(self, fitted: "_Fitted") -> CodedKeyframes:
+        source, plan, info = fitted.source, fitted.plan, fitted.info
         most = plan.packetization.packet_bytes - HEADER_BYTES
 
         def encode(block: int):  # type: ignore[no-untyped-def]
             return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
 
-        order, rows, digested, packets = [], [], [], []
+        order, rows, places, digested, packets = [], [], [], [], []
+        spacing = spacing_of(info, self.reference) if self._infos else 0
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
             order.append(source.ranked(block, info, coded.sizes))
             digested.append((coded.rows, coded.harmonics))
-            rows.append(to_scene_positions(coded.rows, info, block))
-        return CodedKeyframes(np.concatenate(order), np.concatenate(rows), digested, packets, plan.num_blocks)
+            rows.append(coded.rows)
+            places.append(scene_places(coded.rows, info, block, spacing))
+        found = (np.concatenate(values) for values in (order, rows, places))
+        return CodedKeyframes(*found, digested, packets, plan.num_blocks)
 
 
-def to_scene_positions(rows: np.ndarray, info: SideInfo, block: int) -> np.ndarray:
-    """Converts the positions of a block's Gaussians from coordinates relative to the block to scene coordinates.
+def _num_bytes(coded: CodedKeyframes) -> int:
+    return sum(packet.num_bytes for packet in coded.packets)
+
+
+def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
+    """Returns the positions of a block's Gaussians in scene coordinates, for the prediction of motion.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, COLUMNS), with positions in half lattice units.
         info: Side information with the bounding boxes of blocks.
-        block: Index of the block.
+        block: Index of the block in the side information.
+        spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
 
     Returns:
-        The integers with converted positions, int64 (n, COLUMNS).
+        Positions in half lattice units of motion, rounded down, int64 (n, 3).
     """
-    whole = rows.copy()
-    whole[:, :3] += 2 * info.boxes.corners[block]
-    return whole
+    places = rows[:, :3] + 2 * info.boxes.corners[block]
+    scaled = places << spacing if spacing > 0 else places >> -spacing
+    return np.clip(scaled, -MAX_PLACE, MAX_PLACE)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import COLUMNS
 from splatwire.codec.sequence.layout import NUM_CHANNELS
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import Trajectories
@@ -21,7 +20,7 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Track numbers sorted by key, int64 (T); tracks with equal keys are in order of appearance.
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        rows: Decoded integers of each keyframe Gaussian, int64 (T, COLUMNS).
+        places: Decoded position of each keyframe Gaussian in half lattice units of motion, int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
         weights: Visible weight of each track (squared opacity times area), from `weights_of`, float64 (T).
         alive: Numbers of the tracks present at the end of the last group, ascending, int64.
@@ -30,7 +29,7 @@ class KnownTracks:
     keys: np.ndarray
     by_key: np.ndarray
     keyframes: Trajectories
-    rows: np.ndarray
+    places: np.ndarray
     shifts: np.ndarray
     weights: np.ndarray
     alive: np.ndarray
@@ -40,8 +39,8 @@ class KnownTracks:
         """Returns the state before the first group, without tracks."""
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
-        rows, shifts = (np.zeros((0, count), np.int64) for count in (COLUMNS, NUM_CHANNELS))
-        return KnownTracks(none, none, empty, rows, shifts, np.zeros(0), none)
+        places, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))
+        return KnownTracks(none, none, empty, places, shifts, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
         """Returns the track number of each key, int64; -1 for unknown keys.
@@ -68,14 +67,14 @@ class KnownTracks:
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
-        self, keyframes: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray
+        self, keyframes: Trajectories, keys: np.ndarray, places: np.ndarray, shifts: np.ndarray
     ) -> "KnownTracks":
         """Returns the state with new tracks appended, in the order of their numbers.
 
         Args:
             keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
             keys: Keys of the new tracks, int64 (n).
-            rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS).
+            places: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
@@ -84,7 +83,7 @@ class KnownTracks:
             names,
             np.argsort(names, kind="stable"),
             Trajectories(**joined),
-            np.concatenate([self.rows, rows]),
+            np.concatenate([self.places, places]),
             np.concatenate([self.shifts, shifts]),
             np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),
             self.alive,

@@ -4,8 +4,9 @@ It contains the timeline, the numbers of new and of moving tracks in each group 
 the context tables.
 """
 
+import bisect
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -17,13 +18,15 @@ from splatwire.bitstream.sections import read_sections, write_sections
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.gaussians.side_info import read_side_info as read_keyframes
 from splatwire.codec.gaussians.side_info import write_side_info as write_keyframes
-from splatwire.codec.sequence.layout import NUM_CONTEXTS, NUM_KINDS
+from splatwire.codec.sequence.layout import MAX_SPACING, NUM_CONTEXTS, NUM_KINDS
 from splatwire.codec.sequence.lifetimes import Lifetimes, read_lifetimes
 from splatwire.errors import BitstreamError, MissingSideInfoError, UnsupportedVersionError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.types.sequence_scene import Timeline
 
 VERSION = 1
+WITH_SHOTS = 2
+"""Versions of the side information: with one shot; and with several shots."""
 MAX_OFFSET = 16
 
 
@@ -41,14 +44,30 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
+class Shot:
+    """Consecutive groups of frames whose keyframe Gaussians share a lattice, quantisation steps and context tables.
+
+    A stream has one shot, unless these change at scene cuts.
+
+    Attributes:
+        first_group: Index of the first group.
+        first_block: Index of the shot's first block among all blocks of keyframe Gaussians.
+        info: Side information of the shot's keyframe Gaussians, with one bounding box for each of their blocks.
+    """
+
+    first_group: int
+    first_block: int
+    info: KeyframeInfo
+
+
+@dataclass(frozen=True, eq=False)
 class SequenceInfo:
     """Side information of a sequence: data shared by all packets.
 
     Attributes:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
-        keyframes: Side information of the keyframe Gaussians, with one bounding box for each block of keyframe
-            Gaussians of the packet plan.
+        shots: Side information of the keyframe Gaussians. Motion is in units of the first shot's lattice.
         coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, by
             kind of channel (`layout.KINDS`), int64 (kinds).
         bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
@@ -58,11 +77,28 @@ class SequenceInfo:
 
     timeline: Timeline
     groups: tuple[Group, ...]
-    keyframes: KeyframeInfo
+    shots: tuple[Shot, ...]
     coarser: np.ndarray
     bit_zero: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
     lifetimes: Lifetimes = field(default_factory=lambda: Lifetimes.joined([]))
+
+    @property
+    def keyframes(self) -> KeyframeInfo:
+        """Side information of the first shot's keyframe Gaussians."""
+        return self.shots[0].info
+
+    def shot_of(self, block: int) -> tuple[KeyframeInfo, int]:
+        """Finds the side information of a block of keyframe Gaussians.
+
+        Args:
+            block: Index of the block among all blocks of keyframe Gaussians.
+
+        Returns:
+            Side information of the block's shot, and the index of the block in this shot.
+        """
+        shot = self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
+        return shot.info, block - shot.first_block
 
     def models(self) -> np.ndarray:
         """Returns the adaptive bit models in their state at the start of every motion packet, int64 (contexts, 2)."""
@@ -72,7 +108,7 @@ class SequenceInfo:
 def write_side_info(info: SequenceInfo) -> bytes:
     """Serialises the side information of a sequence."""
     clip, motion, time = ByteWriter(), ByteWriter(), info.timeline
-    clip.u8(VERSION)
+    clip.u8(VERSION if len(info.shots) == 1 else WITH_SHOTS)
     for value in (time.rate.numerator, time.rate.denominator, time.num_frames, time.group_frames):
         clip.unsigned(value)
     for octaves in info.coarser.tolist():
@@ -80,7 +116,7 @@ def write_side_info(info: SequenceInfo) -> bytes:
     writer = ByteWriter()
     for part in (
         clip.bytes(),
-        write_keyframes(info.keyframes),
+        _write_shots(info.shots),
         motion.bytes() + bytes(info.bit_zero.astype(np.uint8)),
     ):
         writer.blob(part)
@@ -105,7 +141,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
         raise BitstreamError("packets of a clip are cut by their size, those of this manifest are not")
     reader = ByteReader(side_info, "side information")
     clip, keyframes, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
-    timeline, groups = _read_timeline(clip), _groups(manifest)
+    (version, timeline), groups = _read_timeline(clip), _groups(manifest)
     if len(groups) != timeline.num_groups:
         raise BitstreamError(
             f"side information: {timeline.num_groups} groups of frames, the manifest has {len(groups)}"
@@ -113,9 +149,63 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
     coarser, bit_zero = _read_motion(motion)
     sections = read_sections(reader.rest())
     size = manifest.packetization.block_size
-    base = read_keyframes(keyframes, sum(-(-group.births // size) for group in groups))
+    blocks = np.cumsum([0, *(-(-group.births // size) for group in groups)]).tolist()
+    shots = _read_shots(keyframes, version, blocks)
     lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
-    return SequenceInfo(timeline, groups, base, coarser, bit_zero, sections, lifetimes)
+    return SequenceInfo(timeline, groups, shots, coarser, bit_zero, sections, lifetimes)
+
+
+def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
+    """Returns log2 of the lattice spacing of a shot, in units of the spacing of the first shot (`reference`)."""
+    return (info.size_log - info.unit) - (reference.size_log - reference.unit)
+
+
+def _write_shots(shots: Sequence[Shot]) -> bytes:
+    if len(shots) == 1:
+        return write_keyframes(shots[0].info)
+    writer, before = ByteWriter(), 0
+    writer.unsigned(len(shots))
+    for shot in shots:
+        writer.unsigned(shot.first_group - before)
+        writer.blob(write_keyframes(shot.info))
+        before = shot.first_group
+    return writer.bytes()
+
+
+def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot, ...]:
+    """Reads the side information of the keyframe Gaussians.
+
+    Args:
+        data: The serialised side information.
+        version: Version of the side information of the sequence.
+        blocks: Number of blocks of keyframe Gaussians before each group, and in total; one entry more than groups.
+    """
+    if version == VERSION:
+        return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
+    reader, num_groups, firsts, parts = ByteReader(data, "side information of shots"), len(blocks) - 1, [], []
+    for _ in range(reader.unsigned()):
+        firsts.append(reader.unsigned() + (firsts[-1] if firsts else 0))
+        parts.append(reader.blob())
+    reader.finish()
+    if firsts[:1] != [0] or any(group >= after for group, after in itertools.pairwise([*firsts, num_groups])):
+        raise BitstreamError(f"side information: {len(firsts)} shots do not divide {num_groups} groups of frames")
+    ends = [blocks[group] for group in [*firsts[1:], num_groups]]
+    shots = tuple(
+        Shot(first, blocks[first], read_keyframes(part, end - blocks[first]))
+        for first, part, end in zip(firsts, parts, ends, strict=True)
+    )
+    for number, shot in enumerate(shots):
+        _check_shot(number, shot.info, shots[0].info)
+    return shots
+
+
+def _check_shot(number: int, info: KeyframeInfo, reference: KeyframeInfo) -> None:
+    if info.degree != reference.degree:
+        raise BitstreamError(
+            f"side information: shot {number} has harmonics of degree {info.degree}, the first one {reference.degree}"
+        )
+    if abs(spacing_of(info, reference)) > MAX_SPACING:
+        raise BitstreamError(f"side information: the lattice of shot {number} is too unlike that of the first one")
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
@@ -129,11 +219,14 @@ def _groups(manifest: Manifest) -> tuple[Group, ...]:
     return groups
 
 
-def _read_timeline(data: bytes) -> Timeline:
+def _read_timeline(data: bytes) -> tuple[int, Timeline]:
+    """Reads the version of the side information, and the timeline."""
     reader = ByteReader(data, "side information of the clip")
     version = reader.u8()
-    if version != VERSION:
-        raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
+    if version not in (VERSION, WITH_SHOTS):
+        raise UnsupportedVersionError(
+            f"side information has version {version}, this release reads versions {VERSION} and {WITH_SHOTS}"
+        )
     numerator, denominator, frames, size = (reader.unsigned() for _ in range(4))
     possible = 0 < denominator <= MAX_FRAMES and 0 < numerator <= MAX_FRAME_RATE * denominator
     if not (possible and 0 < frames <= MAX_FRAMES and 0 < size <= MAX_GROUP_FRAMES):
@@ -141,7 +234,7 @@ def _read_timeline(data: bytes) -> Timeline:
             f"side information: {frames} frames in groups of {size} at {numerator}/{denominator} are impossible"
         )
     reader.finish()
-    return Timeline(Fraction(numerator, denominator), frames, size)
+    return version, Timeline(Fraction(numerator, denominator), frames, size)
 
 
 def _read_motion(data: bytes) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
 LARGEST_SHIFT = 30
 
 
-def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray) -> np.ndarray:
+def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spacing: int = 0) -> np.ndarray:
     """Returns the quantisation steps of the motion of tracks.
 
     Args:
@@ -19,6 +19,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray) -> 
         info: Side information of the keyframe Gaussians.
         coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, by kind of
             channel (`layout.KINDS`), int64 (kinds).
+        spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
@@ -26,6 +27,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray) -> 
     shifts = np.zeros((len(rows), NUM_CHANNELS), dtype=np.int64)
     columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, SCALE1, SCALE2]])
     kernels.base_shifts(columns, info.bases, info.unit, max(info.coarsest, 0), thinness_table(), shifts)
+    shifts[:, :3] += spacing
     return np.clip(shifts + coarser[KIND_OF], 0, LARGEST_SHIFT)
 
 

@@ -4,9 +4,9 @@
 import { BitstreamError } from "../../bytes.ts";
 import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
-import { HEAD, NUM_CHANNELS, TRACK } from "./layout.ts";
+import { HEAD, MAX_PLACE, NUM_CHANNELS, TRACK } from "./layout.ts";
 import type { TrackBases } from "./motion_packets.ts";
-import type { SequenceInfo } from "./side_info.ts";
+import { type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
 import { MotionSteps } from "./steps.ts";
 
 /** Largest number of tracks. Each announced track takes four bytes. */
@@ -22,18 +22,18 @@ export class KeyframeGaussians {
   tracks = new Int32Array(MIN_CAPACITY);
   /** Birth group of each track, by slot. */
   birthGroups = new Int32Array(MIN_CAPACITY);
-  /** Positions in half lattice units of the scene, shape (slots, 3). */
+  /** Positions in half units of the first shot's lattice, shape (slots, 3). */
   places = new Float64Array(3 * MIN_CAPACITY);
   /** log2 of the motion steps, shape (slots, channels). */
   shifts = new Int32Array(NUM_CHANNELS * MIN_CAPACITY);
   splats: Splats;
   count = 0;
-  readonly #steps: MotionSteps;
+  #steps: MotionSteps;
 
   constructor(public info: SequenceInfo) {
     this.slots = slotsOf(info);
     this.splats = emptySplats(MIN_CAPACITY, info.bases.degree);
-    this.#steps = new MotionSteps(info.bases, info.coarser);
+    this.#steps = stepsOf(info, info.shots[0]);
   }
 
   /** Continues with a longer clip, which has more tracks. */
@@ -45,20 +45,28 @@ export class KeyframeGaussians {
   }
 
   /**
-   * Adds the Gaussians of consecutive tracks, beginning with track `first`. `rows` are their integers, `corner` is that
-   * of their block.
+   * Adds the Gaussians of consecutive tracks, beginning with track `first`. `rows` are their integers, `block` is their
+   * block among all blocks of bases.
    */
-  add(first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
+  add(first: number, rows: Float64Array, block: number, splats: Splats): void {
     const { count } = splats,
+      shot = shotOf(this.info, block),
+      { corners } = shot.bases.boxes,
+      corner = 3 * (block - shot.firstBlock),
+      scale = 2 ** shot.spacing,
       group = this.info.groups.findIndex(({ firstNew, births }) => first < firstNew + births);
     this.#reserve(this.count + count);
+    if (this.#steps.info !== shot.bases) this.#steps = stepsOf(this.info, shot);
     for (let i = 0; i < count; i++) {
       const slot = this.count++,
         row = i * COLUMNS;
       this.slots[first + i] = slot;
       this.tracks[slot] = first + i;
       this.birthGroups[slot] = group;
-      for (let a = 0; a < 3; a++) this.places[3 * slot + a] = rows[row + LATTICE + a] + 2 * corner[a];
+      for (let a = 0; a < 3; a++) {
+        const place = Math.floor((rows[row + LATTICE + a] + 2 * corners[corner + a]) * scale);
+        this.places[3 * slot + a] = Math.min(Math.max(place, -MAX_PLACE), MAX_PLACE);
+      }
       this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * slot);
     }
     const from = this.count - count;
@@ -95,6 +103,10 @@ export class KeyframeGaussians {
     this.places = copyInto(this.places, new Float64Array(3 * larger));
     this.shifts = copyInto(this.shifts, new Int32Array(NUM_CHANNELS * larger));
   }
+}
+
+function stepsOf({ coarser }: SequenceInfo, { bases, spacing }: Shot): MotionSteps {
+  return new MotionSteps(bases, coarser, spacing);
 }
 
 function copyInto<T extends Int32Array | Float64Array>(old: T, larger: T): T {

@@ -17,7 +17,7 @@ import { emptySplats, splatBytes } from "../splats.ts";
 import { TRACK_BYTES } from "./keyframe_gaussians.ts";
 import { decodeMotion } from "./motion.ts";
 import { Clip } from "./sequence.ts";
-import { readSequenceInfo, type SequenceInfo } from "./side_info.ts";
+import { readSequenceInfo, type SequenceInfo, shotOf } from "./side_info.ts";
 
 /** First block of a group's bases, among all bases and in the plan, and its first track. */
 interface First {
@@ -47,6 +47,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   readonly concealers = {};
   /** Received packets and frames of the clip. */
   readonly moving: Clip;
+  /** Decoder of the bases of one shot. Packets of a file, and those of a server, are in order of shots. */
   readonly #bases: FastPackets;
   #firsts: readonly First[];
 
@@ -64,7 +65,6 @@ export class TrackSchema implements Schema<GaussianPart> {
     this.info = readSequenceInfo(sideInfo, plan.manifest);
     this.plan = plan;
     this.moving.grow(this.info);
-    this.#bases.grow(this.info.bases);
     this.#firsts = firstsOf(this.info, plan);
   }
 
@@ -98,8 +98,15 @@ export class TrackSchema implements Schema<GaussianPart> {
     if (tier % 2) return null;
     const { own, plan } = this.#firsts[tier >> 1],
       base = own + block - plan,
-      symbols = this.#bases.decode(payload, base, count);
-    return { symbols, splats: toSplats(symbols, this.info.bases, base) };
+      shot = shotOf(this.info, base),
+      symbols = this.#decode(payload, base, count);
+    return { symbols, splats: toSplats(symbols, shot.bases, base - shot.firstBlock) };
+  }
+
+  #decode(payload: Uint8Array, base: number, count: number): Decoded {
+    const { firstBlock, bases } = shotOf(this.info, base);
+    if (this.#bases.info !== bases) this.#bases.grow(bases);
+    return this.#bases.decode(payload, base - firstBlock, count);
   }
 
   accept(packet: Packet, { symbols, splats }: DecodedPacket): GaussianPart {
@@ -108,8 +115,7 @@ export class TrackSchema implements Schema<GaussianPart> {
       block = packet.block - plan,
       base = own + block,
       first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane;
-    const corner = this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3);
-    this.moving.addBases(group, first, symbols.rows, corner, splats);
+    this.moving.addBases(group, first, symbols.rows, base, splats);
     this.moving.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
@@ -130,7 +136,7 @@ export class TrackSchema implements Schema<GaussianPart> {
           numbers[1].push(residuals);
         } else {
           const { own, plan } = this.#firsts[group];
-          found.push(this.#bases.decode(packet.payload, own + packet.block - plan, packet.count));
+          found.push(this.#decode(packet.payload, own + packet.block - plan, packet.count));
         }
       }
       addRows(digest, found);

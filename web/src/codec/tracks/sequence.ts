@@ -90,9 +90,9 @@ export class Clip implements SequenceDecoder {
     }
   }
 
-  addBases(group: number, first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
+  addBases(group: number, first: number, rows: Float64Array, block: number, splats: Splats): void {
     this.#receivedElements[group] += splats.count;
-    this.bases.add(first, rows, corner, splats);
+    this.bases.add(first, rows, block, splats);
   }
 
   addMotion(group: number, packet: Packet): void {

@@ -5,17 +5,30 @@ import { MAX_FRAME_RATE, MAX_FRAMES, MAX_GROUP_FRAMES } from "../../packets/limi
 import type { Manifest } from "../../packets/manifest.ts";
 import { readSections } from "../../packets/sections.ts";
 import { readSideInfo, type SideInfo } from "../gaussians/side_info.ts";
-import { NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
+import { MAX_SPACING, NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
 import { type Lifetimes, readLifetimes } from "./lifetimes.ts";
 import type { Group, Timeline } from "./timeline.ts";
 
+/** Versions: with one shot; and with several shots. */
 const VERSION = 1,
-  MAX_OFFSET = 16;
+  WITH_SHOTS = 2;
+const MAX_OFFSET = 16;
+
+/** Consecutive groups whose bases share a lattice, steps and tables. */
+export interface Shot {
+  /** First of the shot's blocks among all blocks of bases. */
+  readonly firstBlock: number;
+  readonly bases: SideInfo;
+  /** Lattice spacing in units of that of the first shot, log2. */
+  readonly spacing: number;
+}
 
 export interface SequenceInfo {
   readonly timeline: Timeline;
   readonly groups: readonly Group[];
   readonly numTracks: number;
+  readonly shots: readonly Shot[];
+  /** Side information of the bases of the first shot. Motion is in units of its lattice. */
   readonly bases: SideInfo;
   /** Ratio of motion steps to those of the base in octaves, per kind of channel. */
   readonly coarser: readonly number[];
@@ -32,13 +45,13 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     clip = reader.blob(),
     bases = reader.blob(),
     motion = reader.blob(),
-    timeline = readTimeline(clip),
+    { version, timeline } = readTimeline(clip),
     groups = groupsOf(manifest),
     numGroups = Math.ceil(timeline.numFrames / timeline.groupFrames);
   if (groups.length !== numGroups)
     throw new BitstreamError(`side information: ${numGroups} groups of frames, the manifest has ${groups.length}`);
   const size = manifest.packetization.blockSize,
-    blocks = groups.reduce((sum, group) => sum + Math.ceil(group.births / size), 0),
+    shots = readShots(bases, version, groups, size),
     numTracks = groups.reduce((sum, group) => sum + group.births, 0);
   const steps = readMotion(motion),
     sections = readSections(reader.rest());
@@ -49,15 +62,53 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     ...steps,
     sections,
     lifetimes: readLifetimes(sections, groups, timeline),
-    bases: readSideInfo(bases, blocks),
+    shots,
+    bases: shots[0].bases,
   };
 }
 
-function readTimeline(bytes: Uint8Array): Timeline {
+/** Returns the shot of a block of bases, counted among all blocks of bases. */
+export function shotOf({ shots }: SequenceInfo, block: number): Shot {
+  let at = shots.length - 1;
+  while (shots[at].firstBlock > block) at--;
+  return shots[at];
+}
+
+function readShots(bytes: Uint8Array, version: number, groups: readonly Group[], size: number): Shot[] {
+  const blocks = [0];
+  for (const { births } of groups) blocks.push(blocks[blocks.length - 1] + Math.ceil(births / size));
+  if (version === VERSION) return [{ firstBlock: 0, bases: readSideInfo(bytes, blocks[groups.length]), spacing: 0 }];
+  const reader = new ByteReader(bytes, "side information of shots"),
+    firsts: number[] = [],
+    parts: Uint8Array[] = [];
+  for (let left = reader.unsigned(), group = 0; left > 0; left--) {
+    group += reader.unsigned();
+    firsts.push(group);
+    parts.push(reader.blob());
+  }
+  reader.finish();
+  if (firsts[0] !== 0 || firsts.some((group, n) => group >= (firsts[n + 1] ?? groups.length)))
+    throw new BitstreamError(`side information: ${firsts.length} shots do not divide the groups`);
+  const shots: Shot[] = [];
+  for (let number = 0; number < parts.length; number++) {
+    const firstBlock = blocks[firsts[number]],
+      bases = readSideInfo(parts[number], blocks[firsts[number + 1] ?? groups.length] - firstBlock),
+      first = shots[0]?.bases ?? bases,
+      spacing = bases.sizeLog - bases.unit - (first.sizeLog - first.unit);
+    if (bases.degree !== first.degree || Math.abs(spacing) > MAX_SPACING)
+      throw new BitstreamError("side information: a shot does not match the first one");
+    shots.push({ firstBlock, bases, spacing });
+  }
+  return shots;
+}
+
+function readTimeline(bytes: Uint8Array): { version: number; timeline: Timeline } {
   const reader = new ByteReader(bytes, "side information of the clip"),
     version = reader.u8();
-  if (version !== VERSION)
-    throw new BitstreamError(`side information has version ${version}, this version reads ${VERSION}`);
+  if (version !== VERSION && version !== WITH_SHOTS)
+    throw new BitstreamError(
+      `side information has version ${version}, this version reads ${VERSION} and ${WITH_SHOTS}`,
+    );
   const numerator = reader.unsigned(),
     denominator = reader.unsigned(),
     numFrames = reader.unsigned(),
@@ -67,7 +118,7 @@ function readTimeline(bytes: Uint8Array): Timeline {
   if (!(possible && numFrames > 0 && numFrames <= MAX_FRAMES && groupFrames > 0 && groupFrames <= MAX_GROUP_FRAMES))
     throw new BitstreamError("side information: the frame rate or the number of frames is out of range");
   reader.finish();
-  return { rate: numerator / denominator, numFrames, groupFrames };
+  return { version, timeline: { rate: numerator / denominator, numFrames, groupFrames } };
 }
 
 function groupsOf({ tiers }: Manifest): Group[] {

@@ -30,6 +30,8 @@ export class MotionSteps {
   constructor(
     readonly info: SideInfo,
     readonly coarser: readonly number[],
+    /** Lattice spacing of `info` in units of that of motion, log2. */
+    readonly spacing: number,
   ) {
     this.#steps = new Steps(info.bases);
   }
@@ -55,6 +57,7 @@ export class MotionSteps {
         steps.shift(S_OPACITY, level, 0, 0, 0, 0, BITS),
         steps.shift(S_COLOUR, level, 0, 0, 0, 0, BITS - 2),
       ];
+    own[0] += this.spacing;
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
     out[at + 6] = steps.shift(S_SCALE0, level, 0, 0, 0, opacity, BITS - 1);
     out[at + 7] = steps.shift(S_SCALE1, level, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
