@@ -1,12 +1,14 @@
 """Shots: lattice, steps and context tables that change at scene cuts."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from moving_sequences import cloud, cut_frames, drawn, errors, moving_frames
-from splatwire.bitstream import SceneStream
+from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.side_info import write_header
 from splatwire.codec.sequence.layout import MAX_SPACING
@@ -72,7 +74,7 @@ def test_live_sequence_has_one_shot():
 
 
 def test_packets_that_arrive_in_any_order_give_the_same_frames(stream):
-    def frames(packets) -> list[np.ndarray]:
+    def frames(packets: Iterable[Packet]) -> list[np.ndarray]:
         decoder = SequenceDecoder(stream.manifest, stream.side_info)
         for packet in packets:
             decoder.push(packet)
@@ -87,7 +89,7 @@ def test_side_information_round_trips(stream):
     assert write_side_info(info) == stream.side_info
 
 
-def changed(info: SequenceInfo, first: int = 1, **fields: object) -> SequenceInfo:
+def changed(info: SequenceInfo, first: int = 1, **fields: Any) -> SequenceInfo:
     """The side information with a second shot that begins with group `first` and has other `fields`."""
     one, two, three = info.shots
     return replace(info, shots=(one, Shot(first, two.first_block, replace(two.info, **fields)), three))

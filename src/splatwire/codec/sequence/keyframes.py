@@ -219,8 +219,9 @@ class KeyframeEncoder:
             digested.append((coded.rows, coded.harmonics))
             rows.append(coded.rows)
             places.append(scene_places(coded.rows, info, block, spacing))
-        found = (np.concatenate(values) for values in (order, rows, places))
-        return CodedKeyframes(*found, digested, packets, plan.num_blocks)
+        return CodedKeyframes(
+            np.concatenate(order), np.concatenate(rows), np.concatenate(places), digested, packets, plan.num_blocks
+        )
 
 
 def _num_bytes(coded: CodedKeyframes) -> int:

@@ -182,7 +182,8 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     """
     if version == VERSION:
         return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
-    reader, num_groups, firsts, parts = ByteReader(data, "side information of shots"), len(blocks) - 1, [], []
+    reader, num_groups = ByteReader(data, "side information of shots"), len(blocks) - 1
+    firsts, parts = list[int](), list[bytes]()
     for _ in range(reader.unsigned()):
         firsts.append(reader.unsigned() + (firsts[-1] if firsts else 0))
         parts.append(reader.blob())
