@@ -155,8 +155,8 @@ class TrainingServer:
     def drain(self, most_s: float = 10.0) -> None:
         """Waits until clients have received what was pushed.
 
-        Returns when everything is encoded, clients that follow the scene had the time to request it (`REQUEST_S`), and
-        all transfers and HTTP responses have ended.
+        That is, until everything is encoded, clients that follow the scene have had time to request it (`REQUEST_S`),
+        and all transfers and HTTP responses have ended.
 
         Args:
             most_s: Maximum duration, seconds.

@@ -257,12 +257,12 @@ class _Plan:
     def of(
         cls, source: SplatScene, effort: Effort, views: ViewSets, quality: Quality, encode: Encoder, progress: Progress
     ) -> "_Plan":
-        """Measures a scene.
+        """Makes the measurements of a scene from which it is later pruned and its precision is chosen.
 
         Args:
             source: The scene.
-            effort: `fast` for all Gaussians and the steps of `quality`.
-            views: The views.
+            effort: `fast` to measure no pruning and no precision of attributes.
+            views: Views in which the scene is measured.
             quality: Typical quality setting, at which the precision of attributes is chosen.
             encode: Function that encodes a scene.
             progress: Called with the name of the current task and its finished share.

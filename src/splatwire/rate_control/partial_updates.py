@@ -90,16 +90,16 @@ class PartialUpdates:
         return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, int(known.sum()), size, antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
-        """Encodes the changes that matter most as an update.
+        """Encodes the most visible changes of the Gaussians as an update; the others remain for later calls.
 
-        Changes are ordered by the change times the root of the covered image area. The others remain for later calls:
-        after `1 / share` calls with the same Gaussians, the receivers have all of them. If the number of Gaussians
-        stays equal, each one must keep its row. Otherwise Gaussians are matched by position, and those without a match
-        are new or removed. Gaussians that are removed or no longer drawable do not count towards the share.
+        After `1 / share` calls with the same Gaussians, the receivers have all changes. Removed Gaussians do not count
+        towards the share.
+
+        If the number of Gaussians is unchanged, each one must keep its row. Otherwise, Gaussians are matched by
+        position, and those without a match are new or removed.
 
         The whole scene is encoded again if an update cannot express the change: another degree of spherical harmonics,
-        positions outside the lattice, or a number of drawable Gaussians or a size of the scene that has more than
-        doubled or halved.
+        positions outside the lattice, or more than twice or less than half the number of Gaussians or the size.
 
         Args:
             splats: The newest Gaussians.

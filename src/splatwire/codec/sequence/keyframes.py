@@ -92,7 +92,7 @@ class KeyframeEncoder:
 
     @property
     def shots(self) -> tuple[Shot, ...]:
-        """Side information of all keyframe Gaussians encoded so far."""
+        """Shots encoded so far, with the side information of their keyframe Gaussians."""
         shots, block = list[Shot](), 0
         for first_group, infos in self._infos:
             boxes = [info.boxes for info in infos]
@@ -157,7 +157,7 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if steps and lattice of `info` may replace those of the current shot, and differ from them."""
+        """True if the steps or the lattice of `info` differ enough from those of the current shot to begin a new one."""
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
         return bool(apart >= LEAST_CHANGE) and abs(spacing_of(info, self.reference)) <= MAX_SPACING

@@ -178,7 +178,7 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     Args:
         data: The serialised side information.
         version: Version of the side information of the sequence.
-        blocks: Number of blocks of keyframe Gaussians before each group, and in total; one entry more than groups.
+        blocks: Index of each group's first block among all blocks of keyframe Gaussians, then the number of blocks.
     """
     if version == VERSION:
         return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
