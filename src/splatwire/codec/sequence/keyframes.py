@@ -157,7 +157,7 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if the steps or the lattice of `info` differ enough from those of the current shot to begin a new one."""
+        """True if steps or lattice of `info` differ enough from those of the current shot to begin a new one."""
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
         return bool(apart >= LEAST_CHANGE) and abs(spacing_of(info, self.reference)) <= MAX_SPACING
