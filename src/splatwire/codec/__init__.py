@@ -1,7 +1,5 @@
-"""Codec: encodes scenes to streams of packets, each of which decodes without the others, and decodes streams.
-
-The public names are imported on first use, so that reading side information does not import an encoder.
-"""
+"""Codec: encodes scenes to streams of independently decodable packets, and decodes streams."""
+# The public names are imported on first use, so that reading side information does not import an encoder.
 
 from splatwire.lazy_names import lazy_names
 

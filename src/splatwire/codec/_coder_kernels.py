@@ -1,11 +1,10 @@
 """Numba kernels that encode or decode one symbol; a flag of the `Coder` selects the direction.
 
-One kernel for both directions guarantees that encoder and decoder choose the same contexts and distributions.
-
-A `Coder` contains everything that is constant over the Gaussians of a packet. When encoding, a kernel encodes the value
-that is passed to it and returns this value. It also counts the context used; the tables of the side information are
-fitted to these counts. When decoding, a kernel ignores the value that is passed and returns the decoded value.
+When encoding, a kernel encodes the value that is passed to it and returns this value. When decoding, it ignores the
+value that is passed and returns the decoded value.
 """
+# One kernel for both directions guarantees that encoder and decoder choose the same contexts and distributions. When
+# encoding, a kernel also counts the context used; the tables of the side information are fitted to these counts.
 
 from typing import Any, NamedTuple, no_type_check
 
@@ -50,20 +49,19 @@ DECODING, ENCODING = np.bool_(True), np.bool_(False)
 class Coder(NamedTuple):
     """State of the entropy coder of one packet, and the tables of its stream.
 
-    Residuals are differences of values from their prediction. The context of a residual has three parts: the kind of
-    value (`stream`, see `gaussians.layout.STREAMS`), how much the neighbours differ (`spread`), and the quantisation
-    step or the preceding residuals (`second`).
+    The context of a prediction residual has three indices: kind of value (`stream`), difference between the neighbours
+    (`spread`), and quantisation step or preceding residuals (`second`).
 
     Attributes:
         decoding: True when decoding, False when encoding.
         data: uint8, bytes of the packet, or the output buffer.
-        words: int64, the packet as overlapping seven-byte integers, from `words_of`; not used when encoding.
+        words: int64, the bytes of the packet as the decoder reads them, from `words_of`.
         state: int64 (3), state of the range coder.
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
         scales: uint16 (streams * spreads * seconds), scale of each context of residuals, see `residual_windows`.
         windows: int64 (scales, 6), distributions of each scale.
-        bounds: int32, bounds of these distributions.
+        bounds: int32, starts of the probability intervals of these distributions.
         guesses: uint16, indices of bounds at which a decoder starts its search.
         residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes.
         inverses: Reciprocals of the standard deviations, by scale index.
@@ -95,7 +93,7 @@ def new_coder(decoding, data, words, models, statistics, tables):
     Args:
         decoding: True for a decoder.
         data: Bytes of the packet, or the output buffer, uint8.
-        words: The packet as overlapping seven-byte integers, from `words_of`; not used when encoding.
+        words: The bytes of the packet as the decoder reads them, from `words_of`.
         models: Initial adaptive bit models, int64 (contexts, 2).
         statistics: The two counters `bits` and `residuals` of `Coder`.
         tables: The seven tables `scales`, `windows`, `bounds`, `guesses`, `inverses`, `widths` and `normal` of `Coder`.
@@ -173,8 +171,7 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
-        absolute: True if the value itself is a multiple of the step. False (stream version 2) if its difference from
-            `mean` is a multiple of the step.
+        absolute: True to quantise the value itself; False (stream version 2) to quantise its difference from `mean`.
 
     Returns:
         The decoded value, and its residual in steps.
@@ -195,8 +192,6 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
 @no_type_check
 def _code_steps(coder, stream, spread, second, q, eighths):
     """Encodes or decodes a residual in quantisation steps, with the probability distribution of its context.
-
-    The distribution is a mixture of two normal distributions with a common mean.
 
     Args:
         coder: Entropy coder.
@@ -244,18 +239,17 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_outside(words, state, half):
-    """Decodes a residual larger than `half` in magnitude: its sign, and its excess in Elias gamma code.
-
-    The probability tables contain only smaller residuals.
+    """Decodes a residual that is too large for the probability tables.
 
     Args:
-        words: The packet as overlapping seven-byte integers, from `words_of`.
+        words: The bytes of the packet, from `words_of`.
         state: State of the range decoder, changed in place.
         half: Largest magnitude of a residual in the probability tables.
 
     Returns:
-        The residual in quantisation steps, limited to the coder's range.
+        The residual in quantisation steps.
     """
+    # The code is a sign, and the excess over `half` in Elias gamma code.
     advance(words, state, TOTAL - ESCAPE, ESCAPE, SYMBOL_BITS)
     above = flag(words, state)
     outside = half + 1 + escaped(words, state)
@@ -265,10 +259,7 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a prediction residual of a wide distribution, which has too many values for a complete table.
-
-    Each residual has an interval of the range coder. The table contains the start (bound) of every `2**k`-th interval
-    only. The caller has found the two bounds of the table around the value to decode; those between them are computed.
+    """Decodes a residual of a wide distribution, of which the table contains only every `2**k`-th probability interval.
 
     Args:
         coder: Entropy coder.
@@ -276,8 +267,7 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
         place: Index of the bound `start` in the table of this distribution.
         start: Last bound of the table that does not exceed `target`.
         after: The next bound of the table.
-        target: Value read by the range decoder, from `start` to `after` (exclusive); it lies in the interval of the
-            residual.
+        target: Position read by the range decoder; it lies in the probability interval of the residual.
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -304,7 +294,7 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval, if it is not in the tables of the distribution.
+    """Computes the start of a residual's probability interval that is not in the table.
 
     Args:
         coder: Entropy coder.
@@ -321,9 +311,7 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual that the probability tables (`residual_windows`) omit, by computing its probability.
-
-    The tables omit very large residuals, and most residuals of wide distributions.
+    """Encodes a residual whose probability interval is not in the table.
 
     Args:
         coder: Entropy coder.
@@ -332,8 +320,9 @@ def _encode_wide(coder, scale, q, eighths):
         eighths: Mean of the mixture, in eighths of a step.
 
     Returns:
-        The encoded residual, which is limited to the coder's range.
+        The residual, limited to the coder's range.
     """
+    # The tables omit very large residuals, and most residuals of wide distributions.
     mean = eighths << (MEAN_BITS - EIGHTHS)
     wide = min(scale + WIDE, NUM_SCALES - 1)
     q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)

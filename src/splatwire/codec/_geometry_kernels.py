@@ -26,15 +26,13 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the normal distribution for coding the number of points in one half of an octree node with many points.
-
-    The decoder reads this number by `decode_count`.
+    """Returns the normal distribution for coding how many points of a tree node are in its first half.
 
     Args:
         n: Number of points of the node.
 
     Returns:
-        Mean (n / 2) with 12 fractional bits; and the index of a standard deviation of about n / 4 in the scale table.
+        Mean (n / 2) with 12 fractional bits; index of the standard deviation (about n / 4) in the scale table.
     """
     exponent = 0
     while n >> (exponent + 1):
@@ -45,13 +43,13 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the index at which a node of the position tree is split: the first code with a one in `bit`.
+    """Returns the index at which a node of the position tree is split: that of the first code with a one in `bit`.
 
     Args:
         codes: Sorted Morton codes.
         begin: Index of the node's first code.
-        end: End of the node's codes (exclusive), which is returned if none has a one.
-        bit: Index of the bit, in which the node's codes may differ; they agree in all higher bits.
+        end: End of the node's codes (exclusive).
+        bit: Index of the bit; the codes agree in all higher bits.
     """
     low, high = begin, end
     while low < high:
@@ -66,9 +64,7 @@ def split(codes, begin, end, bit):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
-    """Encodes how many points of a node have a zero in `bit` of their Morton code.
-
-    A node is a set of points whose codes agree in all bits above `bit`.
+    """Encodes how many points of a tree node have a zero in `bit` of their Morton code.
 
     Args:
         buffer: Output bytes.
@@ -77,7 +73,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         n: Number of points of the node.
         zeros: The number to encode, 0 to `n`.
         bit: Index of the bit.
-        run: Number of zeros in a row that the codes have just above `bit`, at most `RUNS - 1`; part of the context.
+        run: Number of consecutive zeros of the codes just above `bit`; part of the context.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
         table: Table of the entropy coder, see `entropy.coder.tables`.
@@ -107,10 +103,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes how many points of an octree node belong to its first half.
-
-    A node is a set of points whose Morton codes agree in all bits above `bit`. Points of the first half have a zero in
-    this bit. Damaged bytes decode without an error, to a number from 0 to `n`.
+    """Decodes a number of points written by `encode_count`.
 
     Args:
         data: Input bytes.
@@ -119,7 +112,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
         bit: Index of the bit.
-        run: Number of zeros in a row that the codes have just above `bit`, at most `RUNS - 1`; part of the context.
+        run: Number of consecutive zeros of the codes just above `bit`; part of the context.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
         table: Table of the entropy coder, see `entropy.coder.tables`.
@@ -145,7 +138,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
 @njit(nogil=True)
 @no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
-    """Encodes a set of points: halves space again and again, and codes how many points are in the first half.
+    """Encodes a set of points, given by their sorted Morton codes.
 
     Args:
         codes: Morton codes, ascending, int64 (N).

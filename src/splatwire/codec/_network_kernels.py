@@ -1,8 +1,8 @@
 """Numba kernels of the integer networks, except for the matrix products: bias, rounding, activation, clipping.
 
-Integers are stored as float64, which represents all of them exactly. `tests/reference/hacpp_params.py` is an equivalent
-implementation in plain torch.
+Integers are stored as float64, which represents all of them exactly.
 """
+# `tests/reference/hacpp_params.py` is an equivalent implementation in plain torch.
 
 from typing import no_type_check
 
@@ -63,11 +63,11 @@ def finish_output(sums, bias, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
-    """Converts outputs of a network to inputs of another network, which have fewer fractional bits (rounded down).
+    """Converts outputs of a network to inputs of another network, which have fewer fractional bits.
 
     Args:
         outputs: Outputs of the first network, (N, outputs).
-        inputs: Output: the converted values, (N, columns); only these first columns are converted.
+        inputs: Output: the converted first columns of `outputs`, (N, columns).
     """
     for n in range(inputs.shape[0]):
         for c in range(inputs.shape[1]):

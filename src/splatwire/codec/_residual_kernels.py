@@ -1,9 +1,9 @@
-"""Numba kernels that tabulate the distributions of residuals, so that coding a residual takes only two table look-ups.
+"""Numba kernels that tabulate the probability distributions of prediction residuals.
 
-A residual is an integer. Its distribution is a mixture of two normals with a common mean. The mean is a multiple of an
-eighth of a quantisation step, so there are few different mixtures. A bound is the start of a residual's probability
-interval. For a mixture with many possible residuals, the table contains only every `2**k`-th bound.
+Each distribution is a mixture of two normals with a common mean, a multiple of an eighth of a quantisation step.
 """
+# A bound is the start of a residual's probability interval. For a mixture with many possible residuals, the table
+# contains only every `2**k`-th bound.
 
 from typing import no_type_check
 
@@ -34,9 +34,9 @@ and log2 of the number of guesses of each mixture.
 @njit(error_model="numpy")
 @no_type_check
 def residual_windows(scales, inverses, widths, normal):
-    """Tabulates the probability distributions of prediction residuals, so that the entropy coder only looks them up.
+    """Tabulates the probability distributions of prediction residuals for the entropy coder.
 
-    The distribution of each context is a mixture of two normal distributions.
+    Each distribution is a mixture of two normals.
 
     Args:
         scales: int64 (contexts), scale table index of the narrower normal of each context.

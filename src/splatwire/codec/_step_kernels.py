@@ -9,20 +9,19 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def step_exponent(bases, which, level, area, long, thin, opacity):
-    """Computes how fine the quantisation step of one attribute of a Gaussian is: `-log2` of the step, rounded.
-
-    The result grows by one from each precision class to the next higher one. It also depends linearly on the logarithms
-    of the scales and of the opacity, with the factors in `gaussians.layout.COEFFICIENTS`.
+    """Computes `-log2` of the quantisation step of one attribute of a Gaussian, rounded.
 
     Args:
-        bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
-        which: Index of the quantity in `gaussians.layout.STEPS`.
+        bases: Results for the lowest precision class, by attribute, `STEP_BITS` fractional bits.
+        which: Index of the attribute in `gaussians.layout.STEPS`.
         level: Precision class of the Gaussian, 0 for the lowest.
         area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.
         opacity: log2 of the opacity.
     """
+    # The result grows by one from each precision class to the next higher one. It also depends linearly on the
+    # logarithms of the scales and of the opacity.
     c = COEFFICIENTS[which]
     sums = c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity
     sums += (bases[which] + (level << STEP_BITS)) << BITS
@@ -34,12 +33,9 @@ def step_exponent(bases, which, level, area, long, thin, opacity):
 def step_shift(bases, which, level, area, long, thin, opacity, most):
     """Computes the quantisation step of one attribute of a Gaussian, which depends on its size, shape and opacity.
 
-    The step halves from each precision class to the next higher one. It also varies with powers of the scales and of
-    the opacity (exponents: `gaussians.layout.COEFFICIENTS`).
-
     Args:
-        bases: Exponents of the lowest precision class, by quantity, `STEP_BITS` fractional bits.
-        which: Index of the quantity in `gaussians.layout.STEPS`.
+        bases: `-log2` of the steps of the lowest precision class, by attribute, `STEP_BITS` fractional bits.
+        which: Index of the attribute in `gaussians.layout.STEPS`.
         level: Precision class of the Gaussian, 0 for the lowest.
         area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
@@ -48,7 +44,7 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
         most: Maximum result.
 
     Returns:
-        log2 of the step in units of `2**-BITS`, clipped to the range from 0 to `most`.
+        log2 of the step in units of `2**-BITS`, 0 to `most`.
     """
     return min(max(BITS - step_exponent(bases, which, level, area, long, thin, opacity), 0), most)
 
@@ -58,11 +54,8 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
 def position_shift(bases, level, s0, long, thin, opacity, unit, most):
     """Computes the quantisation step of a Gaussian's position, which depends on its size, shape and precision class.
 
-    It is at most half the second scale.
-
     Args:
-        bases: log2 of the quantisation steps of the lowest precision class, `STEP_BITS` fractional bits; one number for
-            each attribute, see `SideInfo`.
+        bases: `-log2` of the steps of the lowest precision class, by attribute, `STEP_BITS` fractional bits.
         level: Precision class of the Gaussian, 0 for the lowest.
         s0: log2 of the largest scale, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
@@ -72,7 +65,8 @@ def position_shift(bases, level, s0, long, thin, opacity, unit, most):
         most: Maximum result.
 
     Returns:
-        log2 of the step in lattice units, clipped to the range from 0 to `most`.
+        log2 of the step in lattice units, 0 to `most`.
     """
+    # The step is at most half the second scale.
     e = max(step_exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
     return min(max(unit - e, 0), most)

@@ -17,14 +17,12 @@ STATES = 4 * COUNTS
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Returns the context of the entropy coder for the bit that indicates whether an anchor is in a given tier.
-
-    It is chosen by how many preceding anchors were in this tier or in a more important one.
+    """Returns the context of the entropy coder for the bit that says whether an anchor is in an importance tier.
 
     Args:
         tier: Index of the tier.
-        count: Share of the preceding anchors in this tier or in a more important one, a decaying average, out of 2**16.
-        recent: Two bits for the last two anchors, 0 to 3: 1 if the anchor was in this tier or in a more important one.
+        count: Decaying share of the preceding anchors that are in this or a more important tier, out of 2**16.
+        recent: The same for each of the last two anchors, as two bits, 0 to 3.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
@@ -40,9 +38,8 @@ def add_to_statistics(counts, recents, tier, important):
     """Updates the statistics of one importance tier, from which the bits of later anchors are predicted.
 
     Args:
-        counts: For each tier, the share of preceding anchors in it or in a more important tier, out of 2**16. It is a
-            decaying average and changed in place.
-        recents: For each tier, one bit for each of the last two anchors, as a number from 0 to 3; changed in place.
+        counts: For each tier, decaying share of anchors in it or a more important tier, out of 2**16; changed in place.
+        recents: For each tier, the same for each of the last two anchors, as two bits; changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """
@@ -55,9 +52,6 @@ def add_to_statistics(counts, recents, tier, important):
 def encode_tiers(tiers, num_tiers, models, buffer):
     """Encodes the importance tier of each anchor in unary.
 
-    For each tier but the last, one bit indicates whether the anchor is in this tier. The bits of an anchor end with the
-    first 1.
-
     Args:
         tiers: Tier of each anchor, 0 for the most important.
         num_tiers: Number of tiers.
@@ -67,6 +61,8 @@ def encode_tiers(tiers, num_tiers, models, buffer):
     Returns:
         Number of bytes written to `buffer`.
     """
+    # For each tier but the last, one bit indicates whether the anchor is in this tier. The bits of an anchor end with
+    # the first 1.
     state = np.empty(3, np.int64)
     encoder_start(state)
     counts, recents = np.zeros(num_tiers, np.int64), np.zeros(num_tiers, np.int64)
@@ -82,7 +78,7 @@ def encode_tiers(tiers, num_tiers, models, buffer):
 @njit(nogil=True)
 @no_type_check
 def decode_tiers(data, num_tiers, models, tiers):
-    """Decodes the tiers written by `encode_tiers`; any bytes decode to tiers below `num_tiers`.
+    """Decodes the importance tiers written by `encode_tiers`.
 
     Args:
         data: Input bytes.

@@ -95,8 +95,7 @@ def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, 
         decoder: The stream's decoder, which determines the size of runs.
         manifest: The stream's manifest.
         packets: Received packets, in any order.
-        gaps: Also yield an empty run for each block that was lost completely. Only for decoders that decode whole
-            blocks (`runs_are_blocks`).
+        gaps: Also yield an empty run for each lost block, if the decoder decodes whole blocks.
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.

@@ -44,24 +44,18 @@ def encode_scene(
 ) -> SceneStream:
     """Encodes a scene into independently decodable packets (paper 3.2).
 
-    Elements that draw nothing (anchors without a single existing offset) or cannot be drawn are skipped, which is
-    logged (`splatwire.types.validity`).
+    Elements that draw nothing or cannot be drawn are skipped.
 
     Args:
-        scene: The scene, or any argument of `as_scene`. Factors on size and opacity that a loss concealer has set are
-            not encoded.
-        packetization: Split into packets, or the name of a preset such as `datagram`; None for the default of
-            `packetization_named`.
-        tiers: Tier of each element, whole numbers (N), 0 for the most important (`Importance.tiers`). Each tier gets
-            separate packets, so that it can be protected separately. None for one tier. Decoded values do not depend on
-            tiers.
+        scene: The scene, or any argument of `as_scene`.
+        packetization: Split into packets, or the name of a preset such as `datagram`; None for the default.
+        tiers: Tier of each element, integers (N), 0 for the most important (`Importance.tiers`). Each tier gets
+            separate packets, so that it can be protected separately. None for one tier.
         quality: Quantisation of explicit Gaussians: 0 to 100, `small`, `default` (also for None), `near-lossless`, or a
             `Quality` of their schema.
-        classes: Precision class of each explicit Gaussian (`splatwire.render.precision`); None for the finest class. If
-            both quality and classes are None, a decoded scene is encoded to the same integers. Not for anchors, which
-            have learned steps.
-        noise: Tolerated quantisation error of the context networks of anchors (see their schema's `fit`); None for the
-            default.
+        classes: Precision class of each explicit Gaussian (`splatwire.render.precision`); None for the finest class.
+            Not for anchors.
+        noise: Tolerated quantisation error of the context networks of anchors; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
 
@@ -129,7 +123,7 @@ def repack(
 
 @checked
 def into_datagrams(stream: SceneStream, progress: Progress | None = None) -> SceneStream:
-    """Repacketizes a stream so that each packet fits into one datagram; the tiles of levels of detail are preserved.
+    """Repacketizes a stream so that each packet fits into one datagram.
 
     Args:
         stream: The complete stream.
@@ -146,10 +140,8 @@ def into_datagrams(stream: SceneStream, progress: Progress | None = None) -> Sce
 
 @checked
 def can_repack(stream: SceneStream) -> bool:
-    """True if the packets of a stream can be rearranged into another packetization.
-
-    False for Gaussians of older releases, whose decoded integers depend on the split into packets.
-    """
+    """True if the packets of a stream can be rearranged into another packetization."""
+    # False for Gaussians of older releases, whose decoded integers depend on the split into packets.
     schema = schema_named(stream.manifest.codec)
     return schema.prepare_repack is not None and schema.can_repack(stream)
 
@@ -186,13 +178,12 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
 def _check_sizes(packetization: Packetization, packets: list[Packet], elements: str) -> None:
     """Checks that no packet exceeds the size limit of the packetization.
 
-    This happens if a single element is larger than the limit.
-
     Args:
         packetization: Parameters of the split into packets, with the limit.
         packets: All packets of the stream.
         elements: Name of the elements in the error message, e.g. "anchors".
     """
+    # This happens if a single element is larger than the limit.
     if not packetization.hashed:
         return
     most = packetization.packet_bytes
@@ -205,7 +196,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
 
 
 def _consume(packets: list[Packet]) -> Iterator[Packet]:
-    """Yields the packets of a list, and removes each packet from the list so that its memory can be freed."""
+    """Yields the packets of a list, and empties the list to free their memory."""
     packets.reverse()
     while packets:
         yield packets.pop()

@@ -41,8 +41,7 @@ def encode_positions(voxels: np.ndarray) -> bytes:
         voxels: Voxel indices in any order, int64 (N, 3); repeated points are kept.
 
     Returns:
-        The bytes: origin, extent, and the number of points in each half of a binary space partition. They have at least
-        N bits, so that a decoder can limit its memory by their number.
+        The encoded bytes.
 
     Raises:
         ValueError: If the points span 2**21 voxels or more.

@@ -16,15 +16,14 @@ def network_of(mlp: QuantisedMlp) -> Mlp:
 
 
 def quantise_network(network: Mlp, inputs: Any, tolerance: np.ndarray) -> QuantisedMlp:
-    """Quantises a network as coarsely as the tolerated errors of its outputs allow, measured for a sample of inputs.
-
-    A network of a decoded scene is already quantised and stays unchanged.
+    """Quantises a network as coarsely as the tolerated errors of its outputs allow.
 
     Args:
         network: The network.
-        inputs: Sample of its inputs, (n, in), a numpy array or a torch tensor.
+        inputs: Sample of its inputs for measuring the errors, (n, in), a numpy array or a torch tensor.
         tolerance: Tolerated standard deviation of the error of each output.
     """
+    # A network of a decoded scene is already quantised and stays unchanged.
     hidden, output = (
         (to_numpy(layer.weight).astype(np.float64), to_numpy(layer.bias).astype(np.float64))
         for layer in (network.hidden, network.output)

@@ -48,7 +48,7 @@ class IntegerMlp:
     leaky: bool
 
     def accumulate(self, inputs: np.ndarray, columns: slice) -> np.ndarray:
-        """Computes the contribution of some inputs to the first layer, so that it can be shared by several evaluations.
+        """Computes the contribution of some inputs to the first layer.
 
         Args:
             inputs: Values of these inputs, (N, columns), whole numbers in float64.
@@ -66,7 +66,7 @@ class IntegerMlp:
             sums: (N, hidden) whole numbers in float64, without the bias of the layer; overwritten.
 
         Returns:
-            int32 (N, out), units of `2**-OUTPUT_BITS`, clipped to `OUTPUT_LIMIT` (outputs of -1024 to 1024).
+            int32 (N, out), units of `2**-OUTPUT_BITS`.
         """
         kernels.finish_hidden(sums, self.hidden.bias.astype(np.float64), self.leaky)
         products = sums @ self.output.matrix

@@ -1,10 +1,10 @@
 """Memory limits of decoding, proportional to the number of received bytes.
 
-A damaged or malicious stream of few bytes can announce any number of elements. Decoders therefore compute their memory,
-in total and per thread, before allocating it. The limit is about ten times the need of real streams. It is never below
-`FREE_BYTES`, which suffices for a million anchors or Gaussians, so that a stream with few received packets can be
-decoded, too.
+They protect against damaged or malicious streams that announce too many elements.
 """
+# A stream of few bytes can announce any number of elements. Decoders therefore compute their memory, in total and per
+# thread, before allocating it. The limit is about ten times the need of real streams. It is never below `FREE_BYTES`,
+# which suffices for a million anchors or Gaussians, so that a stream with few received packets can be decoded, too.
 
 import os
 from collections.abc import Iterator, Sequence
@@ -51,7 +51,7 @@ def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:
         what: Activity that needs the memory, for the error message.
 
     Raises:
-        BitstreamError: If the limit is exceeded; the message contains the setting that raises it.
+        BitstreamError: If the limit is exceeded.
     """
     allowed = allowed_bytes(stream_bytes)
     if needed > allowed:
@@ -81,10 +81,8 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
 
 
 def words_bytes(packets: Sequence[Packet]) -> int:
-    """Returns the memory that kernels need to read the largest packet, bytes.
-
-    They read a packet as overlapping seven-byte integers (words), which take eight times the memory of its bytes.
-    """
+    """Returns the memory that decoding kernels need for reading the largest packet, bytes."""
+    # They read a packet as overlapping seven-byte integers, which take eight times the memory of its bytes.
     return 8 * max((len(packet.data) for packet in packets), default=0)
 
 

@@ -37,10 +37,9 @@ _OTHERS = (
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:
     """Returns the named sections of side information that loss concealers may read: content by section name.
 
-    Sections that only the codec reads are left out.
-
     Args:
         sections: All named sections.
         *own: Names of the sections that only this codec schema reads (any number of arguments).
+        own: Names of further sections to omit: those that only this codec schema reads.
     """
     return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

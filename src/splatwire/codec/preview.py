@@ -1,9 +1,9 @@
 """Preview: about a hundred explicit Gaussians in one datagram, shown until the scene itself has arrived.
 
-A preview is an optional named section of the side information, and the only part of a scene in the transport's welcome
-message (docs/format.md, section `preview`). It is not entropy-coded and independent of all other data, so any release
-can read it.
+It is an optional named section of the side information (docs/format.md, section `preview`).
 """
+# A preview is the only part of a scene in the transport's welcome message. It is not entropy-coded and independent of
+# all other data, so any release can read it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ class PreviewFrame:
 
     @staticmethod
     def fitting(middle: Sequence[float], spread: float, low: Sequence[float], high: Sequence[float]) -> "PreviewFrame":
-        """Creates a frame from the ranges of the values to quantise; ranges are rounded to float32 and limited.
+        """Creates a frame from the ranges of the values to quantise.
 
         Args:
             middle: Centre of the scene, world units.
@@ -112,18 +112,12 @@ class PreviewFrame:
         return low + levels * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Converts ten numbers for each Gaussian, as returned by `values`, to quantisation levels.
-
-        The levels are clipped to the codable range, but not rounded.
-        """
+        """Converts ten numbers for each Gaussian, as returned by `values`, to quantisation levels, without rounding."""
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
-        """Converts ten numbers for each Gaussian, as returned by `values`, to Gaussians.
-
-        The axes of the Gaussians are parallel to the world axes.
-        """
+        """Converts ten numbers for each Gaussian, as returned by `values`, to Gaussians."""
         places = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
         return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])

@@ -23,19 +23,15 @@ class ProgressiveDecoder(Arrivals):
     """Decoder that adds each packet to the scene when it arrives, for use during a transfer.
 
     Packets may come in any order and from several threads. Duplicate, damaged and foreign packets are only counted, in
-    `report`. The decoded integers are the same as with `decode_stream`. The cost of a packet does not depend on the
-    size of the scene.
-
-    The first read of the scene (`partial`) allocates it with predicted values of all elements. Until then, only
-    received elements take memory.
+    `report`.
 
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
         intake: Filter that has validated the packets on reception; None creates one here.
-        threads: Threads for predicting all elements, and for decoding large batches of packets; None for one per
-            processor. A single datagram is decoded in the calling thread.
-        progress: Called during the first read of `partial` with the completed fraction of the prediction, 0 to 1.
+        threads: Number of threads; None for one per processor.
+        progress: Called while the scene is allocated, at the first read of `partial`, with the completed fraction, 0 to
+            1.
 
     Attributes:
         lock: Held while decoded elements are written. Hold it to read several elements consistently.
@@ -98,7 +94,7 @@ class ProgressiveDecoder(Arrivals):
         return self._num_known == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
-        """Returns the indices in coding order (ranks) of a packet's elements, int64.
+        """Returns the indices of a packet's elements in coding order, int64.
 
         Raises:
             InvalidValueError: If the stream has no such packet.
@@ -114,18 +110,19 @@ class ProgressiveDecoder(Arrivals):
             return replace(live, scene=live.scene.select(everyone), loss_mask=LossMask(live.loss_mask.received.copy()))
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
-        """Decodes packets; one call with several packets is cheaper than several calls.
+        """Decodes packets and adds their elements to the scene.
 
         Args:
             packets: Received packets, in any order. Packets outside the plan and duplicates are only counted.
 
         Returns:
-            Ranks of the new elements, int64, in plan order.
+            Indices of the new elements in coding order, int64.
 
         Raises:
             BitstreamError: If the decoded elements exceed the memory limit (`splatwire.codec.memory`).
             DesyncError: If the stream is now complete, but the decoded integers differ from the encoded ones.
         """
+        # One call with several packets is cheaper than several calls.
         taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
         held = 0 if self._decoder.redecode_on_demand else self.num_taken * (self._decoder.row_bytes + 8)
         working = self._decoder.working_bytes(taken)
@@ -146,11 +143,9 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores the decoded integers of new packets, and updates the elements of these packets in the scene.
-
-        Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
-        updated.
-        """
+        """Stores the decoded integers of new packets, and updates the elements of these packets in the scene."""
+        # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
+        # updated.
         ends = np.cumsum(run.counts)[:-1]
         each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
         for packet, own in zip(run.packets, each, strict=True):
@@ -176,10 +171,8 @@ class ProgressiveDecoder(Arrivals):
         return [packet for packet, _ in self._found.values()]
 
     def _decoded_integers(self, run: Run) -> SymbolRows:
-        """Returns the decoded integers of packets that were added before.
-
-        If only compressed packets are kept in memory, they are decoded again.
-        """
+        """Returns the decoded integers of packets that were added before."""
+        # If only compressed packets are kept in memory, they are decoded again.
         found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
         if not found:
             return self._decoder.decode(run)

@@ -1,9 +1,9 @@
 """Registry of codec schemas, by name and by scene type.
 
-The registry is `splatwire.bitstream.limits.SCHEMAS`. Other packages can add schemas (`splatwire.plugins`). A package
-announces a schema under the entry point group `splatwire.schemas` and registers it with `register_schema`
-(docs/your-own-codec.md).
+Other packages can add schemas with `register_schema` (docs/your-own-codec.md).
 """
+# The registry is `splatwire.bitstream.limits.SCHEMAS`. A package announces a schema under the entry point group
+# `splatwire.schemas` (`splatwire.plugins`).
 
 import importlib
 import re
@@ -60,11 +60,10 @@ def schema_named(name: str) -> Schema:
 def schema_of(scene: Any) -> Schema:
     """Returns the schema (the codec for one type of scene) that encodes a scene.
 
-    If several schemas fit, the one for the most derived class of the scene is returned.
-
     Raises:
         InvalidValueError: If no schema applies, or several packages have one for the same type.
     """
+    # If several schemas fit, the one for the most derived class of the scene is returned.
     found = _most_specific(scene, SCHEMAS.registered().values())
     if found is None or found.scene_type is not type(scene):  # a package may provide a schema for exactly this type
         found = _most_specific(scene, SCHEMAS.all().values())

@@ -2,9 +2,6 @@
 
 A codec schema encodes and decodes one kind of scene, such as explicit Gaussians. This module defines the record of a
 schema, and the protocols of its encoder and its decoder.
-
-Packet plans, packet order and loss handling are the same for all schemas (`splatwire.codec.encoding`,
-`splatwire.codec.decoding`, `splatwire.codec.progressive`).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +27,7 @@ class CodedPackets:
     Attributes:
         counts: int64 (packets), number of elements in each packet.
         payloads: Payload of each packet.
-        rows: Decoded integers of all elements, one array row per element, equal to the result of decoding the packets.
+        rows: Integers to which the packets decode: arrays with one row for each element.
     """
 
     counts: np.ndarray
@@ -84,12 +81,11 @@ class Decoder(Protocol):
 
     Attributes:
         sections: Named sections of the side information.
-        order: Indices of the elements in the order of the packet plan: by importance tier, within a tier by index;
-            int64 (N). None if the indices already are in this order.
-        runs_are_blocks: True if a run is one block with all of its received packets; False if runs may mix blocks.
+        order: Indices of the elements in the order of the packet plan, int64 (N). None if they already are in this
+            order.
+        runs_are_blocks: True if a run (packets decoded in one call) is always one block; False if runs may mix blocks.
         packets_independent: True if each packet of a run can also be decoded alone.
-        redecode_on_demand: True to keep compressed packets and to decode them again on demand, because decoded integers
-            take many times the memory.
+        redecode_on_demand: True to save memory by decoding packets again instead of storing decoded integers.
         scene_bytes: Memory that `expect` and `scene` allocate, bytes.
         row_bytes: Memory of the decoded integers of one element, bytes.
     """
@@ -131,10 +127,7 @@ class Decoder(Protocol):
         """
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of a run without losses to a hash, to compare it with the hash in the manifest.
-
-        The division of the elements into runs does not change the hash.
-        """
+        """Adds the decoded integers of a run to the hash of the whole stream, which is compared with the manifest."""
 
     def scene(self) -> ReceivedScene:
         """Returns the scene decoded so far, with masks of the received elements and the stream's metadata.
@@ -148,14 +141,14 @@ class Schema(StreamSchema):
     """A complete codec schema: stream properties, encoder and decoder. See `register_schema`.
 
     Attributes:
-        scene_type: Type of the scenes it encodes. If several schemas apply, the most specific type wins.
+        scene_type: Type of the scenes it encodes.
         codes: Function that returns True for the scenes of this type that the schema encodes.
         provides: Record types that a concealer finds in every decoded stream (`ReceivedScene.provides`).
         prepare: Prepares a scene for encoding; all of its elements are drawable.
         open_decoder: Creates a decoder from manifest, side information and the number of received bytes.
         update_digest: Adds decoded integers to a hashlib object.
-        prepare_repack: Prepares a complete stream for repacketizing, with the same integers and the same side
-            information content. None if packets of this schema cannot be repacketized.
+        prepare_repack: Prepares a complete stream for repacketizing with the same integers. None if packets of this
+            schema cannot be repacketized.
         can_repack: Function that returns True for streams that can be repacketized.
         remap_sections: Updates named sections that refer to single elements after repacketizing.
     """

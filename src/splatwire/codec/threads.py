@@ -1,8 +1,6 @@
-"""Runs independent work, such as decoding packets, in parallel threads.
-
-Compiled kernels and matrix products release the interpreter lock. The matrix library is limited to one thread, because
-two competing thread pools cost more than the work itself.
-"""
+"""Runs independent work, such as decoding packets, in parallel threads."""
+# Compiled kernels and matrix products release the interpreter lock. The matrix library is limited to one thread,
+# because two competing thread pools cost more than the work itself.
 
 import collections
 from collections.abc import Callable, Iterable, Iterator
@@ -20,13 +18,12 @@ def ordered_map(
 ) -> Iterator[Result]:
     """Applies a function to items in parallel threads and yields the results in the order of the items.
 
-    At most two results per thread are pending at a time, which bounds memory.
-
     Args:
         function: The function; should spend its time in code that releases the interpreter lock.
         items: Its arguments.
         threads: Number of threads; None for one per processor.
     """
+    # At most two results per thread are pending at a time, which bounds memory.
     threads = threads or allowed_threads()
     if threads == 1:
         with one_blas_thread():

@@ -33,9 +33,6 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
 def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, num_tiers: int) -> np.ndarray:
     """Returns the typical size of each tier's anchors, relative to the tier with the largest anchors.
 
-    The size of a tier is the square root of the mean footprint of its anchors. An anchor's footprint is the product of
-    its two largest sizes times its number of Gaussians.
-
     Args:
         sizes: Base sizes of the anchors' Gaussians along three axes, (N, 3).
         gaussians: Number of Gaussians of each anchor, (N).
@@ -45,6 +42,8 @@ def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, 
     Returns:
         float64 (tiers), above 0 and at most 1.
     """
+    # The size of a tier is the square root of the mean footprint of its anchors. An anchor's footprint is the product
+    # of its two largest sizes times its number of Gaussians.
     axes = np.sort(np.nan_to_num(sizes.astype(np.float32)).clip(min=0).astype(np.float64), axis=1)
     footprints = axes[:, 1] * axes[:, 2] * gaussians
     means = np.bincount(tiers, footprints, num_tiers) / np.bincount(tiers, minlength=num_tiers)

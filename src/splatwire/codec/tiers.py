@@ -15,7 +15,7 @@ SECTION = "tiers"
 
 
 def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Entropy-codes the importance tier of every anchor, with the tiers of the preceding anchors as context.
+    """Entropy-codes the importance tier of every anchor.
 
     Args:
         tiers: Tier of each anchor in coding order, N.
@@ -28,7 +28,7 @@ def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
 
 
 def decode_tiers(data: bytes, num_anchors: int, num_tiers: int) -> np.ndarray:
-    """Decodes the importance tiers written by `encode_tiers`; any bytes decode to valid tiers.
+    """Decodes the importance tiers written by `encode_tiers`.
 
     Returns:
         uint8 (N).
@@ -64,7 +64,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Splits the anchors of a stream into the groups that shared a packet, and that are thus received or lost together.
+    """Groups the anchors of a stream by packet: anchors of a group are received or lost together.
 
     Raises:
         BitstreamError: If the side information is damaged.

@@ -86,7 +86,7 @@ def read_extent(sections: Mapping[str, bytes]) -> tuple[tuple[float, float, floa
 
 
 def check_viewpoint(sections: Mapping[str, bytes]) -> None:
-    """Checks the sections with initial view, up axis and extent, with the same rules as the web page.
+    """Checks the sections with initial view, up axis and extent.
 
     Args:
         sections: Named sections of a stream.
@@ -94,6 +94,7 @@ def check_viewpoint(sections: Mapping[str, bytes]) -> None:
     Raises:
         BitstreamError: If the axis, the sphere or the view is invalid, for example if eye and target coincide.
     """
+    # The web page has the same rules.
     up_axis(sections)
     read_extent(sections)
     read_viewpoint(sections)
@@ -120,16 +121,16 @@ def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
 
 
 def viewpoint_section(cameras: "Cameras") -> bytes:
-    """Serialises the initial view of a scene: position and viewing direction of the first camera.
-
-    The orbit target is on the viewing axis of this camera, at the depth where the axes of all cameras nearly meet.
+    """Serialises the initial view of a scene, which is the view of its first camera.
 
     Args:
         cameras: The scene's cameras.
 
     Returns:
-        Nine `f32`: the position of the camera, the target, and the mean upward direction of all cameras.
+        Nine `f32`: position of the camera, point to orbit around, and mean upward direction of all cameras.
     """
+    # The point to orbit around is on the viewing axis of the first camera, at the depth where the axes of all cameras
+    # nearly meet.
     centers, turns = (to_numpy(a).astype(np.float64) for a in (cameras.centers, cameras.viewmats[:, :3, :3]))
     ahead, up = turns[:, 2], -turns[:, 1].mean(axis=0)
     across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]

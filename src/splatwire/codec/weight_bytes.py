@@ -1,8 +1,7 @@
-"""Serialises quantised networks: the entries of each array are entropy-coded under a normal distribution.
-
-The standard deviation of a matrix entry is the product of a row scale and a column scale. Columns of less important
-inputs have coarser steps and take fewer bits. (Older streams have row scales only, indicated by a flag.)
-"""
+"""Serialises quantised networks with entropy coding."""
+# The entries of a matrix are coded under normal distributions. The standard deviation of an entry is the product of a
+# row scale and a column scale. Columns of less important inputs have coarser steps and take fewer bits. (Older streams
+# have row scales only, indicated by a flag.)
 
 from collections.abc import Iterable
 
@@ -114,12 +113,10 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 
 
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimates the standard deviations with which the entries of a matrix are coded, from its rows and columns.
-
-    They are given as indices in the scale table, each the sum of a number for the row and a number for the column.
+    """Estimates the standard deviations with which the entries of a matrix are coded.
 
     Returns:
-        Numbers of the rows, and numbers of the columns.
+        Scale index of each row, and a number for each column that is added to it.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

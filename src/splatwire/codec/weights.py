@@ -1,15 +1,12 @@
 """Quantises network weights to integers, with a separate step for each row and column.
 
-A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16. Rows
-with noise-tolerant outputs, and columns of redundant inputs, take fewer bits.
-
-Inputs of a layer are correlated, so the rounding of later weights can compensate for the rounding errors of earlier
-weights. The method is successive rounding to the nearest plane (Babai, "On Lovasz' lattice reduction and the nearest
-lattice point problem", 1986; for networks: Frantar et al., "GPTQ", 2023).
-
-Let C = R R^T be the covariance of the inputs, with R upper triangular. R_jj is the part of the spread of input j that
-the inputs rounded later do not explain. The step of column j depends on R_jj.
+Later weights compensate for the rounding errors of earlier weights, because the inputs of a layer are correlated
+(Babai, "On Lovasz' lattice reduction and the nearest lattice point problem", 1986; Frantar et al., "GPTQ", 2023).
 """
+# A weight is `q * step`, where the step of row i and column j is `row_steps[i] << column_shifts[j]` units of 2**-16.
+# Rows with noise-tolerant outputs, and columns of redundant inputs, take fewer bits.
+# Let C = R R^T be the covariance of the inputs, with R upper triangular. R_jj is the part of the spread of input j that
+# the inputs rounded later do not explain. The step of column j depends on R_jj.
 # With rounding errors d of a row of weights, its output has the error variance |d R|**2. Successive rounding keeps
 # component j of d R below half a step times R_jj.
 
@@ -60,10 +57,7 @@ class QuantisedLinear:
         return IntegerLinear(weight, bias)
 
     def dequantised(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the weights (out, in) and the bias (out) as float32.
-
-        No value is rounded: they are equal to the fixed-point numbers that `integer` returns.
-        """
+        """Returns the weights (out, in) and the bias (out) as float32, without rounding."""
         weight = self.symbols.astype(np.float64) * (self.row_steps[:, None] << self.column_shifts[None, :])
         return (weight * 2.0**-WEIGHT_EXPONENT).astype(np.float32), (self.bias * 2.0**-BIAS_BITS).astype(np.float32)
 
@@ -92,7 +86,7 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
 
     Args:
         weight: float (out, in).
-        bias: float (out); absorbs the mean of the rounding error.
+        bias: float (out).
         inputs: Sample of inputs, float (n, in).
         noise: (out), tolerated standard deviation of the error of each output.
 
@@ -118,9 +112,7 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
 def exact_mlp(
     hidden: tuple[np.ndarray, np.ndarray], output: tuple[np.ndarray, np.ndarray], *, leaky: bool
 ) -> QuantisedMlp | None:
-    """Converts a network to quantised form without rounding, if its weights are multiples of the format's units.
-
-    This is the case for networks of decoded scenes.
+    """Converts a network to quantised form without rounding, which is possible for decoded networks.
 
     Args:
         hidden: Weight (hidden, in) and bias of the first layer.
@@ -128,7 +120,7 @@ def exact_mlp(
         leaky: True for a leaky ReLU with slope 0.01 below zero, False for a ReLU.
 
     Returns:
-        The network with exactly these numbers; None if that is impossible.
+        The network with exactly these numbers; None if the format cannot represent them.
     """
     first, second = exact_linear(*hidden), exact_linear(*output)
     return None if first is None or second is None else QuantisedMlp(first, second, leaky)
@@ -182,7 +174,7 @@ def _is_whole(values: np.ndarray, most: float) -> bool:
 
 
 def _divisor(number: int) -> int:
-    """Returns the largest divisor of a number that is at most `MAX_STEP`, the largest possible quantisation step."""
+    """Returns the largest divisor of a number that is a possible quantisation step."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)
@@ -192,8 +184,8 @@ def _divisor(number: int) -> int:
 def _input_statistics(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns statistics of a layer's inputs, for rounding its weights with a small output error.
 
-    They are the mean of each input, the order of the inputs by decreasing variance, and the triangular factor R of
-    their covariance.
+    Returns:
+        Mean of each input, order of the inputs by decreasing variance, and triangular factor of their covariance.
     """
     mean = inputs.mean(axis=0)
     centred = inputs - mean
@@ -212,8 +204,8 @@ def _round_in_turn(weight: np.ndarray, unit: np.ndarray, unit_factor: np.ndarray
     Args:
         weight: Weights before quantisation, float (out, in).
         unit: Quantisation step of each weight, float (out, in).
-        unit_factor: Factor R of the inputs' covariance (see the module), each column divided by its diagonal entry,
-            float (in, in). It describes how an input can compensate for errors of another one.
+        unit_factor: Upper triangular factor of the inputs' covariance, each column divided by its diagonal entry, float
+            (in, in).
 
     Returns:
         Quantised weights in steps, int32 (out, in), and rounding errors, float (out, in).
@@ -234,9 +226,7 @@ def quantise_mlp(
     *,
     leaky: bool,
 ) -> QuantisedMlp:
-    """Quantises the two layers of a network, so that quantisation noise of the outputs stays within a tolerance.
-
-    Each layer may cause a part of the tolerated noise.
+    """Quantises a network as coarsely as the tolerated errors of its outputs allow.
 
     Args:
         hidden: Weight (hidden, in) and bias of the first layer.
@@ -266,9 +256,7 @@ def _activation(pre: np.ndarray, leaky: bool) -> np.ndarray:
 def _refitted(
     output: tuple[np.ndarray, np.ndarray], inputs: np.ndarray, rounded: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refits the second layer of a network by least squares, after its first layer was quantised.
-
-    The refitted layer compensates for the quantisation errors of the first layer.
+    """Refits the second layer of a network by least squares, to compensate for the quantisation of its first layer.
 
     Args:
         output: Weight (out, hidden) and bias (out) of the second layer.

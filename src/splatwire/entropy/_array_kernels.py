@@ -41,10 +41,7 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
 @njit(nogil=True)
 @no_type_check
 def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths, table, symbols):
-    """Decodes integers written by `encode_symbols` from the bytes `data`, and writes them to the array `symbols`.
-
-    See `encode_symbols` for the other arguments.
-    """
+    """Decodes integers written by `encode_symbols`, with the same distributions and tables."""
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)
     for i in range(len(symbols)):

@@ -1,8 +1,9 @@
-"""Range coder: converts arrays of integers under table-indexed distributions to bytes and back.
+"""Range coder: converts arrays of integers under given distributions to bytes and back.
 
-The coder sees table indices only (`splatwire.entropy.tables`), so the same indices give the same bytes everywhere.
-`tests/reference/range_coder.py` is the same coder in plain Python.
+Results are identical on every machine.
 """
+# The coder sees table indices only (`splatwire.entropy.tables`), so the same indices give the same bytes everywhere.
+# `tests/reference/range_coder.py` is the same coder in plain Python.
 
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ BYTES_PER_SYMBOL = 12
 
 @dataclass(frozen=True, eq=False)
 class Mixtures:
-    """Probability distribution of each symbol: a normal distribution or a mixture of two, as indices into tables.
+    """Probability distribution of each symbol: a normal distribution or a mixture of two.
 
     Attributes:
         mean0: Mean of the first component in quantisation steps, fixed point with `MEAN_BITS` fractional bits, int64.
@@ -48,7 +49,7 @@ def encode_symbols(symbols: np.ndarray, mixtures: Mixtures) -> bytes:
         mixtures: Distribution of each symbol.
 
     Returns:
-        The shortest code; decoding pads it with zero bytes.
+        The encoded bytes.
     """
     from splatwire.entropy import _array_kernels
 
@@ -81,16 +82,17 @@ def decode_symbols(data: bytes, mixtures: Mixtures) -> np.ndarray:
 
 
 def tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the coder's tables in the order of the kernels' arguments: reciprocal scales, half widths, normal CDF."""
+    """Returns the tables of the entropy coder: reciprocals of the scales, half widths, and the normal CDF."""
     return inverse_scale_table(), half_width_table(), normal_table()
 
 
 def fresh_models(num_contexts: int) -> np.ndarray:
-    """Returns adaptive binary models in their initial state, int64 (contexts, 2).
+    """Returns adaptive models of bits in their initial state.
 
-    A model has two estimates of the probability of a zero, in units of 2**-16: one adapts slowly, one fast. Both start
-    at 1/2.
+    Returns:
+        Two estimates of the probability of a zero for each context, in units of 2**-16, int64 (contexts, 2).
     """
+    # One estimate adapts slowly, one fast.
     return np.full((num_contexts, 2), 32768, dtype=np.int64)
 
 
@@ -103,7 +105,7 @@ def encode_bits(bits: np.ndarray, contexts: np.ndarray, models: np.ndarray) -> b
         models: int64 (contexts, 2), initial estimates; not modified.
 
     Returns:
-        The shortest code.
+        The encoded bytes.
     """
     from splatwire.entropy import _array_kernels
 

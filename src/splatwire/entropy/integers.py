@@ -50,14 +50,13 @@ def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
 
 
 def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
-    """Returns the distributions for coding the entries of a matrix: normal distributions with mean 0.
+    """Returns zero-mean normal distributions for the entries of a matrix.
 
-    The standard deviation of entry (i, j) has the index `rows[i] + columns[j]` in the scale table, clipped to its
-    range.
+    The standard deviation of entry (i, j) has the index `rows[i] + columns[j]` in the scale table.
 
     Args:
-        rows: Part of the index that each row contributes.
-        columns: Part of the index that each column contributes.
+        rows: Number for each row.
+        columns: Number for each column.
     """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())

@@ -1,7 +1,5 @@
-"""Numba kernels that code an integer under a normal distribution or a mixture of two.
-
-`tests/reference/range_coder.py` is the same in plain Python.
-"""
+"""Numba kernels that code an integer under a normal distribution or a mixture of two."""
+# `tests/reference/range_coder.py` is the same in plain Python.
 
 from typing import no_type_check
 
@@ -55,10 +53,7 @@ def normal_cdf(boundary, mean, inverse, table):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
-    """Returns the start of a symbol's probability interval, which is also the end of the preceding symbol's interval.
-
-    It follows from the cumulative distribution function of the mixture at the lower boundary of the symbol. Each
-    interval is enlarged by one unit, so that none is empty.
+    """Returns the start of a symbol's probability interval, in units of 2**-24.
 
     Args:
         symbol: The symbol, from `low` to `high + 1`.
@@ -71,6 +66,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
         weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
         table: Standard normal CDF, from `normal_table`.
     """
+    # The interval ends at the start of the next one. Each is enlarged by one unit, so that none is empty.
     if symbol <= low:
         return ZERO
     count = high - low + 1
@@ -114,11 +110,7 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_escape(buffer, state, excess):
-    """Encodes the distance of an integer from the nearest integer with a probability interval (see `window`).
-
-    `excess` is the distance minus one. The code is an Elias gamma code: the bit length of `excess + 1` in unary, then
-    the bits below the highest one.
-    """
+    """Encodes a non-negative integer in Elias gamma code, for symbols without a probability interval."""
     value = excess + 1
     length = 0
     while value >> (length + 1):
@@ -133,7 +125,8 @@ def encode_escape(buffer, state, excess):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_escape(data, end, state):
-    """Decodes the `excess` written by `encode_escape`; its length is limited to 32 bits even if the code is invalid."""
+    """Decodes an integer written by `encode_escape`."""
+    # The length is limited, because damaged bytes may contain any number of ones.
     length = 0
     while length < 32 and decode_raw(data, end, state):
         length += 1
@@ -176,11 +169,9 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Decodes one integer written by `encode_symbol` with the same distribution.
-
-    The search starts at the mean of the component with the larger weight. It proceeds outwards in doubling steps until
-    the symbol is enclosed, and ends with a bisection.
-    """
+    """Decodes one integer written by `encode_symbol` with the same distribution."""
+    # The search starts at the mean of the component with the larger weight. It proceeds outwards in doubling steps
+    # until the symbol is enclosed, and ends with a bisection.
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
     target = decode_target(state, SYMBOL_BITS)
     if target >= TOTAL - ESCAPE:

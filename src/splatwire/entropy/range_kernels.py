@@ -1,11 +1,12 @@
-"""Numba kernels of the range coder; `tests/reference/range_coder.py` is the same in plain Python.
+"""Numba kernels of the range coder.
 
-State of one coder is an int64 row: encoder `[low, range, position]`, decoder `[code, range, position]`. Numbers stay
-below 2**49, so signed 64-bit arithmetic never overflows.
-
-numba compiles a function once per combination of argument types, and a literal number is a separate type. All calls
-therefore pass int64: values from narrower arrays are converted, and constants are numpy scalars.
+The state of a coder is an int64 array of three numbers: low or code, range, and position in the bytes.
 """
+# `tests/reference/range_coder.py` is the same in plain Python.
+# State: encoder `[low, range, position]`, decoder `[code, range, position]`. Numbers stay below 2**49, so signed 64-bit
+# arithmetic never overflows.
+# numba compiles a function once per combination of argument types, and a literal number is a separate type. All calls
+# therefore pass int64: values from narrower arrays are converted, and constants are numpy scalars.
 
 from typing import no_type_check
 
@@ -61,7 +62,8 @@ def encoder_start(state):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_finish(buffer, state):
-    """Ends encoding, with the fewest bytes that decode correctly if zeros follow; returns the number of bytes."""
+    """Ends encoding; returns the number of bytes written."""
+    # Zeros at the end are omitted, because decoders read zeros there.
     low = state[0] + LOW_MASK
     position = state[2]
     if low >> TOP:
@@ -94,9 +96,9 @@ def decoder_start(data, begin, end, state):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_target(state, total_bits):
-    """Returns the position of the code within the decoder's current interval, 0 to `2**total_bits - 1`.
+    """Returns a position on the probability axis, in units of `2**-total_bits`.
 
-    The next symbol is the one with a probability interval that contains this position.
+    The next symbol is the one whose probability interval contains this position.
     """
     # The division leaves a remainder of the range behind the last interval. Malformed bytes may point there.
     # The quotient of numbers below 2**53, rounded down, is exact in float64, and faster than one of integers.
@@ -106,18 +108,17 @@ def decode_target(state, total_bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_advance(data, end, state, start, size, total_bits):
-    """Moves a decoder past a symbol with the probability interval `[start, start + size)`, and reads further bytes.
-
-    Zeros are read beyond the end of the data.
+    """Moves a decoder past a symbol with the probability interval `[start, start + size)`.
 
     Args:
         data: Input bytes.
         end: End of the code in `data`.
         state: State of the decoder, changed in place.
         start: Start of the interval, in units of `2**-total_bits`.
-        size: Size of the interval, at least 1: with an empty interval the loop would never end.
+        size: Size of the interval, at least 1.
         total_bits: Number of bits of a probability.
     """
+    # With an empty interval the loop would never end. Zeros are read beyond the end of the data.
     unit = state[1] >> total_bits
     span = unit * size
     code = min(state[0] - unit * start, span - 1)  # As in `decode_target`: keeps malformed codes within their range
@@ -194,7 +195,8 @@ def decode_below(data, end, state, count):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_update(model, context, bit):
-    """Updates the two estimates of P(bit = 0) of a context after a bit: one adapts slowly, one fast."""
+    """Updates the adaptive model of a context after a bit."""
+    # A model has two estimates of P(bit = 0): one adapts slowly, one fast.
     for column, rate in ((0, ADAPTIVE_SLOW), (1, ADAPTIVE_FAST)):
         p = model[context, column]
         model[context, column] = p - (p >> rate) if bit else p + ((65536 - p) >> rate)
@@ -203,11 +205,8 @@ def adaptive_update(model, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_size(model, context):
-    """Returns the probability that the next bit of a context is 0, in units of 2**-16, 32 to 65504.
-
-    A model has two estimates of this probability (`adaptive_update`); the result is their mean. It is also the size of
-    the range coder's interval for the bit 0.
-    """
+    """Returns the probability that the next bit of a context is 0, in units of 2**-16."""
+    # Mean of the two estimates of the model, and size of the range coder's interval for the bit 0.
     p = (model[context, 0] + model[context, 1]) >> 1
     return min(max(p, 32), 65536 - 32)
 

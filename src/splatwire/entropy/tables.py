@@ -1,8 +1,6 @@
-"""Integer tables of the entropy coder, identical on every machine.
-
-The tables are computed with the decimal module (software arithmetic, correctly rounded). The machine's floating-point
-library could differ in one entry, which would corrupt every packet (docs/determinism.md).
-"""
+"""Integer tables of the entropy coder, identical on every machine."""
+# The tables are computed with the decimal module (software arithmetic, correctly rounded). The machine's floating-point
+# library could differ in one entry, which would corrupt every packet (docs/determinism.md).
 
 import decimal
 import functools
@@ -89,14 +87,12 @@ def _pi() -> decimal.Decimal:
 
 @functools.cache
 def inverse_scale_table() -> np.ndarray:
-    """Returns the reciprocals of the standard deviations that the entropy coder can use, as fixed-point integers.
-
-    Entry `16 e + m` is the reciprocal of the standard deviation `2**(e - 6) * (1 + (m + 1/2) / 16)`, in quantisation
-    steps.
+    """Returns the reciprocals of the standard deviations that the entropy coder can use, in fixed point.
 
     Returns:
         int64 of length `NUM_SCALES`, decreasing, with `INVERSE_BITS` fractional bits.
     """
+    # Entry `16 e + m` is the reciprocal of `2**(e - 6) * (1 + (m + 1/2) / 16)` quantisation steps.
     entries = []
     for index in range(NUM_SCALES):
         exponent, mantissa = divmod(index, SCALE_STEPS)
@@ -109,9 +105,7 @@ def inverse_scale_table() -> np.ndarray:
 
 @functools.cache
 def half_width_table() -> np.ndarray:
-    """Tabulates, by scale index, how far from the mean an integer may be without an escape code.
-
-    The distance is ten standard deviations plus 16, at most 8191.
+    """Returns, by scale index, the largest distance from the mean at which integers are coded without an escape code.
 
     Returns:
         int64 of length `NUM_SCALES`, in quantisation steps.

@@ -1,9 +1,7 @@
-"""Numba kernels of a range decoder that reads several bytes at once.
-
-They read the array from `words_of`. The decoder of `range_kernels` reads byte by byte and is the plain reference: both
-decode the same numbers. No kernel branches on the number of bytes of a symbol, because processors predict such branches
-badly.
-"""
+"""Numba kernels of a range decoder that reads several bytes at once."""
+# They read the array from `words_of`. The decoder of `range_kernels` reads byte by byte and is the plain reference:
+# both decode the same numbers. No kernel branches on the number of bytes of a symbol, because processors predict such
+# branches badly.
 
 from typing import no_type_check
 
@@ -20,9 +18,9 @@ WORD_BITS = 56
 @njit(error_model="numpy")
 @no_type_check
 def words_of(data):
-    """Converts a packet to overlapping integers of seven bytes (words), for a decoder that reads several bytes at once.
+    """Converts a packet to overlapping integers of seven bytes, for a decoder that reads several bytes at once.
 
-    Word i consists of the bytes i to i + 6, the first one as its highest byte. Bytes after the end of the packet are 0.
+    Integer i consists of the bytes i to i + 6, the first one as its highest byte.
 
     Args:
         data: Bytes of the packet, uint8 (n).
@@ -42,11 +40,11 @@ def words_of(data):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def advance(words, state, start, size, total_bits):
-    """Moves a decoder past a symbol with the probability interval `[start, start + size)`; see `decode_advance`.
+    """Moves a decoder past a symbol with the probability interval `[start, start + size)`.
 
-    The interval is in units of `2**-total_bits`. `total_bits` is at most 24, so that a symbol consumes at most three
-    bytes.
+    `start` and `size` are in units of `2**-total_bits`.
     """
+    # `total_bits` is at most 24, so that a symbol consumes at most three bytes.
     unit = state[1] >> total_bits
     span = unit * size
     code = min(state[0] - unit * start, span - 1)
