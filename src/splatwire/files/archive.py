@@ -23,7 +23,7 @@ _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, Uni
 
 
 class _LimitedReader(io.BufferedReader):
-    """File object that limits how many bytes of an archive's directory are read."""
+    """File object that limits how many bytes are read from an archive's directory."""
 
     limited = True
 
@@ -92,7 +92,7 @@ class Archive:
             raise _damaged(self._path, problem, self._error) from problem
 
     def read_stored(self, name: str, limit: int) -> bytes:
-        """Reads an uncompressed member; the total size of all members read by this method is limited to the file size.
+        """Reads an uncompressed member of an archive.
 
         Raises:
             SplatwireError: If the member is compressed, members overlap, or `read` fails.

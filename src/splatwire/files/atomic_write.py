@@ -1,8 +1,7 @@
 """Atomic writing of files and folders; all output of the package uses it.
 
-Output is first written to a hidden folder next to the target, `.splatwire-<id>.part`, and finally renamed. An error
-removes the hidden folder. A killed writer leaves it behind, but the kernel releases its lock. The next writer in the
-same parent folder finds the released lock and removes the hidden folder.
+Output is written to a hidden folder next to the target, and finally renamed. If a writer is killed, the next one in the
+same folder removes the rest.
 """
 
 import errno
@@ -36,17 +35,16 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
     """Yields a temporary path for a file or folder; on success it replaces the target atomically.
 
-    A reader sees the old file or the new one. A folder that replaces a folder is missing for a moment between two
-    renames. If the writer is killed in that moment, the next writer restores the old folder.
+    A folder that replaces a folder is missing for a moment between two renames.
 
     Args:
         target: Path of the output. For a symbolic link, the file it refers to is replaced.
-        parents: True to create missing parent folders; otherwise a mistyped path is an error.
+        parents: True to create missing parent folders; False to raise an error.
 
     Raises:
         InvalidValueError: If the target is not a valid path, is a device or similar or a link to itself, or if its
             parent folder does not exist.
-        OSError: If the system call fails; nothing is changed then. The error names the target.
+        OSError: If the system call fails; nothing is changed then.
     """
     goal = _resolved_target(path_of(target))
     if parents:
@@ -67,10 +65,10 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
 
 
 def atomic_write(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
-    """Writes a file atomically, see `atomic_output`; returns its path.
+    """Writes a file atomically; returns its path.
 
     Raises:
-        InvalidValueError: See `atomic_output`.
+        InvalidValueError: As for `atomic_output`.
         OSError: If the system call fails; nothing is changed then.
     """
     with atomic_output(target, parents=parents) as unfinished:
@@ -80,8 +78,6 @@ def atomic_write(target: str | os.PathLike[str], data: bytes, *, parents: bool =
 
 def check_parent(path: Path) -> None:
     """Checks that the parent folder of an output exists.
-
-    A missing parent folder is not created, because a mistyped path would create folders.
 
     Raises:
         InvalidValueError: If the parent does not exist, or is not a folder.
@@ -96,8 +92,6 @@ def check_parent(path: Path) -> None:
 
 def check_writable(path: Path, *, inside: bool = False) -> None:
     """Checks that an output can be written, before the work starts.
-
-    Creates and removes an empty temporary file next to the output.
 
     Args:
         path: Path of the output.
@@ -123,7 +117,7 @@ def check_writable(path: Path, *, inside: bool = False) -> None:
 
 
 def _resolved_target(path: Path) -> Path:
-    """Follows symbolic links in the path of an output; checks that the file or folder there may be replaced."""
+    """Follows symbolic links in the path of an output; checks that the output may be replaced."""
     try:
         goal = path.resolve()
     except RuntimeError as error:  # Python 3.11 and 3.12; later ones raise OSError when the path is used
@@ -134,10 +128,7 @@ def _resolved_target(path: Path) -> Path:
 
 
 def _replaceable(path: Path) -> bool:
-    """True if this user may replace an existing output by renaming.
-
-    In sticky folders such as /tmp only the owner of a file may rename it.
-    """
+    """True if this user may rename an existing output, which in sticky folders such as /tmp only its owner may."""
     user, found, folder = os.geteuid() if hasattr(os, "geteuid") else 0, path.stat(), path.parent.stat()
     if path.is_dir() and not os.access(path, os.W_OK):
         return False
@@ -147,17 +138,14 @@ def _replaceable(path: Path) -> bool:
 def remove_unfinished(folder: Path) -> None:
     """Cleans up after killed writers: removes their temporary folders, and restores folders that they moved aside.
 
-    The temporary folder of a writer (workspace) is a hidden folder in `folder`. Workspaces of running writers are
-    locked, and remain untouched.
-
-    `folder` may be from an untrusted archive that contains imitations of workspaces. Therefore, workspaces must belong
-    to this user and be closed to others (`_is_workspace`). Symbolic links are neither followed nor restored. Hidden
-    folders such as `.git` are not restored, because they could make programs run foreign code.
+    Only folders of this user that are closed to others and not locked by a running writer are touched. Symbolic links
+    are not followed.
     """
     if fcntl is None:
         return
     with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
         for name in [entry.name for entry in os.scandir(parent) if _WORKSPACE.fullmatch(entry.name)]:
+            # `folder` may be from an untrusted archive that contains imitations of such folders
             with suppress(OSError), _opened_folder(name, parent) as space:
                 if _is_workspace(space) and _lock(space):
                     _restore(space, parent)
@@ -166,10 +154,7 @@ def remove_unfinished(folder: Path) -> None:
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Removes leftovers of killed writers in a folder (`remove_unfinished`) at the first call for this folder.
-
-    Later calls do nothing, because listing a folder takes time.
-    """
+    """Cleans up after killed writers in a folder (`remove_unfinished`), at the first call for this folder only."""
     remove_unfinished(folder)
 
 
@@ -195,13 +180,7 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
 
 
 def _is_workspace(space: int) -> bool:
-    """True if an open folder is a temporary workspace of a writer (`_workspace`) that only this user can access.
-
-    It then contains nothing but the entries of a writer.
-
-    Args:
-        space: File descriptor of the folder, which belongs to this user.
-    """
+    """True if an open folder is a temporary folder of a writer that only this user can access."""
     if os.fstat(space).st_mode & 0o077 or not set(os.listdir(space)) <= {_NEW, _OLD}:
         return False
     for part in os.listdir(space):
@@ -213,14 +192,11 @@ def _is_workspace(space: int) -> bool:
 
 
 def _restore(space: int, parent: int) -> None:
-    """Moves folders from the workspace of a killed writer back to their original paths.
-
-    A writer moves an existing output folder into its workspace before it replaces the folder. A folder is not moved
-    back if something else has its path by now.
+    """Moves folders that a killed writer had set aside back to their original paths.
 
     Args:
-        space: File descriptor of the killed writer's workspace.
-        parent: File descriptor of the folder that contains the workspace.
+        space: File descriptor of the temporary folder of the killed writer.
+        parent: File descriptor of the folder that contains it.
     """
     with suppress(OSError), _opened_folder(_OLD, space) as aside:
         for name in os.listdir(aside):
@@ -262,10 +238,7 @@ def _workspace(folder: Path) -> Iterator[Path]:
 
 
 def _lock(handle: int) -> bool | None:
-    """Tries to lock an open folder: returns True if locked, False if another process has the lock.
-
-    Returns None if the file system has no locks.
-    """
+    """Tries to lock an open folder; returns False if another process has the lock, None if locks are not supported."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

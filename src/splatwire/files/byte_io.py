@@ -83,7 +83,7 @@ class ByteReader:
         return float(struct.unpack("<d", self.take(8))[0])
 
     def unsigned(self) -> int:
-        """Reads a non-negative varint of at most 53 bits, the range of exact integers in JavaScript."""
+        """Reads a non-negative varint of at most 53 bits."""
         value = 0
         for shift in range(0, 63, 7):
             byte = self.u8()

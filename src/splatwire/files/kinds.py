@@ -187,10 +187,7 @@ _CONTROL = bytes(set(range(32)) - set(b"\t\n\r\f\x1b"))
 
 
 def file_kind(path: Path) -> Kind:
-    """Detects the format of a file or folder.
-
-    Never raises, reads little, and does not block.
-    """
+    """Detects the format of a file or folder; never raises and does not block."""
     if isinstance(path, OpenedFile) and path.kind is not None:
         return path.kind
     kind, file = _detect(path)
@@ -203,8 +200,7 @@ def file_kind(path: Path) -> Kind:
 def opened(path: Path) -> Iterator[Path]:
     """Opens a file once for format detection and all readers; yields a path that refers to the open file.
 
-    Never raises and does not block: a path that cannot be opened is yielded too, and the reader reports the error. A
-    path that is already open is yielded unchanged.
+    Never raises and does not block; a path that cannot be opened is yielded too.
     """
     if isinstance(path, OpenedFile) and path.kind is not None:
         yield path
@@ -248,8 +244,7 @@ def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
 def trained_ply(folder: Path) -> Path | None:
     """Returns the PLY of the last iteration in a 3DGS model folder, or None.
 
-    The path is `point_cloud/iteration_N/point_cloud.ply`, with the highest N. `folder` may be the model folder, its
-    subfolder `point_cloud` (even if it was renamed), or the folder of one iteration.
+    The path is `point_cloud/iteration_N/point_cloud.ply`. `folder` may also be one of these subfolders.
     """
     if _iteration(folder) is not None:
         return ply if (ply := folder / _TRAINED_PLY).is_file() else None
@@ -286,7 +281,7 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:
-    """Returns a hint for an error message: an accepted model folder above or below a rejected path; may be empty.
+    """Returns a hint for an error message: an accepted model folder above or below a path; may be empty.
 
     Args:
         path: A file or folder that was rejected.
@@ -299,9 +294,7 @@ def model_nearby(path: Path, *kinds: Kind) -> str:
 def folder_nearby(path: Path, accepts: Callable[[Path], bool]) -> Path | None:
     """Finds the folder that was probably meant, for hints in error messages.
 
-    Searches the parents of a path, nearest first, then the folders in the path, then the folders in these. At most
-    `_MAX_FOLDERS` folders of each folder are searched. Returns None if no folder is accepted, or the path does not
-    exist.
+    Searches the parents of a path and two levels of folders in it. Returns None if no folder is accepted.
 
     Args:
         path: A file or folder that was rejected.
@@ -333,7 +326,7 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
     Args:
         head: First bytes of the file.
         size: Size of the file, bytes.
-        suffix: Suffix of the file name; only relevant for `.splat`, `.ksplat` and SOG, which have no magic number.
+        suffix: Suffix of the file name, for formats without a magic number (`.splat`, `.ksplat`, SOG).
     """
     return _plugin_kind(_built_in_kind(head, size, suffix), head, suffix)
 
@@ -344,10 +337,10 @@ def kind_of_format(form: FileFormat) -> Kind:
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Detects a format that another installed package has registered, for a file that this package does not recognise.
+    """Detects a format that another installed package has registered.
 
     Args:
-        kind: Result of the built-in detection; returned if it is a known format or no package recognises the file.
+        kind: Result of the built-in detection, returned if no package recognises the file.
         head: First bytes of the file.
         suffix: Suffix of the file name.
     """
@@ -400,19 +393,13 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 
 
 def _glb_json_end(head: bytes) -> int:
-    """Returns the byte offset of the end of the JSON chunk of a binary glTF file; 0 if it is implausible.
-
-    The JSON chunk is read to detect an embedded stream.
-    """
+    """Returns the byte offset of the end of the JSON chunk of a binary glTF file; 0 if it is implausible."""
     (size,) = struct.unpack("<I", head[12:16]) if len(head) >= 20 else (0,)
     return 20 + size if 0 < size <= MAX_GLB_JSON_BYTES else 0
 
 
 def _torch_kind(head: bytes) -> Kind | None:
-    """Detects a PyTorch archive from the first bytes of a file; None for other archives.
-
-    It is recognised by the name of its first entry and by strings of its pickle.
-    """
+    """Detects a PyTorch archive from the first bytes of a file; None for other archives."""
     (length,) = struct.unpack("<H", head[26:28]) if len(head) >= 28 else (0,)
     if not re.fullmatch(
         rb"[^/]+/(data\.pkl|data/\d+|constants\.pkl|version|byteorder|code/.*)", head[30 : 30 + length]
@@ -424,7 +411,7 @@ def _torch_kind(head: bytes) -> Kind | None:
 
 
 def _weak_kind(head: bytes) -> Kind:
-    """Detects formats without a reliable signature; called last, because other data may begin with the same bytes."""
+    """Detects formats without a reliable signature."""
     if head.startswith(b"\x1f\x8b"):
         return SPZ if _unpacked(head).startswith(b"NGSP") else Kind("gzip", "a gzip archive")
     if re.match(rb"\x80[\x02-\x05]", head):

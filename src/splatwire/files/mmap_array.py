@@ -1,4 +1,4 @@
-"""Large arrays backed by an unlinked temporary file (mmap), so that the system can page them out."""
+"""Large arrays backed by an unlinked temporary file (mmap), so that they may exceed the main memory."""
 
 import mmap
 import os
@@ -11,10 +11,9 @@ LARGE_BYTES = 32 << 20
 
 
 def large_empty(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-    """Allocates an array with undefined content; large arrays can exceed the main memory.
+    """Allocates an array with undefined content; large arrays may exceed the main memory.
 
-    From `LARGE_BYTES` on, the array is backed by an unlinked temporary file that is freed with the array. Falls back to
-    memory if the disk is full; `TMPDIR` selects the disk.
+    From `LARGE_BYTES` on, the array is backed by a temporary file in `TMPDIR`.
 
     Args:
         shape: Shape of the array.

@@ -41,8 +41,7 @@ def path_of(value: object, what: str = "a file or folder") -> Path:
         what: Expected content at the path, for the message.
 
     Raises:
-        InvalidValueError: If `value` has another type, is empty or is not a valid path. Paths as bytes are rejected
-            too; callers can convert them with `os.fsdecode`.
+        InvalidValueError: If `value` has another type (also bytes), is empty or is not a valid path.
     """
     if not isinstance(value, (str, os.PathLike)) or not isinstance(os.fspath(value), str):
         raise InvalidValueError(

@@ -1,4 +1,4 @@
-"""Paths of open files, so that format detection and all readers of a command open a file once."""
+"""Paths of open files, so that a command opens each file once."""
 
 import os
 from io import BufferedReader
@@ -14,10 +14,9 @@ else:
 
 
 class OpenedFile(_NativePath):
-    """Path of a file that stays open; `splatwire.files.kinds.opened` creates it.
+    """Path of a file that stays open, created by `splatwire.files.kinds.opened`.
 
-    `file_kind` and `open_regular` use the open file instead of opening the path again. For everything else, such as
-    readers of other packages, it is an ordinary path. Paths derived from it, such as `parent`, are not open.
+    Format detection and readers of this package use the open file; for everything else it is an ordinary path.
     """
 
     _file: BufferedReader | None = None
@@ -29,10 +28,7 @@ class OpenedFile(_NativePath):
         return self._kind
 
     def attach(self, kind: "Kind", file: BufferedReader | None) -> None:
-        """Sets the detected format and the open file.
-
-        The file is None for a folder, and for a path that cannot be read.
-        """
+        """Sets the detected format and the open file; None for a folder or an unreadable path."""
         self._kind, self._file = kind, file
 
     def detach(self) -> None:
@@ -50,10 +46,11 @@ class OpenedFile(_NativePath):
     def reader(self) -> BufferedReader | None:
         """Returns a file object to read the open file from its first byte; None if it is not open.
 
-        The caller closes it. All file objects share one position in the file, so only the newest may be used.
+        The caller closes it, and uses only the newest one.
         """
         if self._file is None:
             return None
+        # all file objects share one position in the file
         file = os.fdopen(os.dup(self._file.fileno()), "rb")
         file.seek(0)
         return file

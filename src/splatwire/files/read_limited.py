@@ -19,7 +19,7 @@ def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:
     """Opens an ordinary file (no pipe or device) for reading.
 
     Args:
-        path: The file. The path of an open file (`splatwire.files.kinds.opened`) is not opened again.
+        path: The file; a path that is already open is not opened again.
         error: Exception class to raise if the path is not an ordinary file.
 
     Raises:
@@ -41,7 +41,7 @@ def read_at_most(path: Path, size: int, error: type[SplatwireError]) -> bytes:
     """Reads the first `size` bytes of an ordinary file, or all if it is shorter.
 
     Raises:
-        SplatwireError: An `error`, see `open_regular`.
+        SplatwireError: An `error` if it is not an ordinary file or cannot be read.
     """
     with open_regular(path, error) as file:
         try:
@@ -54,7 +54,7 @@ def read_limited(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
     """Reads an ordinary file of at most `limit` bytes.
 
     Raises:
-        SplatwireError: An `error`, see `open_regular`, or if the file is larger.
+        SplatwireError: An `error` if it is not an ordinary file, cannot be read or is larger.
     """
     data = read_at_most(path, limit + 1, error)
     if len(data) > limit:
@@ -65,10 +65,8 @@ def read_limited(path: Path, limit: int, error: type[SplatwireError]) -> bytes:
 def read_json(path: Path, error: type[SplatwireError]) -> Any:
     """Reads a JSON file of at most `MAX_JSON_BYTES`.
 
-    A byte order mark at the beginning is skipped.
-
     Raises:
-        SplatwireError: An `error`, see `read_limited`, or if it is not JSON.
+        SplatwireError: An `error` if it is not an ordinary file, too large or not JSON.
     """
     data = read_limited(path, MAX_JSON_BYTES, error)
     try:

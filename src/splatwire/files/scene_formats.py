@@ -1,7 +1,4 @@
-"""Registry of scene file formats, open to installed packages (`splatwire.plugins`, docs/your-own-format.md).
-
-`splatwire.io.formats` implements and registers the built-in formats.
-"""
+"""Registry of scene file formats, open to installed packages (docs/your-own-format.md)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,18 +17,17 @@ class FileFormat:
     Attributes:
         name: Name in messages and in `splatwire export`, such as `spz`.
         what: Description of such a file with its article, such as `an SPZ file`, for messages.
-        recognises: Called with the first bytes of a file (up to 65,536) and the suffix of its name in lower case
-            (`.spz`); returns True for a file of this format. Only called for files of no other known format. None for
-            built-in formats, which `splatwire.files.kinds` detects.
-        read: Function that reads all Gaussians of a file into `splatwire.io.formats.FileContent` or
-            `splatwire.types.splats.Splats`; with `scene_type`, into a scene of that type. None for write-only formats.
-        write: Function that writes Gaussians, and returns their number. Called with batches of Gaussians (at least one
-            `Splats`, all of one degree), the path, and those properties in `keeps` that have a value. With
-            `scene_type`, called with a scene and the path. None for read-only formats.
+        recognises: Returns True for a file of this format, given its first bytes (up to 65,536) and the suffix of its
+            name in lower case (`.spz`). Called for files of no other known format. None for built-in formats.
+        read: Function that reads a file into `splatwire.io.formats.FileContent` or `splatwire.types.splats.Splats`;
+            with `scene_type`, into a scene of that type. None for write-only formats.
+        write: Function that writes Gaussians and returns their number. Called with batches of Gaussians (`Splats`, all
+            of one degree), the path, and the properties in `keeps`; with `scene_type`, with a scene and the path. None
+            for read-only formats.
         scene_type: Type of the scenes in such files; None for explicit Gaussians.
         ending: File name extension without the first dot; `name` if empty.
-        keeps: Names of scene properties that `write` accepts as keywords: `antialiased`, `origin`, `metadata`, `note`.
-            The name `outliers` means that one distant Gaussian makes all quantisation steps of the format larger.
+        keeps: Names of scene properties that `write` accepts as keywords: `antialiased`, `origin`, `metadata`, `note`;
+            `outliers` if distant Gaussians reduce the precision of all others in this format.
         kinds: Keys of the detected kinds of files (`splatwire.files.kinds.Kind.key`) that have this format.
     """
 

@@ -25,9 +25,7 @@ arrays and sets of any size."""
 
 
 def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_TENSOR_FILE_BYTES) -> None:
-    """Checks that a file is safe for `torch.load` with `weights_only`.
-
-    Loading then takes no more memory than the file's size.
+    """Checks that a file is safe for `torch.load` with `weights_only`, and not larger in memory than on disk.
 
     Args:
         path: The file.
@@ -73,7 +71,7 @@ def read_tensors(path: Path, error: type[SplatwireError], limit: int = MAX_TENSO
         limit: Maximum size of the file, bytes.
 
     Returns:
-        Read-only arrays by name, which may share memory; numbers and strings of the dictionary unchanged.
+        Read-only arrays by name, which may share memory; numbers and strings unchanged.
 
     Raises:
         SplatwireError: An `error` if `check_tensor_file` rejects the file, or it is damaged or contains other objects.
@@ -103,14 +101,14 @@ _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False, "EMPTY_TUPLE": (
 
 @dataclass(frozen=True)
 class _Name:
-    """Class or function that a pickle refers to by name; it is never imported."""
+    """Class or function that a pickle refers to by name."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class _Storage:
-    """Storage of tensor elements that a pickle refers to: dtype, key in the archive, number of elements."""
+    """Data of tensors in a pickle: dtype, key in the archive, number of elements."""
 
     kind: str
     key: str
@@ -128,10 +126,10 @@ class _Tensor:
 
 
 def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
-    """Parses a file that `torch.save` wrote as a zip archive, without importing or calling anything.
+    """Parses a zip archive written by `torch.save`, without importing or calling anything.
 
     Returns:
-        The content, with a description in place of each tensor, and a function that returns the bytes of a storage.
+        The content, with a description in place of each tensor, and a function that returns the data of a tensor.
     """
     with open_archive(path, error) as archive:
         described = [name for name in archive.sizes if name.endswith("/data.pkl")]
@@ -147,10 +145,7 @@ def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callabl
 
 
 def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
-    """Reads a file from before PyTorch 1.6: consecutive pickles followed by the data.
-
-    Returns the same values as `_read_archive`.
-    """
+    """Parses a file from before PyTorch 1.6, with the result of `_read_archive`."""
     found = dict[str, bytes]()
     with open_regular(path, error) as file:
         magic, protocol, _, content, keys = (_interpreted(file) for _ in range(_OLD_DESCRIPTIONS))
@@ -174,10 +169,7 @@ def _tensors_in(content: Any) -> dict[str, _Tensor]:
 
 
 def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray:
-    """Converts the description of a tensor to a read-only array.
-
-    The array is a view of the tensor's storage, so arrays of tensors with the same storage share memory.
-    """
+    """Converts the description of a tensor to a read-only array, which may share memory with other arrays."""
     numbers, shape, strides = np.frombuffer(bytes_of(tensor.storage), tensor.storage.kind), tensor.shape, tensor.strides
     last = tensor.first + sum((count - 1) * stride for count, stride in zip(shape, strides, strict=True))
     size = int(np.prod(shape, dtype=object))
@@ -241,20 +233,18 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: Any) -> _Storage:
-    """Parses a pickled reference from a tensor to its data (storage), as files of PyTorch contain it.
-
-    The reference is a tuple; the arguments are its items.
+    """Parses a reference from a tensor to its data, as pickled by PyTorch; the arguments are the items of a tuple.
 
     Args:
         word: Always `storage`.
-        kind: Class of the storage, which determines the dtype of its elements.
-        key: Name of the storage's data in the archive.
-        place: Device of the storage; ignored.
+        kind: Class of the data, which determines the dtype.
+        key: Name of the data in the archive.
+        place: Device; ignored.
         count: Number of elements.
-        *views: Further items, which current releases of PyTorch do not write: description of a view of another storage.
+        *views: Further items, which current releases of PyTorch do not write.
 
     Raises:
-        ValueError: If the dtype is unknown, or the items describe a view of another storage.
+        ValueError: If the dtype is unknown, or the data is a view of other data.
     """
     name = kind.name.removeprefix("torch ").removesuffix("Storage")
     if word != "storage" or name not in _KINDS or not isinstance(key, str) or any(view is not None for view in views):
@@ -263,11 +253,7 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
 
 
 def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Returns what a call in a pickle would construct, without calling it.
-
-    Only the calls of plain tensors are supported: those for dictionaries, parameters and tensors. A tensor is returned
-    as its description.
-    """
+    """Returns what a call in a pickle of plain tensors would construct, without calling it."""
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument
         return {key: value for key, value in (arguments[0] if arguments else ()) if isinstance(key, str)}

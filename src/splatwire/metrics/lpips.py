@@ -1,8 +1,7 @@
 """LPIPS v0.1 (Zhang et al. 2018) in numpy, with weights from files; nothing is downloaded.
 
-The networks were trained on pictures in [-1, 1]. The code of 3DGS, Scaffold-GS and HAC++ passes pictures in [0, 1]
-without scaling them; published tables computed with this code have the unscaled variant. Both variants give different
-values for the same pictures, so both exist here: `lpips` (scaled) and `lpips_unscaled`.
+There are two variants with different results: `lpips` scales images to [-1, 1] as in training; `lpips_unscaled` does
+not, like the code of 3DGS, Scaffold-GS and HAC++, and like tables published with that code.
 """
 
 import functools
@@ -31,11 +30,9 @@ follows it."""
 class _Backbone:
     """Layers of the image network (VGG16 or AlexNet) whose features LPIPS compares.
 
-    The layers are divided into stages. LPIPS compares the outputs of each stage for two images.
-
     Attributes:
-        pool: Kernel size of the max pooling (stride 2) before each stage; 0 for a stage without pooling.
-        stages: Convolutions of each stage.
+        pool: Kernel size of the max pooling (stride 2) before each stage; 0 without pooling.
+        stages: Convolutions of each stage; LPIPS compares the outputs of the stages.
     """
 
     pool: tuple[int, ...]
@@ -89,7 +86,8 @@ class Lpips:
         Args:
             images: RGB in [0, 1], at least 64 pixels on each side.
             references: RGB in [0, 1].
-            scaled: See `features`.
+            scaled: True to scale images to [-1, 1], the range of the network's training. False to pass [0, 1], as 3DGS
+                does.
         """
         pairs = zip(images, references, strict=True)  # one view at a time to bound memory
         each = [self.distance(*(self.features(x[None], scaled=scaled) for x in pair)) for pair in pairs]
@@ -98,12 +96,12 @@ class Lpips:
     def features(
         self, images: Float[Any, "C H W 3"], *, scaled: bool = True
     ) -> tuple[Float[np.ndarray, "C D h w"], ...]:
-        """Returns the normalised features of each stage, so that one reference image can be compared several times.
+        """Returns the normalised features of each stage of the network, for `distance`.
 
         Args:
             images: RGB in [0, 1].
-            scaled: True to scale pictures to [-1, 1], the range of the network's training. False to pass [0, 1], as the
-                code of 3DGS, Scaffold-GS and HAC++ does (`lpips(..., normalize=False)`).
+            scaled: True to scale images to [-1, 1], the range of the network's training. False to pass [0, 1], as 3DGS
+                does.
         """
         views = [self._features_of(to_numpy(image).astype(np.float32), scaled=scaled) for image in images]
         return tuple(np.stack(stage) for stage in zip(*views, strict=True))
@@ -135,7 +133,7 @@ def _convolved(
     stride: int,
     padding: int,
 ) -> Float[np.ndarray, "O H W"]:
-    """Applies a convolution and a ReLU (layer of the image network of LPIPS)."""
+    """Applies a convolution and a ReLU."""
     kernel = weight.shape[2]
     padded = np.pad(x, ((0, 0), (padding, padding), (padding, padding)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), (1, 2))[:, ::stride, ::stride]
@@ -183,9 +181,7 @@ def load_lpips(backbone: str | os.PathLike[str], linear: str | os.PathLike[str],
 
 
 def find_lpips(network: str = "vgg") -> Lpips | None:
-    """Loads LPIPS from the weight files named by environment variables; returns None if none are named.
-
-    See `splatwire.metrics.lpips_files.find_lpips_files` for the variables.
+    """Loads LPIPS from the weight files named by environment variables (`find_lpips_files`); None if none are named.
 
     Raises:
         DatasetError: If a named file is missing or has other content.

@@ -20,8 +20,8 @@ WEIGHT_FILES = {
 def find_lpips_files(network: str = "vgg") -> tuple[Path, Path] | None:
     """Returns the paths of the backbone and linear-layer files named by environment variables, or None.
 
-    `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR` name the two files. Otherwise `SPLATWIRE_LPIPS_DIR` names a
-    folder with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).
+    The variables are `SPLATWIRE_LPIPS_BACKBONE` and `SPLATWIRE_LPIPS_LINEAR`, or `SPLATWIRE_LPIPS_DIR` for a folder
+    with `vgg16_features.pth` and `lpips_lin_vgg.pth` (`alexnet_features.pth`, `lpips_lin_alex.pth`).
 
     Raises:
         DatasetError: If the environment names only one of the two files.

@@ -1,4 +1,4 @@
-"""Masks of images: pixels outside a mask do not affect any metric."""
+"""Masks of the pixels that metrics evaluate."""
 
 from typing import Any
 
@@ -13,8 +13,6 @@ from splatwire.ops.arrays import to_numpy
 @checked
 def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> Float[np.ndarray, "C H W 3"]:
     """Sets pixels outside the masks to black, for metrics that compare neighbourhoods (SSIM, LPIPS).
-
-    Both images are then equal outside the masks. Black equals the zero padding of a convolution.
 
     Args:
         images: RGB in [0, 1].

@@ -22,10 +22,9 @@ class Metric:
     """A metric of image quality.
 
     Attributes:
-        measure: Function that computes the metric of each of C views. Its arguments are images and references, RGB in
-            [0, 1], float32 (C, H, W, 3), and masks, bool (C, H, W), True for pixels that count, or None. It returns one
-            number per view. The attribute is None for LPIPS (`LPIPS_SCALED`), which `splatwire.metrics.lpips.Lpips`
-            computes.
+        measure: Function that computes the metric of each of C views from images and references, float32 (C, H, W, 3),
+            RGB in [0, 1], and masks, bool (C, H, W), or None. It returns C numbers. None for LPIPS, which has a class
+            of its own.
         label: Name in tables.
         digits: Decimal places in tables.
     """

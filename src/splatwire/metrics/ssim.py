@@ -18,13 +18,12 @@ _C1, _C2 = 0.01**2, 0.03**2
 def ssim(
     images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"] | None = None
 ) -> Float[np.ndarray, "C"]:
-    """Computes the mean SSIM of each view (`ssim_map`).
+    """Computes the mean SSIM of each view.
 
     Args:
         images: RGB in [0, 1].
         references: RGB in [0, 1].
-        masks: True for pixels that count; None for all. Pixels outside a mask are treated like those beyond the image
-            border, so a rectangular mask gives the result of a crop.
+        masks: True for pixels that count; None for all.
 
     Returns:
         Mean SSIM of each view; 1 if a view equals its reference.
@@ -41,8 +40,7 @@ def ssim(
 def ssim_map(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
     """Computes SSIM at every pixel and channel.
 
-    Gaussian window of 11x11 and sigma 1.5, population variances, zero padding as in 3DGS. The outer 5 pixels therefore
-    differ from implementations that mirror or crop.
+    Gaussian window of 11x11 and sigma 1.5, population variances, zero padding as in 3DGS.
 
     Args:
         images: RGB in [0, 1].
@@ -59,7 +57,7 @@ def ssim_map(images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"]) -
 
 
 def _blur(images: Float[np.ndarray, "C H W 3"]) -> Float[np.ndarray, "C H W 3"]:
-    """Blurs with the Gaussian window, one axis after the other, with zero padding."""
+    """Blurs images with the Gaussian window of SSIM and zero padding."""
     from scipy.ndimage import correlate1d  # takes long to load
 
     x = np.arange(WINDOW) - WINDOW // 2

@@ -50,11 +50,7 @@ def _widest(points, order, begin, end):
 @njit()
 @no_type_check
 def _select(points, axis, order, low, high, wanted):
-    """Partitions `order[low : high + 1]` by the coordinate along an axis (quickselect).
-
-    Afterwards `order[wanted]` is the point that full sorting would put there; smaller coordinates precede it, larger
-    ones follow.
-    """
+    """Puts the points before and after `order[wanted]` that belong there in sorted order (quickselect)."""
     while low < high:
         pivot = _middle_of_three(points, axis, order, low, high)
         left, right = low - 1, high + 1
@@ -77,6 +73,6 @@ def _select(points, axis, order, low, high, wanted):
 @njit()
 @no_type_check
 def _middle_of_three(points, axis, order, low, high):
-    """Returns a pivot for quickselect: the median of the first, the middle and the last coordinate of a range."""
+    """Returns a pivot for quickselect: the median of the first, the middle and the last coordinate."""
     a, b, c = points[order[low], axis], points[order[(low + high) // 2], axis], points[order[high], axis]
     return max(min(a, b), min(max(a, b), c))

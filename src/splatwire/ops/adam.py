@@ -14,9 +14,7 @@ _CHUNK = 1 << 14
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def update_run(p, g, m, v, begin, end, step_size, inverse_root, beta1, beta2, epsilon):
-    """Updates the values from `begin` to `end` of a parameter by one step of Adam, in place, on the calling thread.
-
-    All factors are float32.
+    """Updates the values from `begin` to `end` of a parameter by one step of Adam, in place, single-threaded.
 
     Args:
         p: The parameter, flat, float32.
@@ -25,11 +23,11 @@ def update_run(p, g, m, v, begin, end, step_size, inverse_root, beta1, beta2, ep
         v: Second moment, flat, float32; updated.
         begin: Index of the first value.
         end: End of the values (exclusive).
-        step_size: See `update`.
-        inverse_root: 1 divided by the argument `root` of `update`.
-        beta1: Decay rate of the first moment.
-        beta2: Decay rate of the second moment.
-        epsilon: Number that prevents division by zero.
+        step_size: Learning rate divided by `1 - beta1 ** t`, float32.
+        inverse_root: `1 / sqrt(1 - beta2 ** t)`, float32.
+        beta1: Decay rate of the first moment, float32.
+        beta2: Decay rate of the second moment, float32.
+        epsilon: Number that prevents division by zero, float32.
     """
     one = np.float32(1)
     for i in range(begin, end):

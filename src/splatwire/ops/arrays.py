@@ -1,4 +1,4 @@
-"""Conversion to numpy, the array library of the core; torch tensors are converted at the boundary."""
+"""Conversion of torch tensors to numpy arrays."""
 
 import dataclasses
 from collections.abc import Callable
@@ -10,7 +10,7 @@ Noun = TypeVar("Noun")
 
 
 def to_numpy(values: Any) -> np.ndarray:
-    """Converts to a numpy array, without a copy if the data is in CPU memory.
+    """Converts to a numpy array, if possible without a copy.
 
     Args:
         values: A numpy array, or a torch tensor on any device; gradients are dropped.
@@ -21,7 +21,7 @@ def to_numpy(values: Any) -> np.ndarray:
 
 
 def where(mask: Any, values: Any, otherwise: Any) -> Any:
-    """Returns `values` where `mask` is True and `otherwise` elsewhere, in the dtype and library of `values`.
+    """Returns `values` where `mask` is True and `otherwise` elsewhere.
 
     Args:
         mask: Booleans that broadcast against `values`, an array of the same library.
@@ -45,11 +45,10 @@ def lower_median(values: np.ndarray, axis: int = 0) -> np.ndarray:
 
 
 def to_arrays(value: Noun) -> Noun:
-    """Converts torch tensors in a record to numpy arrays, without a copy of CPU memory.
+    """Converts torch tensors in a record to numpy arrays, if possible without a copy.
 
     Args:
-        value: A tensor, or a tuple, dictionary or dataclass of them at any depth; gradients are dropped. Other values
-            are returned unchanged.
+        value: A tensor, or a tuple, dictionary or dataclass of them at any depth; gradients are dropped.
     """
     return to_numpy(value) if hasattr(value, "detach") else mapped(value, to_arrays)  # type: ignore[return-value]
 

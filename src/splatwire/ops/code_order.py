@@ -1,4 +1,4 @@
-"""Sorting of elements by integer codes that are computed on demand, so that memory is limited to one batch of codes."""
+"""Sorting of more elements than fit in memory with their keys."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -13,17 +13,14 @@ Codes = Callable[[np.ndarray], np.ndarray]
 
 
 def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = None) -> np.ndarray:
-    """Sorts elements by code; elements with equal codes keep their order.
-
-    Radix sort: elements are distributed to buckets by the highest digit of the code, and small buckets are sorted
-    directly.
+    """Sorts elements by integer codes; elements with equal codes keep their order.
 
     Args:
-        codes: Function that returns the codes, below `1 << bits`, of elements given by index. It is called several
-            times for each element and must be deterministic.
+        codes: Function that returns the codes, below `1 << bits`, of elements given by index; called several times for
+            each.
         count: Number of elements N, at most 2**32.
         bits: Number of bits of a code.
-        groups: Sort keys that precede the codes, integers from 0 below 2**16, (N); None for none.
+        groups: Keys that precede the codes, integers from 0 below 2**16, (N); None for none.
 
     Returns:
         Indices of the elements in sorted order, uint32 (N).
@@ -64,7 +61,7 @@ def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | rang
 
 
 def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> np.ndarray:
-    """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, one pass of a radix sort; stable.
+    """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, as one pass of a radix sort; stable.
 
     Args:
         digits: Function that returns the digit of elements given by index.
@@ -72,8 +69,7 @@ def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> n
         members: Indices of the elements to sort.
 
     Returns:
-        Position in `order` of the first element with each digit, followed by the number of elements, int64, `(1 <<
-        DIGIT_BITS) + 1`.
+        Position in `order` of the first element with each digit, and the number of elements, int64.
     """
     edges = np.zeros((1 << DIGIT_BITS) + 1, np.int64)
     for some in _pieces(members):

@@ -1,8 +1,4 @@
-"""Compilation of numba kernels, with a cache that works in any installation, and progress logging.
-
-The logger of this module emits an INFO record before the compilation of a kernel that was called from Python. Kernels
-from the cache, and functions that a kernel calls, have no record.
-"""
+"""Compilation of numba kernels, with a cache that works in any installation, and log messages."""
 
 import functools
 import hashlib
@@ -38,12 +34,9 @@ def _supports_option(option: str) -> bool:
 
 
 def _skip_scipy_import() -> None:
-    """Prevents numba from importing scipy's linear algebra at start.
-
-    At start, numba only checks if this module is present, but its import takes as long as that of numba itself. When a
-    kernel with matrix products is compiled, numba imports the module.
-    """
+    """Prevents numba from importing scipy's linear algebra at start, which is slow."""
     with suppress(ImportError, AttributeError):
+        # numba only checks at start if scipy is present; it imports it when a kernel has matrix products
         from numba.np import linalg
 
         linalg.ensure_blas = lambda: None
@@ -57,16 +50,13 @@ CAN_BORROW = _supports_option("_nrt")
 def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
     """`numba.njit` with a cache of machine code that works wherever the package is installed.
 
-    numba fails if none of its cache folders is writable (e.g. in a container with a read-only root). This function then
-    uses a temporary folder of the user, or compiles without a cache. Also, a change of a source file that the kernel
-    depends on invalidates its cache entry.
-
     Args:
         borrows: True if the function only reads and writes its array arguments, and neither allocates nor returns
-            arrays. Reference counting is then disabled; its atomic operations dominate the time of small functions.
+            arrays; disables reference counting.
         **options: Options of `numba.njit`; `cache` is always on.
     """
     if borrows and CAN_BORROW:
+        # the atomic operations of reference counting dominate the time of small functions
         options["_nrt"] = False
 
     def decorate(function: _F) -> _F:
@@ -83,11 +73,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _with_source_digest(kernel: Any) -> Any:
-    """Makes numba's cache entry of a kernel depend on all sources of the kernel.
-
-    These are all source files and constants that it is compiled from. numba alone checks only the file of the kernel
-    itself.
-    """
+    """Makes numba's cache entry of a kernel depend on all source files and constants that it is compiled from."""
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
@@ -96,10 +82,7 @@ def _with_source_digest(kernel: Any) -> Any:
 
 
 def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """Wraps the function that loads numba's cache index.
-
-    If the index is unreadable, the result is an empty index.
-    """
+    """Wraps the function that loads numba's cache index, to return an empty index if it is unreadable."""
 
     def index() -> dict[Any, str]:
         try:
@@ -125,13 +108,11 @@ def _sources_digest(module: str) -> str:
 
 
 def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
-    """Collects the constants that compiled kernels may depend on, so that a change of a constant renews the cache.
-
-    These are the constants of a module and of all modules of the same package that it imports, directly or indirectly.
+    """Collects the constants that kernels of a module may depend on, also those of imported modules.
 
     Args:
         module: Full name of the module.
-        found: Output: the constants as texts, by full name of the module; extended in place.
+        found: Output: the constants as texts, by full name of the module.
     """
     constants: list[str] = []
     found[module] = constants
@@ -148,10 +129,7 @@ def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
 
 @functools.cache
 def private_folder() -> Path | None:
-    """Returns a temporary folder that only this user can write to; all processes get the same folder.
-
-    It is created if necessary. numba unpickles and executes the content of its cache. A folder that another user
-    created, can write to or can replace is therefore rejected.
+    """Returns a temporary folder that only this user can write to, for compiled code; all processes get the same one.
 
     Returns:
         The folder, or None if no safe one is available.
@@ -161,6 +139,7 @@ def private_folder() -> Path | None:
             parent = Path(tempfile.gettempdir())
             folder = parent / f"splatwire-kernels-{os.getuid()}"
             folder.mkdir(mode=0o700, exist_ok=True)
+            # numba unpickles and executes the content of its cache
             if _is_safe_parent(parent) and _only_ours(folder):
                 return folder
     LOG.warning("no safe place to keep compiled kernels in, so each process compiles them: set NUMBA_CACHE_DIR")
@@ -175,10 +154,7 @@ def _only_ours(folder: Path) -> bool:
 
 
 def _is_safe_parent(parent: Path) -> bool:
-    """Returns True if no other user (except root) can rename, replace or delete this user's files in a folder.
-
-    The folder must belong to this user or root, and must not be writable for others, unless it is sticky like /tmp.
-    """
+    """True if no other user (except root) can rename, replace or delete this user's files in a folder."""
     status = parent.stat()
     shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX
     return status.st_uid in (0, os.getuid()) and not shared
@@ -196,7 +172,7 @@ def _cache_in(folder: Path) -> Iterator[None]:
 
 
 class _Compilations(event.Listener):
-    """Log of compiled kernels; functions that a kernel calls are not logged separately.
+    """Log of compiled kernels.
 
     Attributes:
         depth: Number of nested compilations of a thread.

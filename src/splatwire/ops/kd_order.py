@@ -11,17 +11,13 @@ from splatwire.ops import _kd_kernels as kernels
 def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
     """Sorts points so that consecutive points form spatially compact groups of given sizes (a k-d tree).
 
-    Ranges of points are split along the axis of largest variance. Groups can be nested: large groups, each divided into
-    smaller ones.
-
     Args:
         points: (N, 3), finite.
-        nested: Bounds of the groups on each level, from large groups to small ones. The bounds of a level ascend from 0
-            to N, int64, and a group contains the sorted points from one bound to the next. Each level includes all
-            bounds of the previous level.
+        nested: Bounds of the groups on each level, from large groups to small ones: ascending from 0 to N, int64,
+            including all bounds of the previous level. A group has the sorted points from one bound to the next.
 
     Returns:
-        Indices of the points in sorted order, int64 (N). The order within the smallest groups is unspecified.
+        Indices of the points in sorted order, int64 (N).
     """
     order = large_empty((len(points),), np.int64)
     order[:] = np.arange(len(points))

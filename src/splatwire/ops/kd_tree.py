@@ -1,4 +1,4 @@
-"""Search trees of scipy, which is imported for the first tree only: its import is a third of the start of a command."""
+"""Search trees of scipy, imported on first use."""
 
 from typing import Any
 

@@ -16,10 +16,9 @@ _SPARE = 4
 
 
 class NeighborTree:
-    """Search tree for nearest neighbours; distances are computed in float64.
+    """Search tree for nearest neighbours.
 
-    Of points at the same distance, those with lower indices come first. If more than four points tie for the last
-    place, the choice among them is deterministic, but arbitrary.
+    Of points at the same distance, those with lower indices come first.
 
     Args:
         support: The points, a numpy array or a torch tensor.
@@ -37,7 +36,7 @@ class NeighborTree:
         """Finds the `min(k, S)` points nearest to each query, nearest first.
 
         Args:
-            queries: Query points; a spatially coherent order is faster.
+            queries: Query points.
             k: Number of neighbours.
 
         Returns:
@@ -46,6 +45,7 @@ class NeighborTree:
         kept = max(0, min(k, self.num_points))
         given = to_numpy(queries)
         index, distance = np.empty((len(given), kept), np.int64), np.empty((len(given), kept), given.dtype)
+        # if more points than this tie for the last place, the choice among them is deterministic, but arbitrary
         wanted = min(kept + _SPARE, self.num_points)
         if kept and len(given):
             points = given.astype(np.float64)
@@ -86,7 +86,7 @@ def nearest_others(
         k: Number of neighbours.
 
     Returns:
-        Indices of the neighbours, and distances. Duplicates at the same position count as neighbours.
+        Indices of the neighbours, and distances.
     """
     index, distance = tree.query(points, k + 1)
     own = to_numpy(own)

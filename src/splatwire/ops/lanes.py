@@ -1,8 +1,7 @@
 """SIMD vectors of sixteen float32 in numba functions, for the rasteriser: one vector is a row of pixels of a tile.
 
-With them, sums over a tile stay in registers from one pixel row to the next, which a plain loop over pixels does not
-achieve. They map to 512-bit registers if available, otherwise to several shorter ones. Usable in numba functions only:
-the functions of this module, the operators + - * / on these values and float32, and the comparisons >=, <= and &.
+Usable in numba functions only: the functions of this module, the operators + - * / on these vectors and float32, and
+the comparisons >=, <= and &.
 """
 
 import operator
@@ -13,6 +12,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
+# With vectors, sums over a tile stay in registers from one row of pixels to the next, unlike in a plain loop over
+# pixels. They map to 512-bit registers if available, otherwise to several shorter ones.
 LANES = 16
 _FLOATS, _INTS, _BITS = (ir.VectorType(kind, LANES) for kind in (ir.FloatType(), ir.IntType(32), ir.IntType(1)))
 _FLAGS = ("nsz", "arcp", "contract")  # not "reassoc", which would remove the rounding in `power_of_two`
@@ -97,7 +98,7 @@ def load(typingctx, array, index):
 @intrinsic
 @no_type_check
 def pick(typingctx, array, index):
-    """Loads one number of a flat float32 array, without bounds check or negative indices."""
+    """Loads one number of a flat float32 array, without bounds check."""
 
     def build(context, builder, signature, arguments):
         return builder.load(_address(context, builder, signature.args[0], *arguments, ir.FloatType()))
@@ -132,7 +133,7 @@ def spread(typingctx, value):
 @intrinsic
 @no_type_check
 def choose(typingctx, mask, yes, no):
-    """Selects elements of two vectors by a mask: of `yes` where the mask is set, otherwise of `no`."""
+    """Selects elements of two vectors by a mask: `yes` where the mask is set, otherwise `no`."""
 
     def build(context, builder, signature, arguments):
         return builder.select(*arguments)
@@ -176,10 +177,7 @@ def power_of_two(typingctx, power):
 @intrinsic
 @no_type_check
 def pairs(typingctx, a, b):
-    """Adds adjacent elements of two vectors: returns eight sums of `a`, then eight sums of `b`.
-
-    Four rounds of this addition reduce sixteen vectors to one, whose elements are the sums of the vectors.
-    """
+    """Adds adjacent elements of two vectors: returns eight sums of `a`, then eight sums of `b`."""
 
     def build(context, builder, signature, arguments):
         sides = [builder.shuffle_vector(*arguments, ir.Constant(_INTS, [*range(s, 2 * LANES, 2)])) for s in (0, 1)]

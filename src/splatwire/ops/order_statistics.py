@@ -10,16 +10,14 @@ Pieces = Callable[[], Iterable[np.ndarray]]
 
 
 def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
-    """Returns the numbers at given ranks of the sorted sequence.
-
-    Radix selection: digits are determined from histograms, the highest digit first.
+    """Returns the numbers at given positions of the sorted sequence, by radix selection.
 
     Args:
-        pieces: Function that yields the numbers; called twice for float32, four times for float64.
+        pieces: Function that yields the numbers; called several times.
         ranks: Positions in the sorted sequence from 0, each below the count of numbers.
 
     Returns:
-        The number at each rank, float64.
+        The number at each position, float64.
     """
     found, left, bits = [0] * len(ranks), list(ranks), 0
     shift = size = 8 * next(iter(pieces())).dtype.itemsize
@@ -41,18 +39,15 @@ def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
 
 
 def middle_ranks(count: int) -> list[int]:
-    """Returns the ranks of the two middle numbers among `count` sorted numbers; their mean is the median.
-
-    The two ranks are equal if `count` is odd.
-    """
+    """Returns the positions of the two middle numbers among `count` sorted numbers; their mean is the median."""
     return [(count - 1) // 2, count // 2]
 
 
 def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray:
-    """Computes quantiles of numbers that are too many for memory, with the same results as `np.quantile`.
+    """Computes quantiles of numbers that are too many for memory, as `np.quantile`.
 
     Args:
-        pieces: Function that yields the numbers, see `order_statistics`.
+        pieces: Function that yields the numbers; called several times.
         count: Count of the numbers.
         shares: The quantiles to compute, from 0 to 1.
 

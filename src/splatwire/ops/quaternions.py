@@ -23,10 +23,7 @@ def rotation_matrices(quats: np.ndarray) -> np.ndarray:
 
 
 def quaternions_of(m: np.ndarray) -> np.ndarray:
-    """Converts rotation matrices (n, 3, 3) to unit quaternions (w, x, y, z).
-
-    Uses the largest of the four components (Shepperd, 1978).
-    """
+    """Converts rotation matrices (n, 3, 3) to unit quaternions (w, x, y, z) (Shepperd, 1978)."""
     d = np.diagonal(m, axis1=1, axis2=2)
     squares = np.concatenate([d.sum(axis=1)[:, None], 2 * d - d.sum(axis=1)[:, None]], axis=1) + 1
     x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]

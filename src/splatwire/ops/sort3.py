@@ -4,7 +4,7 @@ import numpy as np
 
 
 def sort3(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Sorts three numbers per row: returns minimum, median and maximum, eight times as fast as sorting.
+    """Sorts three numbers per row: returns minimum, median and maximum.
 
     Args:
         values: (N, 3), none of them NaN.

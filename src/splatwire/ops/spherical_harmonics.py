@@ -37,10 +37,9 @@ def degree_of(functions: int) -> int:
 
 
 def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np.ndarray, "*batch D"]:
-    """Evaluates the basis functions of spherical harmonics in given directions.
+    """Evaluates the basis functions of spherical harmonics in given directions, with the order and signs of 3DGS.
 
-    They are the real spherical harmonics in the convention of 3DGS, ordered by l, then m from -l to l. The signs of odd
-    m are opposite to those of most textbooks.
+    They are ordered by l, then m from -l to l.
 
     Args:
         directions: Unit vectors; in 3DGS from the camera to the Gaussian, world axes.
@@ -55,7 +54,7 @@ def sh_basis(directions: Float[np.ndarray, "*batch 3"], degree: int) -> Float[np
 
 
 def sh_functions(x: Any, y: Any, z: Any, degree: int) -> list[Any]:
-    """Evaluates the basis functions of `sh_basis` one by one, for numpy arrays or torch tensors.
+    """Evaluates the basis functions of spherical harmonics (`sh_basis`) for numpy arrays or torch tensors.
 
     Args:
         x: First components of unit vectors.

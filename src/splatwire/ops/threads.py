@@ -18,15 +18,12 @@ Result = TypeVar("Result")
 
 @functools.cache
 def _matrix_library() -> ThreadpoolController:
-    """Returns the controller of the loaded BLAS library; cached because the search is slow."""
+    """Returns the controller of the loaded BLAS library."""
     return ThreadpoolController().select(user_api="blas")
 
 
 class _BlasLimit:
-    """Process-wide limit of BLAS to one thread, as long as at least one context needs it.
-
-    Contexts are counted; the last one to end removes the limit.
-    """
+    """Process-wide limit of BLAS to one thread, as long as at least one context needs it."""
 
     def __init__(self) -> None:
         self.lock, self.num, self.limit = threading.Lock(), 0, ExitStack()
@@ -51,8 +48,7 @@ _HOLDERS = _BlasLimit()
 def one_blas_thread() -> Iterator[None]:
     """Context manager that limits numpy's matrix products to the calling thread.
 
-    Contexts of several threads may overlap in any order. The limit is process-wide, so the previous one is restored
-    when the last context ends.
+    The limit is process-wide; contexts of several threads may overlap.
     """
     _HOLDERS.enter()
     try:
@@ -66,19 +62,12 @@ _LIMIT = threading.Event()
 
 
 def use_single_thread() -> None:
-    """Makes `share` run all work on the calling thread, for the rest of this process.
-
-    Worker processes call this, because parallel processes already use all processor cores.
-    """
+    """Makes `share` run all work on the calling thread, for the rest of this process."""
     _LIMIT.set()
 
 
 def allowed_threads() -> int:
-    """Returns the maximum number of threads on which `share` distributes work.
-
-    This is the minimum of the number of processors, `OMP_NUM_THREADS` and numba's limit. It is 1 after
-    `use_single_thread`.
-    """
+    """Returns the maximum number of threads on which `share` distributes work."""
     from numba import config
 
     if _LIMIT.is_set():
@@ -101,12 +90,9 @@ if hasattr(os, "register_at_fork"):
 def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Applies a function to all items in parallel, on this thread and on helper threads.
 
-    Each free thread takes the next item. The function never waits for a helper thread to start.
-
     Args:
-        work: Function of one item. It should release the interpreter lock most of the time. The result for an item must
-            not depend on other items.
-        items: Items, each with at least some hundred microseconds of work. Less work does not justify a second thread.
+        work: Function of one item; should release the interpreter lock most of the time.
+        items: Items, each with at least some hundred microseconds of work.
 
     Returns:
         The results in the order of the items.
@@ -127,7 +113,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
 
 @dataclass(frozen=True)
 class _WorkQueue(Generic[Item, Result]):
-    """Queue of items that several threads process; each thread takes the next item when it is free.
+    """Queue of items that several threads process.
 
     Attributes:
         work: Function of one item.

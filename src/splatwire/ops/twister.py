@@ -6,7 +6,7 @@ _BLOCK = 16
 
 
 class Twister:
-    """Generator of random numbers: a Mersenne twister (MT19937) with a fixed sequence of 32-bit numbers.
+    """Generator of random numbers that are equal on all machines: a Mersenne twister (MT19937).
 
     Args:
         seed: Seed of the generator, 0 to 2**32 - 1.
@@ -16,19 +16,15 @@ class Twister:
         self._rng = np.random.RandomState(seed)
 
     def signs(self, shape: tuple[int, ...]) -> np.ndarray:
-        """Returns random signs, -1 or 1, float32 of the given shape, one from the lowest bit of each 32-bit number."""
+        """Returns random signs, -1 or 1, float32 of the given shape."""
         return ((self._numbers(int(np.prod(shape))) & 1).astype(np.float32) * 2 - 1).reshape(shape)
 
     def uniform(self, count: int) -> np.ndarray:
-        """Returns random numbers in [0, 1), float32 (count), each from the lowest 24 bits of a 32-bit number."""
+        """Returns random numbers in [0, 1), float32 (count)."""
         return (self._numbers(count) & 0xFFFFFF).astype(np.float32) * np.float32(2.0**-24)
 
     def normal(self, count: int) -> np.ndarray:
-        """Returns standard normal random numbers, float32 (count), by the Box-Muller method.
-
-        Sixteen uniform numbers give a block of sixteen normal ones. If `count` is not a multiple of sixteen, the last
-        sixteen results are a block of their own.
-        """
+        """Returns standard normal random numbers, float32 (count), by the Box-Muller method."""
         given = self.uniform(max(count, _BLOCK))
         whole = len(given) // _BLOCK * _BLOCK
         found = _normal(given[:whole])
@@ -42,10 +38,7 @@ class Twister:
 
 
 def _normal(uniform: np.ndarray) -> np.ndarray:
-    """Converts uniform random numbers to normal ones by the Box-Muller method.
-
-    In each block of sixteen, the first eight numbers become radii and the other eight angles.
-    """
+    """Converts uniform random numbers to normal ones by the Box-Muller method, in blocks of sixteen."""
     first, second = uniform.reshape(-1, 2, _BLOCK // 2).swapaxes(0, 1)
     radius, angle = np.sqrt(-2 * np.log(1 - first)), np.float32(2 * np.pi) * second
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).ravel()

@@ -35,13 +35,11 @@ class HashGridConfig(CheckedFields):
         return self.features_per_level * (len(self.resolutions_3d) + len(PLANES) * len(self.resolutions_2d))
 
     def rows(self, dims: int) -> tuple[int, ...]:
-        """Number of hash-table entries of each level of the grid with `dims` (3 or 2) coordinates.
-
-        The number is capped and rounded up to a multiple of 8.
-        """
+        """Number of hash-table entries of each level of the grid with `dims` (3 or 2) coordinates."""
         resolutions, log2 = (
             (self.resolutions_3d, self.log2_rows_3d) if dims == 3 else (self.resolutions_2d, self.log2_rows_2d)
         )
+        # capped, and rounded up to a multiple of 8
         return tuple(-(-min(1 << log2, r**dims) // 8) * 8 for r in resolutions)
 
 
@@ -52,7 +50,7 @@ class ModelConfig(CheckedFields):
     Attributes:
         layout: Number of feature channels and offsets per anchor.
         grid: Resolutions and table sizes of the hash grid.
-        base_steps: Quantisation steps of feature, scaling and offset before adaptation (HAC++, adaptive steps).
+        base_steps: Quantisation steps of feature, scaling and offset; the context model multiplies them by factors.
     """
 
     layout: AnchorLayout = field(default_factory=AnchorLayout)
@@ -66,12 +64,5 @@ class ModelConfig(CheckedFields):
 
     @property
     def prior_dim(self) -> int:
-        """Number of outputs of the prior network, which predicts the distributions of an anchor's attributes.
-
-        The outputs are:
-
-        * for each feature channel: mean, standard deviation and mixture weight,
-        * for each scaling and offset coordinate: mean and standard deviation,
-        * three factors on the quantisation steps.
-        """
+        """Number of outputs of the prior network, which predicts the distributions of an anchor's attributes."""
         return 3 * self.layout.feature_dim + 2 * 6 + 2 * 3 * self.layout.num_offsets + 3

@@ -22,8 +22,8 @@ from splatwire.types.validity import ElementValidity, validity_of_anchors
 class GaussianHeads(CheckedFields):
     """The three networks that turn an anchor and a view into Gaussians (HAC++, decoding of a view).
 
-    The input of each network is `[feature (F), view direction (3), view distance (1)]`. K is the number of offsets per
-    anchor, i.e. of possible Gaussians.
+    The input of each network is `[feature (F), view direction (3), view distance (1)]`. K is the number of Gaussians
+    per anchor.
 
     Attributes:
         opacity: K outputs, then tanh; Gaussians with values of 0 and below are not drawn.
@@ -64,9 +64,8 @@ class ContextModel(CheckedFields):
     Attributes:
         grid: The hash grid.
         prior: Network that maps the hash-grid feature (H) to `ModelConfig.prior_dim` outputs (HAC++, prior network).
-        channel: One network per group of feature channels. Its inputs are the groups decoded so far, and the prior's
-            mean, standard deviation and mixture weight of all F channels. Its outputs are mean, standard deviation and
-            mixture weight of the group's channels (HAC++, channel context).
+        channel: One network per group of feature channels, which predicts the distribution of these channels from the
+            prior and the groups decoded before (HAC++, channel context).
     """
 
     grid: HashGrid
@@ -101,8 +100,7 @@ class AnchorScene:
         anchors: The anchors.
         heads: The networks that draw them.
         coding: Parameters of the codec, specific to its schema (`hacpp` or `causal`).
-        hints: Factors on the size and opacity of each anchor's Gaussians, and hidden anchors, set by loss concealment.
-            None if no concealer was applied.
+        hints: Size and opacity factors and hidden anchors, set by loss concealment; None if no losses were concealed.
         background: RGB of the background that the scene was trained with.
         metadata: Title, author, license, and the initial view.
     """
@@ -140,21 +138,21 @@ class AnchorScene:
         return self.anchors.num_anchors
 
     def select(self, index: Any) -> "AnchorScene":
-        """Returns the scene with only the anchors at `index` (integers or mask), without `hints` of a concealer."""
+        """Returns the scene with only the anchors at `index` (integers or mask), without `hints`."""
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
     def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":
-        """Returns the scene with other anchors and other `hints`.
+        """Returns the scene with other anchors.
 
         Args:
             elements: The new anchors.
-            hints: Factors on size and opacity, and hidden anchors, set by loss concealment; None for no changes.
+            hints: Size and opacity factors and hidden anchors, set by loss concealment; None for no changes.
         """
         return replace(self, anchors=elements, hints=hints)
 
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the anchors that at least one view can draw; only these are encoded."""
+        """Mask of the anchors that can be visible in some view; only these are encoded."""
         return self.validity().kept
 
     def validity(self) -> ElementValidity:

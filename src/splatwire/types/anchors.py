@@ -33,8 +33,8 @@ class Anchors:
     Attributes:
         positions: World coordinates.
         features: Anchor features.
-        scalings: Linear (not logarithmic) sizes: the first three scale the offsets, the last three are the base size
-            of the Gaussians.
+        scalings: Sizes (not logarithms): the first three scale the offsets, the last three are the base size of the
+            Gaussians.
         offsets: Gaussian centres relative to the anchor, in units of `scalings[:, :3]`; zero where masked out.
         mask: True where the offset's Gaussian exists.
     """
@@ -71,11 +71,11 @@ class Anchors:
         return mean_log_size(self.scalings)
 
     def with_losses(self, known: Bool[Any, "N"], places: Float[Any, "N 3"]) -> "Anchors":
-        """Simulates reception: sets all attributes of lost anchors to 0 and their positions to `places`.
+        """Simulates losses: returns the anchors with all attributes of lost ones set to 0.
 
         Args:
             known: Mask of received anchors.
-            places: Expected positions of the lost anchors, world coordinates; other rows are ignored.
+            places: Positions for the lost anchors, world coordinates; other rows are ignored.
         """
 
         def gap(values: Any, instead: Any = 0) -> Any:
@@ -85,9 +85,7 @@ class Anchors:
         return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
     def with_estimates(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
-        """Combines received attributes (of this object) with estimates of lost attributes.
-
-        Estimated offsets are set to 0 where the (received or estimated) offset mask is False.
+        """Returns the anchors with lost attributes replaced by estimates.
 
         Args:
             loss_mask: Mask of received attributes.

@@ -8,7 +8,7 @@ from splatwire.errors import InvalidValueError
 
 
 class Attribute(enum.IntEnum):
-    """The four coded attributes of an anchor; the value of a member is its column in the mask `LossMask.received`."""
+    """The four coded attributes of an anchor."""
 
     FEATURE = 0
     SCALING = 1
@@ -22,8 +22,8 @@ class AnchorLayout:
 
     Attributes:
         feature_dim: Channels of the anchor feature (F).
-        num_offsets: Offsets, and therefore possible Gaussians, per anchor (K).
-        feature_groups: Sizes of the channel groups that are coded one after another; they add up to `feature_dim`.
+        num_offsets: Offsets per anchor, each of which may have a Gaussian (K).
+        feature_groups: Sizes of the groups of feature channels that are coded one after another.
     """
 
     feature_dim: int = 50

@@ -1,4 +1,4 @@
-"""Background colour of a scene, which training blends with the Gaussians; it is therefore part of the scene."""
+"""Background colour of a scene."""
 
 from collections.abc import Sequence
 

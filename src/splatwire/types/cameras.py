@@ -37,7 +37,7 @@ def check_size(width: int, height: int) -> None:
 class Cameras:
     """C pinhole cameras with the same image size.
 
-    Matrices are numpy arrays of float32; training uses torch tensors on its device instead.
+    Matrices are float32 numpy arrays, or torch tensors in training.
 
     Attributes:
         viewmats: World-to-camera matrices, OpenCV axes (x right, y down, z forward).
@@ -84,7 +84,7 @@ class Cameras:
         """Returns the camera at an index, or the cameras of a slice, as `Cameras`.
 
         Raises:
-            IndexError: If there is no such camera, as for any sequence.
+            IndexError: If there is no such camera.
             InvalidValueError: If `views` is neither a whole number nor a slice.
         """
         if isinstance(views, slice):

@@ -1,10 +1,8 @@
-"""The causal context model predicts each value of an anchor from its position and its values decoded before.
+"""Data of the causal context model, which predicts each value of an anchor from its position and its decoded values.
 
-No anchor is predicted from another anchor, so each packet decodes independently. The values of an anchor are coded in
-this order: the feature channels in groups; the mask of existing offsets and their common scale; the base size of the
-Gaussians; the offsets. The first feature groups are single channels and serve as latents for all later values. The
-inputs of each network are the anchor's position and all of its values decoded so far. All values in this module are in
-units of their quantisation steps.
+The values of an anchor are coded in this order: the feature channels in groups; the mask of existing offsets and their
+common scale; the base size of the Gaussians; the offsets. No anchor is predicted from another one, so each packet
+decodes independently. Values are in units of their quantisation steps.
 """
 
 from dataclasses import dataclass, field
@@ -64,10 +62,10 @@ class CausalCoding(CheckedFields):
         networks: The networks of `CausalConfig.shapes`, by name.
         steps: Quantisation step sizes: one for each feature group, then one each for offset scale, base size and
             offsets. Offset scale and base size are quantised as logarithms.
-        centres: Value subtracted from each of the four logarithms (offset scale, and base size along three axes) before
-            quantisation.
+        centres: Value subtracted from each of the four logarithms before quantisation: offset scale, and base size
+            along three axes.
         middle: Centre of the scene, voxels.
-        spread: Extent along each axis, voxels: about half of the anchors are this close to the centre.
+        spread: Extent along each axis, voxels; about half of the anchors are this close to the centre.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

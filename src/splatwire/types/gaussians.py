@@ -16,9 +16,9 @@ _SHAPES: dict[str, Shape] = {
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """G anisotropic Gaussians with one colour each (view dependence is already resolved).
+    """G anisotropic Gaussians, each with the colour seen in one view.
 
-    Fields are numpy arrays of float32; training uses torch tensors instead.
+    Fields are float32 numpy arrays, or torch tensors in training.
 
     Attributes:
         means: World coordinates of the centres.

@@ -14,8 +14,8 @@ class Importance:
     """Relative importance of N anchors: opacity times projected area, summed over a set of views and normalised.
 
     Attributes:
-        share: Fraction of the total that each anchor contributes, at least 0. The fractions add up to 1; all are 0 if
-            no anchor was visible in any view.
+        share: Fraction of the total that each anchor contributes; the fractions add up to 1. All are 0 if no anchor was
+            visible.
     """
 
     share: Float[np.ndarray, "N"]
@@ -40,8 +40,6 @@ class Importance:
     def top(self, fraction: float) -> Bool[np.ndarray, "N"]:
         """Returns the mask of the most important anchors: `fraction` of all, rounded.
 
-        Ties are resolved in favour of the lower index.
-
         Raises:
             ValueError: If the fraction is not in [0, 1].
         """
@@ -57,8 +55,7 @@ class Importance:
 
         Args:
             fractions: Share of the anchors in each tier except the last, 0 to 1; (0.05, 0.15) makes three tiers.
-            among: Mask of the anchors to which the shares refer, e.g. those that are encoded. The other anchors get the
-                last tier. None for all anchors.
+            among: Mask of the anchors to which the fractions refer; others get the last tier. None for all anchors.
 
         Raises:
             ValueError: If a fraction is not in [0, 1], the sum exceeds 1, or there are more than 255 fractions.

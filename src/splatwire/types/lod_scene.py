@@ -1,4 +1,4 @@
-"""Scenes with levels of detail: coarser Gaussians replace many fine ones that are far away or lost."""
+"""Scenes with levels of detail, from coarse to fine Gaussians."""
 
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,7 @@ class LevelScene(SplatScene):
     __repr__ = summary_repr
 
     def select(self, index: np.ndarray) -> "LevelScene":
-        """Returns the scene with the Gaussians at `index` in ascending order; the order of levels and tiles is kept."""
+        """Returns the scene with the Gaussians at `index`, which is in ascending order."""
         chosen = np.zeros(self.num_elements, np.bool_)
         chosen[index] = True
         left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
@@ -38,7 +38,7 @@ class Levels:
 
     Attributes:
         of: Level of each Gaussian; 0 is the finest level, the scene itself.
-        classes: Precision class of each Gaussian, the index of its set of quantisation steps; 0 is the coarsest.
+        classes: Precision class of each Gaussian (its set of quantisation steps); 0 is the coarsest.
     """
 
     of: UInt8[np.ndarray, "N"]
@@ -48,10 +48,7 @@ class Levels:
 
     @property
     def copied(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the Gaussians in coarser levels that are unchanged copies of one Gaussian of the next finer level.
-
-        All others in coarser levels were merged from several finer Gaussians.
-        """
+        """Mask of the Gaussians in coarser levels that are unchanged copies of one Gaussian of the next finer level."""
         # The encoder gives copies a more precise class than merged Gaussians.
         coarser = self.of > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser

@@ -16,9 +16,6 @@ from splatwire.types.attributes import Attribute
 class LossMask(CheckedFields):
     """Loss mask of N anchors: which of the four coded attributes of each anchor were received.
 
-    If each packet contains complete anchors, all four columns are equal. If attributes are sent in separate packets,
-    columns differ.
-
     Attributes:
         received: True if the attribute of the anchor was received, bool (N, 4); columns in the order of `Attribute`.
     """

@@ -33,7 +33,7 @@ class Mlp(CheckedFields):
     Attributes:
         hidden: First layer.
         output: Second layer, without an activation.
-        negative_slope: Slope of the ReLU for negative inputs: 0 for a plain ReLU, 0.01 in the channel context networks.
+        negative_slope: Slope of the ReLU for negative inputs: 0 for a plain ReLU.
     """
 
     hidden: Linear

@@ -1,7 +1,6 @@
 """Origins of geo-referenced scenes: positions are float32 relative to a point with float64 coordinates.
 
-Adjacent float32 numbers differ by half a metre at map coordinates (UTM, ECEF: up to 7e6 m). The origin is therefore
-subtracted in float64 and stored with the Gaussians.
+At map coordinates (UTM, ECEF), float32 alone has a precision of half a metre.
 """
 
 import math
@@ -46,9 +45,7 @@ def check_origin(values: object) -> Origin:
 
 
 def choose_origin(means: np.ndarray, *, wide: bool) -> Origin:
-    """Returns the origin to subtract from a set of positions, so that float32 is precise enough for the differences.
-
-    The origin is the median position in whole units. It is used only if it is far from 0 compared with the spread.
+    """Returns the origin to subtract from positions, so that float32 is precise enough for the differences.
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
@@ -102,15 +99,15 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Checks that positions in float32 are precise enough in a scene with a given origin.
+    """Returns how far the positions of a scene are from its origin, if too far for float32; otherwise None.
 
     Args:
         origin: The origin that a file declares.
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        None if they are. Otherwise, the distance between the median position and the origin along the axis where it is
-        largest, world units.
+        Largest distance on an axis between the median position and the origin, world units; None if float32 is precise
+        enough.
     """
     apart = means - np.array(origin)
     if choose_origin(apart, wide=False) == NO_ORIGIN:
@@ -120,5 +117,5 @@ def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
 
 
 def describe_origin(origin: Origin) -> str:
-    """Formats an origin for messages and comments: three numbers that parse to the same float64."""
+    """Formats an origin for messages and comments: three numbers without rounding."""
     return " ".join(str(int(value)) if value == math.floor(value) else repr(value) for value in origin)

@@ -1,4 +1,4 @@
-"""Predictions of an anchor's attributes from side information, available before any packet."""
+"""Predicted distributions of anchor attributes, available before any packet."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -62,10 +62,7 @@ class Prior(CheckedFields):
         return mean_log_size(self.scaling.mean)
 
     def filled(self, elements: Anchors, loss_mask: LossMask) -> Anchors:
-        """Returns the anchors with every missing attribute replaced by its predicted mean.
-
-        If the offset mask of an anchor was lost, all of its offsets are marked as existing.
-        """
+        """Returns the anchors with every missing attribute replaced by its predicted mean."""
         missing = ~loss_mask.received
 
         def choose(attribute: Attribute, filled: Any, decoded: Any) -> Any:
@@ -82,9 +79,7 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Clamps estimated scalings of lost anchors from below to the smallest received scaling of each channel.
-
-    Estimates may be negative. If nothing was received, the lower bound is zero.
+    """Limits estimated scalings of lost anchors from below by the smallest received ones.
 
     Args:
         anchors: The received anchors.

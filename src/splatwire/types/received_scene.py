@@ -1,4 +1,4 @@
-"""Result of a decoder: a scene whose elements (Gaussians or anchors) may be lost in part, and its side information."""
+"""Result of a decoder: a scene of Gaussians or anchors, some of which may be lost, and its side information."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -21,10 +21,7 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Protocol of predictions that a receiver can make of every element, received or lost (for example `Prior`).
-
-    Elements are Gaussians or anchors. The predictions need only the side information of the stream.
-    """
+    """Protocol of predictions for every Gaussian or anchor (element), received or lost, from the side information."""
 
     @property
     def num_elements(self) -> int:
@@ -52,13 +49,12 @@ class ExpectedPlaces(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class TierSizes(CheckedFields):
-    """Approximate size of every element, received or lost, for the concealment of losses.
+    """Approximate size of every element (Gaussian or anchor), received or lost, for the concealment of losses.
 
-    The encoder sends one typical size per importance tier (group of elements of similar importance). The tier of each
-    element is known, also if the element is lost.
+    The encoder sends one typical size for each group of elements of similar importance (tier).
 
     Attributes:
-        sizes: Typical size in the tier of each element, above 0, in an arbitrary unit: only ratios are meaningful.
+        sizes: Typical size in the tier of each element, above 0, in an arbitrary unit.
     """
 
     sizes: Float[Any, "N"]
@@ -73,9 +69,9 @@ class Copies(CheckedFields):
     Attributes:
         places: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Three parameters for the enlargement of received Gaussians next to lost ones, chosen by the sender. The
-            first two determine how strongly size and opacity grow. The third is the strength of the correction by the
-            neural network of the concealer `scene_free`.
+        growth: Strengths chosen by the sender for the concealment of lost Gaussians without a copy: how much the size
+            and the opacity of their neighbours grow, and how much the network of the concealer `scene_free` corrects
+            this.
     """
 
     places: Int64[np.ndarray, "C"]
@@ -87,14 +83,14 @@ class Copies(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class ReceivedScene(Generic[S]):
-    """A received scene with possibly lost elements, and all side information on it.
+    """A received scene with possibly lost elements (Gaussians or anchors), and its side information.
 
     Attributes:
-        scene: The scene. A lost element has the decoder's placeholder values and is never drawn without concealment.
+        scene: The scene; lost elements have placeholder values.
         loss_mask: Mask of received attributes.
-        sections: Sections of the side information added by the sender for concealers: content (bytes) by section name.
-        records: Further side information on the elements, with at most one record of each type: an `Expectation`,
-            `ExpectedPlaces`, `TierSizes`, `Copies`, `AnchorLayout`, or a schema-specific type.
+        sections: Sections of the side information for concealers: bytes by section name.
+        records: Further side information on the elements, at most one object of each type (`Expectation`,
+            `ExpectedPlaces`, `TierSizes`, `Copies`, `AnchorLayout`, …).
     """
 
     scene: S
@@ -116,14 +112,14 @@ class ReceivedScene(Generic[S]):
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
     def get(self, kind: type[Record]) -> Record | None:
-        """Returns the side information record of a type, such as `TierSizes`; None if it is absent."""
+        """Returns the side information of a type, such as `TierSizes`; None if it is absent."""
         return next((record for record in self.records if isinstance(record, kind)), None)
 
     def __getitem__(self, kind: type[Record]) -> Record:
-        """Returns the side information record of a type, such as `TierSizes`; raises an error if it is absent.
+        """Returns the side information of a type, such as `TierSizes`.
 
         Raises:
-            InvalidValueError: If the record is absent.
+            InvalidValueError: If it is absent.
         """
         found = self.get(kind)
         if found is None:
@@ -134,11 +130,11 @@ class ReceivedScene(Generic[S]):
 
     @property
     def provides(self) -> frozenset[type]:
-        """Types of the available side information records, and the type of the elements, e.g. `Splats`."""
+        """Types of the available side information, and the type of the elements, e.g. `Splats`."""
         return frozenset(map(type, (self.scene.elements, *self.records)))
 
     def with_records(self, *records: Any) -> "ReceivedScene[S]":
-        """Returns a copy with side information records added; a new record replaces the existing record of its type."""
+        """Returns a copy with further side information, which replaces that of the same type."""
         kinds = tuple(map(type, records))
         return replace(self, records=(*(old for old in self.records if not isinstance(old, kinds)), *records))
 
@@ -156,40 +152,31 @@ class ReceivedScene(Generic[S]):
     def places(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
-        In some streams, the exact position of an element is lost with its packet. The positions are then approximate
-        ones from the side information, for all elements (`ExpectedPlaces`).
+        If exact positions are lost with their packets, these are approximate positions from the side information.
         """
         expected = self.get(ExpectedPlaces)
         return self.scene.positions if expected is None else expected.positions
 
     @property
     def expectation(self) -> Expectation | None:
-        """Values that the side information predicts for every element, which replace the values of lost elements.
-
-        An example is `Prior`. None if the stream has no such prediction. Lost elements then have the values that the
-        decoder chose.
-        """
+        """Values that the side information predicts for every element, e.g. a `Prior`; None if there are none."""
         return next((record for record in self.records if isinstance(record, Expectation)), None)
 
     @property
     def log_sizes(self) -> Float[np.ndarray, "N"]:
-        """Expected logarithm of the size of each element."""
+        """Expected logarithm of the size of each element, received or lost."""
         expected = self.expectation
         return to_numpy(self.elements.log_sizes if expected is None else expected.expected_log_sizes())
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
-        """Typical size of the elements in each element's importance class (tier); None if it was not sent."""
+        """Typical size of elements as important as each element; None if it was not sent."""
         tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 
     @property
     def sizes(self) -> Float[np.ndarray, "N"]:
-        """Approximate size of each element, received or lost, for weighted averages over neighbours, float64 (N).
-
-        If the stream contains typical sizes of importance tiers (`TierSizes`), it is that of the element's tier, in an
-        arbitrary unit. Otherwise, it is the expected size of this element, world units.
-        """
+        """Approximate size of each element, received or lost, in an arbitrary unit, float64 (N)."""
         tiers = self.tier_sizes
         return np.exp(self.log_sizes.astype(np.float64)) if tiers is None else to_numpy(tiers).astype(np.float64)
 
@@ -208,14 +195,7 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the set of element counts in some side information, to check that all of it is for one scene.
-
-    Args:
-        records: Parts of the side information. Parts that do not have one entry for each element are ignored.
-
-    Returns:
-        The counts; more than one if parts belong to different scenes.
-    """
+    """Returns the element counts of the given side information; more than one if it is for different scenes."""
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

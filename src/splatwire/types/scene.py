@@ -1,4 +1,4 @@
-"""Protocol of every scene: the interface that codec, concealers and renderers use for Gaussians and for anchors."""
+"""Interface of all scenes, of Gaussians or anchors, for codec, concealers and renderers."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
@@ -22,7 +22,7 @@ class RenderHints(CheckedFields):
     Attributes:
         size_gain: Factor on the size of the element's Gaussians, 1 for no change.
         left_out: Mask of elements (Gaussians or anchors) that are not drawn.
-        opacity_gain: Factor on the opacity of the element's Gaussians, clipped to at most 1; None for no change.
+        opacity_gain: Factor on the opacity of the element's Gaussians; None for no change.
     """
 
     size_gain: Float[Any, "N"]
@@ -34,11 +34,10 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """How strongly the concealer `grow` enlarges received elements to cover lost neighbours, for one type of scene.
+    """How strongly the concealer `grow` enlarges received elements next to lost ones, for one type of scene.
 
     If the share r of an element's neighbours was received, its size is multiplied by `r ** -(exponent * size)`. Its
-    opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`. `exponent` is a parameter of the concealer
-    (`splatwire.concealment.Grow`).
+    opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`, with the concealer's parameter `exponent`.
 
     Attributes:
         size: Strength for sizes; 0 leaves them unchanged.
@@ -61,19 +60,19 @@ class Elements(Protocol):
         """Returns the elements at `index`."""
 
     def with_losses(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
-        """Simulates losses: returns the elements as a decoder would, with placeholder values for lost ones.
+        """Simulates losses: returns the elements with placeholder values for lost ones.
 
         Args:
             known: Mask of received elements.
-            places: Position to give each lost element; rows of received elements are ignored.
+            places: Positions for the lost elements; other rows are ignored.
         """
 
     def with_estimates(self: Own, loss_mask: LossMask, proposed: Own) -> Own:
-        """Returns the received values of these elements, and for lost values the estimates of a concealer.
+        """Returns the elements with lost values replaced by estimates.
 
         Args:
             loss_mask: Mask of received values.
-            proposed: All elements, with estimates of the lost values; its other values are ignored.
+            proposed: All elements, with estimates of the lost values.
         """
 
 
@@ -87,10 +86,7 @@ class Scene(Protocol):
 
     @property
     def hints(self) -> RenderHints | None:
-        """Factors on the size and opacity of each element, and hidden elements, set by loss concealment.
-
-        None if no concealer was applied.
-        """
+        """Size and opacity factors and hidden elements, set by loss concealment; None if no losses were concealed."""
 
     @property
     def background(self) -> Background:
@@ -98,7 +94,7 @@ class Scene(Protocol):
 
     @property
     def elements(self) -> Any:
-        """The Gaussians or anchors of the scene, see `Elements`."""
+        """The Gaussians or anchors of the scene."""
 
     @property
     def positions(self) -> Float[Any, "N 3"]:
@@ -110,7 +106,7 @@ class Scene(Protocol):
 
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the elements that at least one view can draw; only these are encoded."""
+        """Mask of the elements that can be visible in some view; only these are encoded."""
 
     def validity(self) -> ElementValidity:
         """Classifies the elements as drawable, invisible or invalid; only drawable ones are encoded."""
@@ -124,12 +120,12 @@ class Scene(Protocol):
         """Scene statistics for display, by name."""
 
     def select(self: Own, index: np.ndarray) -> Own:
-        """Returns the scene with only the elements at `index`, without `hints` of a concealer."""
+        """Returns the scene with only the elements at `index`, without `hints`."""
 
     def with_elements(self: Own, elements: Any, hints: RenderHints | None = None) -> Own:
-        """Returns the scene with other elements and other `hints`.
+        """Returns the scene with other elements.
 
         Args:
             elements: The new Gaussians or anchors.
-            hints: Factors on size and opacity, and hidden elements, set by loss concealment; None for no changes.
+            hints: Size and opacity factors and hidden elements, set by loss concealment; None for no changes.
         """

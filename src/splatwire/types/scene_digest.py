@@ -1,4 +1,4 @@
-"""Digest of a scene's attributes: equal digests on two machines mean that both decoded the same scene."""
+"""Hash of a scene's attributes, to compare what different machines decoded."""
 
 import hashlib
 from dataclasses import fields
@@ -11,10 +11,9 @@ from splatwire.types.splats import Splats
 
 
 def scene_digest(elements: Anchors | Splats) -> str:
-    """Computes the SHA-256 of all attribute arrays of Gaussians or anchors, in the order of their fields.
+    """Computes the SHA-256 of the name, shape and values of all attributes of Gaussians or anchors.
 
-    Each tensor contributes its name, shape and values (float32 little-endian, masks as bytes 0 and 1). The digest
-    depends on the element order; a decoder keeps the order of the stream.
+    Depends on the order of the elements.
 
     Args:
         elements: The elements of a scene.

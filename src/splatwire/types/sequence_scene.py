@@ -62,18 +62,15 @@ class GroupMotion:
 
     Attributes:
         tracks: Indices of the received tracks that exist in the group, ascending, int64 (n).
-        moving: Mask of moving tracks, bool (n); tracks that do not move stay at the position of their keyframe
-            Gaussians.
-        begins: First frame of each track, relative to the group's first frame, int64 (n).
-        ends: Frame after the last frame of each track, relative to the group's first frame, int64 (n).
-        at: Returns the changes of the tracks in a frame, float32 (n, C). The frame is counted from the group's first.
-            The channels are: differences of position (world units); rotation vector of length `4 * tan(angle / 4)`;
-            differences of the natural logarithms of scales (largest first) and opacity; differences of red, green and
-            blue of the constant harmonic. Each call evaluates one frame only, which limits memory.
-        covered: Mask of tracks for which a packet of the group was received and decoded, bool (T). Of these, tracks
-            that are absent in `tracks` have ended.
+        moving: Mask of the tracks that move, bool (n).
+        begins: First frame of each track, from the start of the group, int64 (n).
+        ends: Frame after the last frame of each track, from the start of the group, int64 (n).
+        at: Function that decodes the changes of the tracks in a frame of the group, float32 (n, C). The channels are:
+            position (world units); rotation vector of length `4 * tan(angle / 4)`; natural logarithms of scales
+            (largest first) and opacity; red, green and blue of the constant harmonic.
+        covered: Mask of tracks for which a packet of the group was received, bool (T).
         complete: True if no packet is missing.
-        unchanged: True if the group has no motion: every track keeps its state.
+        unchanged: True if the group has no motion.
     """
 
     tracks: np.ndarray
@@ -90,20 +87,16 @@ class GroupMotion:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Tracks of a sequence: first state and lifetime of each track. A track is one Gaussian over time.
+    """Tracks of a sequence, each of which is one Gaussian over time: first state and lifetime.
 
     Attributes:
-        splats: The keyframe Gaussian of each track, that is, its state in its first frame.
-        born: Index of the group of pictures in which each track begins (its birth group), int64 (T).
+        splats: State of each track in its first frame (its keyframe Gaussian).
+        born: Index of the group of pictures in which each track begins, int64 (T).
         received: Mask of received tracks, bool (T).
-        blocks: Index of the block (run of consecutive elements of the stream) that contains each keyframe Gaussian,
-            int64 (T).
-        rounding: Quantisation step of each track's position offsets, world units, float32 (T); 0 if the keyframe
-            Gaussian was not received.
-        begins: First frame of each track, relative to the first frame of its birth group, int64 (T). Read from the side
-            information; 0 if absent.
-        ends: Frame of the sequence after the last frame of each track, int64 (T). Read from the side information; the
-            number of frames if absent.
+        blocks: Index of the block of the stream that contains each keyframe Gaussian, int64 (T).
+        rounding: Quantisation step of the positions of each track, world units, float32 (T); 0 for lost ones.
+        begins: First frame of each track, from the start of the group in which it begins, int64 (T); 0 if unknown.
+        ends: Frame of the sequence after the last frame of each track, int64 (T); the number of frames if unknown.
     """
 
     splats: Splats
@@ -121,15 +114,12 @@ class Tracks:
 class SequenceScene:
     """A received sequence of moving Gaussians.
 
-    The elements of a sequence are the keyframe Gaussians and, for each group of pictures, the motion of the tracks.
-
     Attributes:
         timeline: Frame rate, number of frames, and groups of pictures.
         tracks: The keyframe Gaussians.
-        motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
-            mask of received keyframe Gaussians, bool (T). It skips packets that need a missing keyframe Gaussian. Every
-            call decodes again, so that only the motion in use takes memory.
-        count: Number of elements, N. An element is a keyframe Gaussian, or the motion of one track in one group.
+        motion: Function that decodes the received motion of a group, given the index of the group and the mask of
+            received keyframe Gaussians, bool (T).
+        count: Number of elements, N: the keyframe Gaussians, and for each group the tracks whose motion is coded.
         background: RGB of the background.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.
@@ -157,15 +147,12 @@ class SequenceScene:
 
     @property
     def positions(self) -> Float[np.ndarray, "T 3"]:
-        """Position of each track at its birth."""
+        """Position of each track in its first frame."""
         return self.tracks.splats.means
 
     @property
     def num_elements(self) -> int:
-        """Number of elements that packets contain, N.
-
-        An element is a keyframe Gaussian, or the motion of one track in one group of pictures.
-        """
+        """Number of elements: the keyframe Gaussians, and for each group the tracks whose motion is coded."""
         return self.count
 
     @property
@@ -204,7 +191,7 @@ class SequenceScene:
         )
 
     def select(self, index: np.ndarray) -> "SequenceScene":
-        """Returns the sequence unchanged: the tracks of a sequence cannot be selected."""
+        """Returns the sequence unchanged, because its tracks cannot be selected."""
         # Motion refers to tracks by index.
         return self
 
@@ -213,6 +200,6 @@ class SequenceScene:
 
         Args:
             elements: The new keyframe Gaussians.
-            hints: Factors on size and opacity, and hidden Gaussians, set by loss concealment; None for no changes.
+            hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None for no changes.
         """
         return replace(self, tracks=replace(self.tracks, splats=elements), hints=hints)

@@ -25,14 +25,12 @@ def check_arrays(
 ) -> None:
     """Checks the type and shape of array fields of a dataclass instance.
 
-    Arrays are floating-point, or boolean for the fields in `boolean`.
-
     Args:
         record: Dataclass instance with array fields, e.g. `Splats`.
         shapes: Expected shape of each array, by field name.
-        boolean: Names of the boolean fields.
+        boolean: Names of the boolean fields; the others are floating-point.
         tensors: If True, accepts torch tensors too, for training.
-        positions: Field with world coordinates whose precision is checked.
+        positions: Field with world coordinates, which float32 must represent precisely enough; None for no check.
 
     Raises:
         InvalidValueError: If a field is not an array or has the wrong type or shape, or if positions are float64 and

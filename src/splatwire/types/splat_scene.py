@@ -22,15 +22,14 @@ Own = TypeVar("Own", bound="SplatScene")
 
 @dataclass(frozen=True, eq=False)
 class SplatCoding(CheckedFields):
-    """Quantisation steps that a scene of Gaussians was decoded with; encoding it again with them is lossless.
+    """Quantisation steps with which a scene of Gaussians was decoded; encoding with them again is lossless.
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Decoded positions are multiples of a lattice spacing, which is `2 ** -unit` of the scene's size.
-        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
-        bases: `-log2` of the quantisation step of each attribute in the least precise class, in the order of the
-            codec's side information.
-        transform: Decorrelating transform of the spherical harmonics, integers as in the codec's side information.
+        unit: Resolution of decoded positions: they are multiples of `2 ** -unit` of the scene's size.
+        coarsest: log2 of the largest quantisation step of positions, in multiples of that resolution.
+        bases: `-log2` of the quantisation step of each attribute in the least precise class.
+        transform: Decorrelating transform of the spherical harmonics, as integers.
         classes: Precision class of each Gaussian, 0 for the lowest precision.
     """
 
@@ -58,10 +57,9 @@ class SplatScene:
 
     Attributes:
         splats: The Gaussians.
-        hints: Factors on the size and opacity of each Gaussian, and hidden Gaussians, set by loss concealment. None if
-            no concealer was applied.
+        hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None if no losses were concealed.
         background: RGB of the background.
-        coding: Quantisation steps of a decoded scene, used again when it is encoded; None if it was not decoded.
+        coding: Quantisation steps with which the scene was decoded; None if it was not decoded.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
@@ -109,23 +107,23 @@ class SplatScene:
         return self.splats.num_gaussians
 
     def select(self: Own, index: np.ndarray) -> Own:
-        """Returns the scene with only the Gaussians at `index` (integers or mask), without `hints` of a concealer."""
+        """Returns the scene with only the Gaussians at `index` (integers or mask), without `hints`."""
         coding = None if self.coding is None else self.coding.select(index)
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)
 
     def with_elements(self: Own, elements: Splats, hints: RenderHints | None = None) -> Own:
-        """Returns the scene with other Gaussians and other `hints`.
+        """Returns the scene with other Gaussians.
 
         Args:
             elements: The new Gaussians.
-            hints: Factors on size and opacity, and hidden Gaussians, set by loss concealment; None for no changes.
+            hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None for no changes.
         """
         same = elements.num_gaussians == self.num_elements
         return replace(self, splats=elements, hints=hints, coding=self.coding if same else None)
 
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the Gaussians that at least one view can draw; only these are encoded."""
+        """Mask of the Gaussians that can be visible in some view; only these are encoded."""
         return self.validity().kept
 
     def validity(self) -> ElementValidity:
@@ -147,10 +145,7 @@ class SplatScene:
         return {"degree": self.splats.degree}
 
     def drawn(self) -> Splats:
-        """Returns the Gaussians to draw after loss concealment.
-
-        Hidden Gaussians are omitted, and factors on size and opacity are applied (`hints`).
-        """
+        """Returns the Gaussians as drawn after loss concealment, with its factors applied and without hidden ones."""
         if self.hints is None:
             return self.splats
         kept, hints = ~self.hints.left_out, self.hints

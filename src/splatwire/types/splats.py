@@ -61,20 +61,17 @@ class Splats:
 
     @staticmethod
     def empty(count: int, degree: int) -> "Splats":
-        """Allocates `count` Gaussians with undefined values; large arrays are backed by a temporary file."""
+        """Allocates `count` Gaussians with undefined values."""
         shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (num_functions(degree), 3)}
         rows = {name: large_empty((count, *shape), np.float32) for name, shape in shapes.items()}
         return Splats(**rows)
 
     def run(self, begin: int, end: int) -> "Splats":
-        """Returns a range of consecutive Gaussians, which share memory with this object.
-
-        The range is from index `begin` to `end` (exclusive).
-        """
+        """Returns the Gaussians from index `begin` to `end` (exclusive), without copying them."""
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
     def gathered(self, index: np.ndarray) -> "Splats":
-        """Returns the Gaussians at `index`, in that order; a large result is backed by a temporary file."""
+        """Returns the Gaussians at `index`, in that order; the result may be larger than memory."""
         places = np.flatnonzero(index) if index.dtype == np.bool_ else index
         found = Splats.empty(len(places), self.degree)
         for begin in range(0, len(places), ROWS):
@@ -101,10 +98,7 @@ class Splats:
         return dataclasses.replace(self, sh=self.sh[:, : num_functions(degree)])
 
     def moved_origin(self, before: Origin, after: Origin) -> "Splats":
-        """Converts positions from coordinates relative to the origin `before` to coordinates relative to `after`.
-
-        Positions are computed in float64 and rounded once to float32.
-        """
+        """Converts positions from coordinates relative to the origin `before` to coordinates relative to `after`."""
         if before == after:
             return self
         shift = np.array(before) - np.array(after)
@@ -125,11 +119,11 @@ class Splats:
         return self.log_axes.mean(axis=1)
 
     def with_losses(self, known: Bool[np.ndarray, "G"], places: Float[np.ndarray, "G 3"]) -> "Splats":
-        """Simulates reception: lost Gaussians move to `places`, get opacity 0 and keep their other attributes.
+        """Simulates losses: returns the Gaussians with lost ones at `places` and with opacity 0.
 
         Args:
             known: Mask of received Gaussians.
-            places: Positions for the lost Gaussians; rows of received Gaussians are ignored.
+            places: Positions for the lost Gaussians; other rows are ignored.
         """
         opacities = np.where(known, self.opacities, np.float32(0))
         return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
@@ -139,7 +133,7 @@ class Splats:
 
         Args:
             loss_mask: Mask of received Gaussians.
-            proposed: All Gaussians, with estimates of the lost ones; received ones are ignored.
+            proposed: All Gaussians, with estimates of the lost ones.
         """
         if proposed is self:
             return self
@@ -149,10 +143,7 @@ class Splats:
         return Splats(**merged)
 
     def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:
-        """Returns the Gaussians with the colours seen by a camera at `camera_center`.
-
-        Colours are clipped at 0, as in every 3DGS renderer, and may exceed 1.
-        """
+        """Returns the Gaussians with the colours seen by a camera at `camera_center`."""
         rays = self.means - camera_center
         with np.errstate(over="ignore"):  # the distance of a very far Gaussian overflows
             distances = np.linalg.norm(rays, axis=1, keepdims=True)

@@ -8,16 +8,15 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """Content of an update, which changes a stream (the base): the new Gaussians, and the mask of the removed ones.
+    """Content of an update of a stream: the new Gaussians, and the mask of the removed ones.
 
     As a scene, it has the new Gaussians only.
 
     Attributes:
-        base_digest: SHA-256 of the manifest of the base, hexadecimal.
+        base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.
         result_digest: SHA-256 of the manifest of the stream after the update, hexadecimal.
         writer: Program that wrote the stream after the update, for its manifest.
-        removed: Mask of the Gaussians of the base that the update removes, serialised
-            (`splatwire.codec.update.removed`).
+        removed: Serialised mask of the Gaussians that the update removes.
     """
 
     base_digest: str = ""

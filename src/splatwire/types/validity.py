@@ -1,8 +1,6 @@
 """Classification of Gaussians and anchors as drawable, invisible or invalid, shared by readers, importers and encoders.
 
-In this module, a row is one Gaussian or one anchor (one row of the attribute arrays). Invisible rows are removed and
-counted; invalid rows, which cannot be drawn, are removed with a warning. Rows are removed for no other reason. All
-readers and writers of Gaussians and anchors use these functions.
+Invisible ones are removed and counted, invalid ones are removed with a warning.
 """
 
 import logging
@@ -28,9 +26,8 @@ class ElementValidity:
 
     Attributes:
         kept: Mask of elements that can be drawn, bool (N).
-        num_invisible: Number of removed elements that draw nothing: opacity 0, or an anchor without offsets.
-        num_invalid: Number of removed elements that cannot be drawn, because a value is not finite, a colour is beyond
-            the range of float32, a size is negative, or a rotation has length 0.
+        num_invisible: Number of elements that draw nothing: opacity 0, or an anchor without offsets.
+        num_invalid: Number of elements that cannot be drawn, e.g. with a value that is not finite or a negative size.
         first_invalid: Index of the first invalid element, or None if all are valid.
     """
 
@@ -63,10 +60,7 @@ class ElementValidity:
 
 
 def validity_of_splats(splats: Splats) -> ElementValidity:
-    """Classifies Gaussians as drawable, invisible or invalid.
-
-    Gaussians with opacity above 0 and up to 1 are visible; sizes must be above 0.
-    """
+    """Classifies Gaussians as drawable, invisible (opacity 0) or invalid."""
     found = [_valid_and_visible(splats.run(begin, begin + ROWS)) for begin in range(0, splats.num_gaussians, ROWS)]
     return _rows([good & drawn for good, drawn in found], [good for good, _ in found])
 
@@ -101,10 +95,7 @@ def invalid_fields(splats: Splats) -> list[str]:
 
 
 def validity_of_anchors(anchors: Anchors) -> ElementValidity:
-    """Classifies anchors as drawable, invisible or invalid.
-
-    Anchors with at least one offset are visible; masked-out offsets are ignored.
-    """
+    """Classifies anchors as drawable, invisible (without offsets) or invalid."""
     drawn, valid = [], []
     for begin in range(0, anchors.num_anchors, ROWS):
         some = anchors.select(slice(begin, begin + ROWS))
@@ -125,6 +116,6 @@ def _rows(drawn: list[np.ndarray], valid: list[np.ndarray]) -> ElementValidity:
 
 
 def _finite(*columns: np.ndarray) -> np.ndarray:
-    """Mask of elements whose values are finite in all given arrays, bool (N)."""
+    """Returns the mask of elements whose values are finite in all given arrays, bool (N)."""
     rows = len(columns[0])
     return np.logical_and.reduce([np.isfinite(values.reshape(rows, -1)).all(axis=1) for values in columns])
