@@ -39,7 +39,6 @@ def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, by
 
     Args:
         sections: All named sections.
-        *own: Names of the sections that only this codec schema reads (any number of arguments).
-        own: Names of further sections to omit: those that only this codec schema reads.
+        *own: Names of further sections to omit: those that only this codec schema reads.
     """
     return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

@@ -41,10 +41,9 @@ class AnchorCoder(Protocol):
         """Encodes groups of anchors; may be called from several threads.
 
         Args:
-            ranks: int64 (n), indices in coding order (ranks) of the anchors of all groups, group by group.
+            ranks: Indices of the anchors in coding order, group after group, int64 (n).
             counts: Number of anchors in each group, int64 (groups).
-            packet_bytes: Maximum size of a payload; larger groups are cut into several packets. None to leave groups
-                undivided.
+            packet_bytes: Maximum payload size; larger groups are divided. None to leave groups undivided.
         """
 
 
@@ -62,8 +61,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
         manifest_fields: Further fields of the manifest.
 
     Raises:
-        InvalidValueError: If the scene is empty, values are not finite or too large, a tier is empty, or the
-            packetization or an option does not apply to anchors.
+        InvalidValueError: If the scene cannot be encoded, or an option does not apply to anchors.
     """
     if options.quality is not None or options.classes is not None:
         raise InvalidValueError("qualities and classes of precision are for explicit Gaussians: anchors have own steps")
@@ -94,12 +92,12 @@ def prepare_anchor_repack(
         packetization: New split into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
-        *own: Names of the named sections that `coder` computes again (any number of arguments). With any other section
-            except the background, the order of the anchors must not change.
+        *own: Names of the sections of side information that `coder` computes again.
 
     Raises:
         InvalidValueError: If the stream has sections that depend on another order of anchors.
     """
+    # With any section besides `own` and the background, the order of the anchors must not change.
     sections = sections_of(stream)
     tier_of = read_tiers(sections, stream.manifest)
     if packetization.order != stream.manifest.packetization.order:
@@ -119,9 +117,6 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
     Args:
         scene: The scene.
         order: As in `Packetization.order`.
-
-    Returns:
-        The scene with its drawable anchors, without the factors on size and opacity that a loss concealer has set.
 
     Raises:
         InvalidValueError: If no anchor is left.
@@ -193,10 +188,8 @@ def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
 
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:
-    """Adds the decoded integers of anchors to a hash, anchor by anchor.
-
-    The manifest contains the hash of all integers. A receiver compares it with the hash of its own integers.
-    """
+    """Adds the decoded integers of anchors to a hash, anchor by anchor."""
+    # The manifest contains the hash of all integers. A receiver compares it with the hash of its own integers.
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
 
 
@@ -222,14 +215,13 @@ class AnchorDecoder:
         self._records = () if sizes is None else (TierSizes(sizes[tiers]),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, bytes; it depends on the largest of the packets."""
+        """Returns the working memory of a decoding thread, bytes."""
+        # It depends on the largest of the packets.
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates arrays for all anchors and predicts every anchor from the side information.
-
-        Anchors whose packets are lost keep the predicted values. See `Decoder.expect` for the arguments.
-        """
+        """Allocates arrays for all anchors and predicts every anchor from the side information."""
+        # Anchors whose packets are lost keep the predicted values.
         self.allocate()
 
         def predict(start: int) -> int:
@@ -246,9 +238,9 @@ class AnchorDecoder:
         raise NotImplementedError
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts the anchors with the given indices in coding order (ranks) from side information alone."""
+        """Predicts the anchors with the given indices in coding order from side information alone."""
         raise NotImplementedError
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of anchors to a hash, anchor by anchor (see `Decoder.update_digest`)."""
+        """Adds the decoded integers of anchors to a hash, anchor by anchor."""
         update_digest(digest, rows)

@@ -1,10 +1,11 @@
 """Numba kernels of schema `causal`: they convert outputs of networks to contexts, and code many packets at once.
 
-Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. A packet contains
-the positions of its anchors, then their attributes in stages. A stage is a group of attributes that one network
-predicts at once (`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the scale. Only
-existing offsets are coded. `tests/reference/causal_packets.py` is an equivalent implementation in plain torch.
+Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p.
 """
+# A packet contains the positions of its anchors, then their attributes in stages. A stage is a group of attributes that
+# one network predicts at once (`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the
+# scale. Only existing offsets are coded. `tests/reference/causal_packets.py` is an equivalent implementation in plain
+# torch.
 
 from typing import no_type_check
 
@@ -40,7 +41,7 @@ MASK_ROOM = np.int64(32)
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def activate(numbers, inputs):
-    """Converts quantised attributes of anchors to network inputs, clipped to the range of activations."""
+    """Converts quantised attributes of anchors to network inputs."""
     for n in range(numbers.shape[0]):
         for c in range(numbers.shape[1]):
             value = np.int64(numbers[n, c]) >> INPUT_SHIFT
@@ -50,15 +51,14 @@ def activate(numbers, inputs):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def scale_indices(spreads, powers, indices):
-    """Converts logarithms of standard deviations to indices into the entropy coder's table of standard deviations.
-
-    The table has sixteen entries for each octave (power of two).
+    """Converts standard deviations to indices into the entropy coder's table of standard deviations.
 
     Args:
         spreads: Binary logarithms of standard deviations, 16 fractional bits.
         powers: Table of powers of two, from `exp2_table(8, 20)`.
         indices: Output, same shape as `spreads`.
     """
+    # The table has sixteen entries for each octave (power of two).
     for n in range(spreads.shape[0]):
         for c in range(spreads.shape[1]):
             spread = np.int64(spreads[n, c]) + (6 << 16)
@@ -71,11 +71,9 @@ def scale_indices(spreads, powers, indices):
 def add_predicted_means(symbols, outputs, first, numbers):
     """Reconstructs attributes of anchors: the mean that a network predicts plus the decoded difference from it.
 
-    Both are in quantisation steps. The differences (symbols) are clipped to the range of the format.
-
     Args:
-        symbols: Symbols of one stage, (n, size).
-        outputs: Outputs of the stage's network, 16 fractional bits.
+        symbols: Decoded differences in quantisation steps, (n, size).
+        outputs: Outputs of the network, 16 fractional bits.
         first: First column of the means in `outputs`.
         numbers: Output: reconstructed attributes in quantisation steps, 16 fractional bits, (n, size).
     """
@@ -104,10 +102,7 @@ def _encode_packet(
     begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
     out, state,
 ):  # fmt: skip
-    """Encodes the anchors `begin` to `end` (exclusive) into `out`; returns the number of bytes.
-
-    `state` is the state of the range coder. See `encode_packets` for the other arguments.
-    """
+    """Encodes the anchors `begin` to `end` (exclusive) as one packet into `out`; returns the number of bytes."""
     last = len(firsts) - 2
     encoder_start(state)
     for n in range(begin, end):
@@ -141,16 +136,15 @@ def encode_packets(
 
     Args:
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
-        codes: Morton codes of the anchors' positions (`positions.AnchorPositions`).
-        unknown: Number of low bits of each Morton code that the packet contains (`positions.AnchorPositions`).
+        codes: Morton codes of the anchors' positions.
+        unknown: Number of low bits of each Morton code that the packet contains.
         chances: Probabilities of these bits (`positions.SharedPositions`).
-        masks: 1 for offsets that exist (`packet_coder.Quantised`).
-        logits: Predicted logits of the masks (`packet_coder.Quantised`).
-        symbols: Quantised attributes, relative to the predicted means (`packet_coder.Quantised`).
-        scales: Scale table index of each symbol (`packet_coder.Quantised`).
-        firsts: Stage s codes the columns of `symbols` from `firsts[s]` to `firsts[s + 1]` (exclusive). The last stage
-            codes the offsets.
-        form: Index of the stage (scale of offsets) before which the masks are coded.
+        masks: 1 for offsets that exist.
+        logits: Predicted logits of the masks.
+        symbols: Quantised attributes, relative to the predicted means.
+        scales: Scale table index of each symbol.
+        firsts: First column in `symbols` of each stage (attributes predicted together), and the end of the last.
+        form: Index of the stage before which the masks are coded.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
@@ -173,8 +167,7 @@ def anchor_bits(
 ):
     """Estimates how many bits each anchor takes in a packet, and writes the numbers to `bits`.
 
-    `offsets` is the index of the first column of `symbols` that contains offsets. See `encode_packets` for the other
-    arguments.
+    `offsets` is the first column of `symbols` that contains offsets. The other arguments are those of `encode_packets`.
     """
     for n in range(masks.shape[0]):
         total = position_bits(codes[n], unknown[n], chances)
@@ -237,7 +230,7 @@ def decode_masks(data, ends, starts, states, logits, weights, masks):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, table, symbols):
-    """Decodes the attributes of one stage (attributes that are predicted together) for the anchors of all packets.
+    """Decodes attributes that are predicted together (a stage) for the anchors of all packets.
 
     Args:
         data: Bytes of all packets.
@@ -245,8 +238,7 @@ def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, ta
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         scales: Scale table index of each symbol.
-        coded: Mask of the coded symbols. Each entry applies to three columns, because an offset has three coordinates:
-            `coded[n, k]` is True if the packet contains columns 3 k to 3 k + 2 of anchor n.
+        coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
         inverses: Table of the entropy coder, see `entropy.coder.tables`.
         widths: Table of the entropy coder, see `entropy.coder.tables`.
         table: Table of the entropy coder, see `entropy.coder.tables`.

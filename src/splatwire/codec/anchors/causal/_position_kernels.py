@@ -1,10 +1,10 @@
 """Numba kernels that code the positions of anchors: the high bits in the side information, the low bits in the packets.
 
-Positions are sorted Morton codes. The high bits form a binary tree, whose leaves contain at most `leaf` codes each.
-
-The low bits of a code are divided into triples (one bit per axis). First, the index and the value of the lowest triple
-that is not 0 are coded; this suits anchors on grids of several widths. The bits above are coded without a model.
+Positions are sorted Morton codes.
 """
+# The high bits form a binary tree, whose leaves contain at most `leaf` codes each. The low bits of a code are divided
+# into triples (one bit per axis). First, the index and the value of the lowest triple that is not 0 are coded; this
+# suits anchors on grids of several widths. The bits above are coded without a model.
 
 from typing import no_type_check
 
@@ -51,11 +51,9 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _num_raw_bits(count):
-    """Returns how many low bits of a number below `count` are coded without a probability model.
-
-    The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high part,
-    and the low bits are coded with equal probabilities.
-    """
+    """Returns how many low bits of a number below `count` are coded without a probability model."""
+    # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
+    # part, and the low bits are coded with equal probabilities.
     shift = 0
     while ((count - 1) >> shift) >> RAW_BITS:
         shift += 1
@@ -65,7 +63,7 @@ def _num_raw_bits(count):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_tree(codes, bits, leaf, models, buffer):
-    """Encodes the high bits of all anchors' positions, given as sorted Morton codes, as a binary tree.
+    """Encodes the high bits of all anchors' positions as a binary tree.
 
     Args:
         codes: Morton codes, ascending, int64 (N).
@@ -106,9 +104,7 @@ def encode_tree(codes, bits, leaf, models, buffer):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_tree(data, bits, leaf, models, codes, unknown):
-    """Decodes the tree written by `encode_tree`.
-
-    The tree does not contain the low bits of Morton codes in leaves; these bits are estimated.
+    """Decodes the high bits of positions from the tree written by `encode_tree`, and estimates the low bits.
 
     Args:
         data: Bytes of the tree.
@@ -154,13 +150,12 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 def center_of_part(i, n, bits):
     """Estimates the low bits of an anchor's position, which are unknown until its packet is decoded.
 
-    The n anchors of a leaf of the position tree are assumed to be evenly spaced in it.
-
     Args:
         i: Index of the Morton code in the leaf, in ascending order.
         n: Number of Morton codes in the leaf.
         bits: Number of unknown low bits.
     """
+    # The n anchors of a leaf of the position tree are assumed to be evenly spaced in it.
     depth = 0
     while (n - 1) >> depth:
         depth += 1
@@ -171,7 +166,7 @@ def center_of_part(i, n, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_position(out, state, code, unknown, chances):
-    """Encodes the low bits of the Morton code of an anchor's position, which the side information does not contain.
+    """Encodes the low bits of an anchor's position, which the side information does not contain.
 
     Args:
         out: Output bytes of the range encoder.
@@ -200,7 +195,7 @@ def encode_position(out, state, code, unknown, chances):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_position(data, end, state, code, unknown, chances):
-    """Decodes the low bits of an anchor's Morton code, written by `encode_position`; returns the complete Morton code.
+    """Decodes the low bits of an anchor's position; returns its complete Morton code.
 
     Args:
         data: Input bytes of the range decoder.
@@ -231,11 +226,11 @@ def decode_position(data, end, state, code, unknown, chances):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def position_bits(code, unknown, chances):
-    """Returns the number of bits that `encode_position` needs for an anchor's position, float64.
+    """Returns the number of bits of an anchor's position in a packet, float64.
 
     Args:
         code: Morton code of the anchor's position.
-        unknown: Number of low bits of the Morton code that are coded; the side information contains the others.
+        unknown: Number of low bits of the Morton code that the packet contains.
         chances: Table of probabilities, see `SharedPositions.chances`.
     """
     rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
@@ -252,7 +247,7 @@ def position_bits(code, unknown, chances):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_positions(data, ends, starts, states, codes, unknown, chances):
-    """Decodes the low bits of the Morton codes of all packets' anchors, which the side information does not contain.
+    """Decodes the low bits of the positions of all packets' anchors.
 
     Args:
         data: Bytes of all packets.

@@ -1,10 +1,10 @@
 """Causal model in integer arithmetic: predicts the distribution of each attribute of an anchor for entropy coding.
 
-The networks predict the attributes in stages, from the position of the anchor and its attributes decoded before; they
-never use other anchors. Everything is integer arithmetic, so encoder and decoder agree on every machine; matrix
-products use float64, which represents every partial sum exactly. `tests/reference/causal_packets.py` is an equivalent
-implementation in plain torch.
+The networks predict the attributes in stages, from the position of the anchor and its attributes decoded before.
 """
+# Networks never use other anchors. Everything is integer arithmetic, so encoder and decoder agree on every machine;
+# matrix products use float64, which represents every partial sum exactly. `tests/reference/causal_packets.py` is an
+# equivalent implementation in plain torch.
 
 import functools
 from collections.abc import Iterator
@@ -38,8 +38,7 @@ class Stage:
         name: Name of the network that predicts them.
         first: Index of the first of these attribute values among all attribute values of an anchor.
         size: Number of attribute values.
-        masks: Number of mask logits (one per offset) among the network outputs, before means and spreads; 0 in stages
-            without masks.
+        masks: Number of mask logits (one per offset) at the start of the network outputs; 0 in stages without masks.
     """
 
     name: str
@@ -88,17 +87,17 @@ class CodingContext:
 
     @functools.cached_property
     def stages(self) -> tuple[Stage, ...]:
-        """Stages (attributes predicted together) of an anchor, in coding order."""
+        """Stages (attributes predicted together) in coding order."""
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Evaluates the first network of the chain, which depends on the positions of the anchors only.
+        """Starts the prediction of anchors with the network that depends on their positions only.
 
         Args:
             voxels: Positions of the anchors, voxels, int64 (n, 3).
 
         Returns:
-            The chain, which predicts the attributes of these anchors one after another.
+            The chain of predictions for these anchors.
         """
         return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 
@@ -108,7 +107,7 @@ class Chain:
 
     Args:
         context: The coding context, which contains one network per stage.
-        place: Outputs of the network that encodes the positions of the anchors, int32 (n, context).
+        place: Outputs of the position network, int32 (n, context).
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:
@@ -129,12 +128,8 @@ class Chain:
             yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
 
     def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
-        """Adds the quantised attributes of a stage, int32 (n, size), to the network inputs of later stages.
-
-        A stage is a group of attributes that one network predicts.
-
-        Offsets, the last stage, are not inputs.
-        """
+        """Adds the quantised attributes of a stage, int32 (n, size), to the network inputs of later stages."""
+        # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:
             kernels.activate(numbers, self._known[:, first : first + stage.size])
@@ -142,9 +137,6 @@ class Chain:
 
 def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
     """Computes the inputs of the position network: contracted coordinates, and a positional encoding of these.
-
-    The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
-    frequencies.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).
@@ -154,6 +146,8 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndar
     Returns:
         float64 (n, 3 (1 + octaves)) whole numbers, `ACTIVATION_BITS` fractional bits.
     """
+    # The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
+    # frequencies.
     away = np.clip(voxels - middle, -(1 << 40), 1 << 40)
     relative = (away << ACTIVATION_BITS) // spread
     contracted = (np.clip(relative, -(1 << 40), 1 << 40) << ACTIVATION_BITS) // (ONE + np.abs(relative))
@@ -177,8 +171,6 @@ def scale_indices(spreads: np.ndarray) -> np.ndarray:
 def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
     """Dequantises features or offsets: multiplies them by the quantisation step.
 
-    The product is rounded once to float64 and once to float32, so that it is identical on every machine.
-
     Args:
         numbers: Features or offsets in quantisation steps, int32 (n, D), `NUMBER_BITS` fractional bits.
         step: Quantisation step of all columns, or one step for each column.
@@ -186,14 +178,14 @@ def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
     Returns:
         float32 (n, D).
     """
+    # The product is rounded once to float64 and once to float32, so that it is identical on every machine.
     return (numbers.astype(np.float64) * (step * 2.0**-NUMBER_BITS)).astype(np.float32)
 
 
 def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
     """Dequantises the logarithms of the sizes of an anchor and its Gaussians.
 
-    Column 0 of the input and of the result is the scale of the offsets, which is equal on all axes. Columns 1 to 3 are
-    the base sizes of the Gaussians, one per axis.
+    Column 0 is the scale of the offsets; columns 1 to 3 are the base sizes of the Gaussians, one per axis.
 
     Args:
         numbers: Quantised logarithms, int32 (n, 4), in quantisation steps with `NUMBER_BITS` fractional bits.
@@ -210,7 +202,7 @@ def exponential(logs: np.ndarray) -> np.ndarray:
     """Returns two to the power of fixed-point logarithms, float32, identical on every machine.
 
     Args:
-        logs: int64, `LOG_BITS` fractional bits; clipped to 2**-60 to 2**60.
+        logs: int64, `LOG_BITS` fractional bits.
     """
     logs = np.clip(logs, -60 << LOG_BITS, 60 << LOG_BITS)
     whole, rest = logs >> LOG_BITS, logs & ((1 << LOG_BITS) - 1)

@@ -43,10 +43,8 @@ def _num_values(config: CausalConfig) -> int:
 
 
 def _anchor_bytes(info: SideInfo) -> int:
-    """Returns the working memory for one anchor during decoding, bytes.
-
-    It holds the activations of the largest network and the quantised attributes.
-    """
+    """Returns the working memory for one anchor during decoding, bytes."""
+    # It holds the activations of the largest network and the quantised attributes.
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())
     inputs = 2 * info.config.context_dim + info.config.layout.feature_dim + 4
@@ -59,7 +57,7 @@ class CausalDecoder(AnchorDecoder):
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        num_bytes: Number of received bytes of the stream, which determines the memory limit (`splatwire.codec.memory`).
+        num_bytes: Number of received bytes of the stream, which determines the memory limit.
 
     Raises:
         MissingSideInfoError: If there is no side information.
@@ -97,10 +95,7 @@ class CausalDecoder(AnchorDecoder):
         self._positions = self._guessed.copy()
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts attributes of anchors from their positions alone.
-
-        The anchors are given by their indices in coding order (ranks).
-        """
+        """Predicts attributes of the anchors with the given indices in coding order, from their positions alone."""
         place, means, spreads = predict_from_positions(self._context, self._info.positions.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
@@ -113,12 +108,12 @@ class CausalDecoder(AnchorDecoder):
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes packets to the integers of their anchors, packet by packet; `run` contains the packets."""
+        """Decodes packets to the integers of their anchors, packet by packet."""
         positions = self._info.positions.known.select(run.ranks)
         return (anchor_rows(*decode_packets(self._context, positions, run.counts, run.payloads)),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the scene (see `Decoder.store`)."""
+        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
         ranks = run.ranks
         place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
@@ -168,10 +163,8 @@ class CausalDecoder(AnchorDecoder):
         return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
 
     def _prior(self) -> Prior:
-        """Returns the predicted distribution of every anchor's attributes, from which concealers estimate lost anchors.
-
-        The quantisation step of a scaling is proportional to its mean.
-        """
+        """Returns the predicted distributions of all attributes, from which concealers estimate lost anchors."""
+        # The quantisation step of a scaling is proportional to its mean.
         num, info = len(self._place), self._info
         relative = self._means["scaling"].mean(axis=1, keepdims=True)
         steps = {

@@ -38,8 +38,8 @@ def causal_encoder(
         scene: The scene, with anchors in coding order.
         packetization: Parameters of the split into packets.
         sections: Named sections of the side information.
-        noise: Tolerated quantisation error of the context networks' outputs, relative to the predicted standard
-            deviation; None for the default.
+        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
+            for the default.
 
     Raises:
         InvalidValueError: If packaging is separated or the order is not Morton, or the scene exceeds the format's
@@ -62,7 +62,7 @@ def causal_repack_encoder(
     """Creates the encoder that divides the anchors of a decoded stream into other packets.
 
     Returns:
-        The encoder, and the side information of the new stream: the unchanged bytes `side_info`.
+        The encoder, and the side information of the new stream, which is unchanged.
 
     Raises:
         InvalidValueError: If packaging is separated or the order is not Morton.
@@ -83,9 +83,6 @@ def _check_common(packetization: Packetization) -> None:
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
     """Chooses which bits of the anchors' positions are sent in side information, and which in packets.
 
-    Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
-    moving low bits to the packets.
-
     Args:
         info: Side information with nearly all position bits.
         voxels: Positions of the anchors, voxels, int64 (N, 3).
@@ -94,6 +91,8 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     Returns:
         The division of the position bits.
     """
+    # Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
+    # moving low bits to the packets.
     # At most `MOST_LEAF` anchors share a leaf of the position tree, even if the side information is then larger.
     positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
     most = HEAD_SHARE * (others + len(positions.section) + packet_bytes) - others

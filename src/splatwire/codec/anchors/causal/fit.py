@@ -40,8 +40,8 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     Args:
         scene: The scene.
         voxels: int64 (N, 3), voxel indices of its anchors.
-        noise: Tolerated quantisation error of the context networks' outputs, relative to the predicted standard
-            deviation; None for the default.
+        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
+            for the default.
     """
     coding = scene.causal
     if noise is None:
@@ -99,13 +99,12 @@ def _sampled(
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
     """Returns the relative error that each output of a network may have after its weights were quantised.
 
-    Errors of these sizes cost about the same number of bits in every output.
-
     Args:
         name: Name of the network.
         outputs: Outputs of the network for a sample of anchors, (n, out).
         coding: Networks and quantisation steps of the scene.
     """
+    # Errors of these sizes cost about the same number of bits in every output.
     if name == "position":
         return PLACE_SHARE * np.maximum(outputs.std(axis=0, dtype=np.float64, ddof=1), 1e-3)
     masks = coding.config.layout.num_offsets if name == "form" else 0

@@ -1,7 +1,6 @@
-"""Encodes and decodes packets of schema `causal`; each packet contains complete anchors and decodes without the others.
-
-Encoding and decoding share the prediction (`Chain`). Packets are processed in chunks, which does not affect the bytes.
-"""
+"""Encodes and decodes packets of schema `causal`; each contains complete anchors and decodes without the others."""
+# Encoding and decoding share the prediction (`Chain`). Packets are processed in chunks, which does not affect the
+# bytes.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +24,10 @@ class Quantised:
         positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         logits: Predicted logits of the masks, int32 (n, K).
-        symbols: Differences of attributes from the predicted means, quantisation steps, int32 (n, attributes); 0
-            for missing offsets.
+        symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
         scales: Scale table index of each symbol, int16 (n, attributes).
-        numbers: Decoded attributes (features, four logarithms, offsets) in quantisation steps with 16 fractional
-            bits, int32 (n, attributes); 0 for missing offsets.
+        numbers: Decoded attributes (features, four logarithms, offsets) in quantisation steps with 16 fractional bits,
+            int32 (n, attributes).
     """
 
     positions: AnchorPositions
@@ -67,8 +65,6 @@ def quantise(
 ) -> Quantised:
     """Quantises the attributes of anchors: predicts each one, and rounds its difference from the prediction.
 
-    Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
-
     Args:
         context: Coding context.
         positions: Positions of the anchors, with all bits.
@@ -76,6 +72,7 @@ def quantise(
         values: Attribute values in quantisation steps, float64 (n, attributes).
         octaves: Quantisation step of the offset scale, in octaves.
     """
+    # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()
     found, chain = _empty(context, positions, masks), context.start(positions.voxels)
     coded = np.repeat(masks.astype(bool), 3, axis=1)
@@ -133,7 +130,7 @@ def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
 
 
 def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
-    """Cuts blocks into packets of limited size, each with as many anchors as fit.
+    """Divides blocks into packets of limited size, each with as many anchors as fit.
 
     Args:
         context: Coding context.
@@ -172,8 +169,8 @@ def decode_packets(
         payloads: One payload per packet.
 
     Returns:
-        Of all anchors: Morton codes of the positions, with all bits, int64 (n); offset masks, uint8 (n, K); and decoded
-        attributes as in `Quantised.numbers`, int32 (n, attributes).
+        For all anchors: Morton codes of the positions, int64 (n); offset masks, uint8 (n, K); and decoded attributes in
+        quantisation steps with 16 fractional bits, int32 (n, attributes).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
@@ -205,9 +202,6 @@ def decode_packets(
 def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predicts the distributions of all attributes of lost anchors, from the positions of the anchors alone.
 
-    The causal model predicts some attributes from others. Here, its networks get the predicted means of these. The
-    standard deviations do not include the uncertainty of these means.
-
     Args:
         context: Coding context.
         voxels: Positions of the anchors, voxels, int64 (n, 3).
@@ -216,6 +210,8 @@ def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[
         Outputs of the position network, float64 (n, context); predicted means in quantisation steps with 16 fractional
         bits, int32 (n, attributes); and binary logarithms of the standard deviations in the same format.
     """
+    # The causal model predicts some attributes from others. Here, its networks get the predicted means of these. The
+    # standard deviations do not include the uncertainty of these means.
     last, chain = context.stages[-1], context.start(voxels)
     means = np.empty((len(voxels), last.first + last.size), dtype=np.int32)
     spreads = np.empty(means.shape, dtype=np.int32)

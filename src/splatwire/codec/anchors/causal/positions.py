@@ -46,9 +46,7 @@ class SharedPositions:
     Attributes:
         section: Bytes of the section of the side information.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
-        chances: Probabilities for coding the low bits, in units of 1 / `CHANCES`, int64 (T + 1, T + 1). The low bits of
-            a Morton code are divided into triples (one bit per axis); triple 0 is the lowest. Entry (u, t) is for codes
-            with u triples in packets, at most T: the probability that triple t is not 0 if all lower ones are 0.
+        chances: Probabilities for coding the low bits, in units of 1 / `CHANCES`, int64 (T + 1, T + 1).
     """
 
     section: bytes
@@ -59,15 +57,16 @@ class SharedPositions:
 def share_positions(voxels: np.ndarray, leaf: int) -> SharedPositions:
     """Encodes the high bits of all anchors' positions as a section of the side information.
 
-    The low bits are in the packets. The high bits are coded as a binary tree of space.
+    The low bits are in the packets.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (N, 3).
-        leaf: Maximum number of anchors in a leaf of the tree, 1 to 64. With larger leaves, more bits are in packets.
+        leaf: Maximum number of anchors in a leaf of the tree that codes the high bits, 1 to 64.
 
     Raises:
         ValueError: If the points span 2**21 voxels or more.
     """
+    # With larger leaves, more bits are in packets.
     origin = origin_of(voxels)
     codes = np.sort(morton_encode(voxels - origin))
     tree = _encode_tree(codes, origin, leaf)
@@ -114,17 +113,17 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Finds the lowest non-zero triple of bits in each anchor's Morton code, for statistics of positions.
 
-    A triple contains one bit per axis. Low triples are often zero, because anchors lie on grids of several widths. Only
-    the low bits of a code, which packets contain, are considered.
+    A triple contains one bit per axis. Only bits that packets contain are considered.
 
     Args:
         codes: int64 (N), the exact codes.
         unknown: int64 (N), number of low bits of each code that the packets contain.
 
     Returns:
-        Number of triples of each code in packets, and index of the lowest one that is not 0, int64 (N) each. If all are
-        0, the index equals the number of triples.
+        Number of triples of each code in packets, and index of the lowest one that is not 0, int64 (N) each.
     """
+    # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
+    # several widths.
     triples, rest = (unknown + 2) // 3, codes & ((np.int64(1) << unknown) - 1)
     lowest = np.zeros(len(codes), dtype=np.int64)
     for level in range(int(triples.max(initial=0))):

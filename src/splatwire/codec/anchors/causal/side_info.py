@@ -122,10 +122,7 @@ def _header(info: SideInfo) -> bytes:
 
 
 def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
-    """Parses the fixed fields of the side information, which precede its networks and named sections.
-
-    The result has no networks and no named sections; the caller adds them.
-    """
+    """Parses the header of the side information, which precedes its networks and named sections."""
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:

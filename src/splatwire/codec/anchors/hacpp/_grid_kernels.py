@@ -1,4 +1,5 @@
-"""Numba kernels of the integer hash-grid lookup; `tests/reference/hacpp_grid.py` is the same in numpy."""
+"""Numba kernels of the integer hash-grid lookup."""
+# `tests/reference/hacpp_grid.py` is the same in numpy.
 
 from typing import no_type_check
 
@@ -18,9 +19,7 @@ CELL = 1 << CELL_BITS
 @njit(borrows=True)
 @no_type_check
 def row_of(x, y, z, resolution, rows, dims):
-    """Returns the row of a grid point in the hash table of its level, from 0 (HAC++).
-
-    The row is the index of the point if the level has at least one row for each point, else a hash of its coordinates.
+    """Returns the row of a grid point in the hash table of its level (HAC++).
 
     Args:
         x: First coordinate of the point, in grid points.
@@ -30,6 +29,8 @@ def row_of(x, y, z, resolution, rows, dims):
         rows: Number of table rows of the level.
         dims: 3 for a level of the 3D grid, 2 for a level of a plane.
     """
+    # The row is the index of the point if the level has at least one row for each point, else a hash of its
+    # coordinates.
     stride = resolution * resolution if dims == 2 else resolution * resolution * resolution
     if stride <= rows:
         return (x + y * resolution + z * resolution * resolution) % rows
@@ -60,14 +61,13 @@ def locate(unit, resolution):
 def corner_weight(corner, bit, fraction, resolution):
     """Returns the interpolation weight of one of the two corners of a grid cell along one axis.
 
-    The weight of corners on the border of the grid is 0.
-
     Args:
         corner: Index of the cell's lower corner on this axis.
         bit: 0 for the lower corner, 1 for the upper.
         fraction: Position within the cell, `CELL_BITS` fractional bits.
         resolution: Grid points of the level per axis.
     """
+    # The weight of corners on the border of the grid is 0.
     at = corner + bit
     if at <= 0 or at >= resolution - 1:
         return 0
@@ -80,9 +80,9 @@ def inside_box(units, n, axes, level, dims):
     """True if an anchor is inside the grid's bounding box on each of the axes that a level spans.
 
     Args:
-        units: Positions of the anchors in the grid's bounding box, see `lookup`.
+        units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
         n: Index of the anchor.
-        axes: World axes that each level spans, see `lookup`.
+        axes: World axes that each level spans.
         level: Index of the level.
         dims: Number of axes: 3 for a level of the 3D grid, 2 for a level of a plane.
     """
@@ -97,19 +97,18 @@ def inside_box(units, n, axes, level, dims):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def cell_of(units, n, axes, level, dims, resolution):
-    """Returns the cell of the hash grid that contains an anchor, in one level of the grid.
+    """Returns the cell of one level of the hash grid that contains an anchor.
 
     Args:
-        units: Positions of the anchors in the grid's bounding box, see `lookup`.
+        units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
         n: Index of the anchor.
-        axes: World axes that each level spans, see `lookup`.
+        axes: World axes that each level spans.
         level: Index of the level.
         dims: 3 for a level of the 3D grid, 2 for a level of a plane.
         resolution: Grid points of the level per axis.
 
     Returns:
-        For each axis, the index of the cell's lower corner and the position within the cell; 0 on the third axis of a
-        plane.
+        For each axis, index of the cell's lower corner and position within the cell.
     """
     x, fx = locate(units[n, axes[level, 0]], resolution)
     y, fy = locate(units[n, axes[level, 1]], resolution)
@@ -166,7 +165,7 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def touch(units, starts, resolutions, rows, axes, touched):
-    """Marks the hash-grid rows that at least one anchor needs: rows that are interpolated with a weight above 0.
+    """Marks the rows of the hash table that at least one anchor needs.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, int64 (N, 3), `UNIT_BITS` fractional bits.

@@ -1,8 +1,9 @@
-"""Numba kernels that code the symbols of many packets at once; each packet is a separate stream.
+"""Numba kernels that code the symbols of many packets at once.
 
-Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. Inside a packet
-the order is: masks, feature groups one after another, scalings, unmasked offsets, each anchor by anchor.
+Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p.
 """
+# Each packet is a separate stream. Inside a packet the order is: masks, feature groups one after another, scalings,
+# unmasked offsets, each anchor by anchor.
 
 from typing import no_type_check
 
@@ -46,7 +47,7 @@ def step_index(q):
     """Returns the index in the table of step factors for a network output.
 
     Args:
-        q: Network output with 16 fractional bits. Values outside of [-4, 4] get the first or last index.
+        q: Network output with 16 fractional bits.
     """
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
@@ -78,10 +79,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts the outputs of a channel network to probability distributions of one group of features.
-
-    The distribution of a feature is a mixture of two normals. This function computes the second one, and the weight of
-    the mixture. The first one depends on the prior network only.
+    """Converts network outputs to the second normal distribution in the mixtures of one feature group, and its weight.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
@@ -108,10 +106,8 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_context(offset, ones):
-    """Returns the context of the bit that indicates whether an offset exists.
-
-    The context consists of the index of the offset and the number of the anchor's earlier offsets that exist.
-    """
+    """Returns the context of the entropy coder for the bit that says whether an offset exists."""
+    # The context consists of the index of the offset and the number of the anchor's earlier offsets that exist.
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
 
@@ -124,23 +120,21 @@ def encode_packets(
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
-    The part of packet p begins at `starts[p]` times the maximum size of an anchor, plus 64 bytes per preceding packet.
-
     Args:
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
-        masks: See `atomic.Symbols.mask`.
-        features: See `atomic.Symbols.feature`.
-        scalings: See `atomic.Symbols.scaling`.
-        offsets: See `atomic.Symbols.offset`.
+        masks: 1 for offsets that exist.
+        features: Features in quantisation steps.
+        scalings: Scalings in quantisation steps.
+        offsets: Offsets in quantisation steps.
         mask_model: Initial state of the adaptive models of mask bits, for each packet.
-        mean0: Means of the first mixture component of the features (`atomic.Predictions.feature`).
+        mean0: Means of the first mixture component of the features.
         scale0: Scale table indices of the first mixture component.
-        mean1: Means of the second mixture component of the features (`atomic.Mixture`).
+        mean1: Means of the second mixture component of the features.
         scale1: Scale table indices of the second mixture component.
         weight: Index into `weights` of the weight of the first mixture component.
-        scaling_mean: Means of the scalings (`atomic.Predictions.scaling`).
+        scaling_mean: Means of the scalings.
         scaling_scale: Scale table indices of the scalings.
-        offset_mean: Means of the offsets (`atomic.Predictions.offset`).
+        offset_mean: Means of the offsets.
         offset_scale: Scale table indices of the offsets.
         group_starts: First channel of each feature group, and the end of the last.
         weights: Table of mixture weights.
@@ -150,6 +144,8 @@ def encode_packets(
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
     """
+    # The part of packet p begins at `starts[p]` times the maximum size of an anchor, plus 64 bytes per preceding
+    # packet.
     num_offsets = masks.shape[1]
     symbols = num_offsets + features.shape[1] + 6 + 3 * num_offsets
     for p in range(len(starts) - 1):
@@ -220,9 +216,9 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates how many bits each anchor takes in a packet without its offset mask, and writes the numbers to `bits`.
+    """Estimates the bits of each anchor, its offset mask not included, and writes them to `bits`.
 
-    The number does not depend on the other anchors of the packet. See `encode_packets` for the arguments.
+    The other arguments are those of `encode_packets`.
     """
     for n in range(masks.shape[0]):
         total = 0.0
@@ -252,8 +248,7 @@ def cut(masks, bits, mask_model, budget, counts):
 
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
-        bits: Code length of each anchor without its mask, from `anchor_bits`. That of a mask depends on the preceding
-            anchors of the packet, and is computed here.
+        bits: Bits of each anchor without its mask, from `anchor_bits`.
         mask_model: Initial state of the adaptive models of mask bits, for each packet.
         budget: Maximum size of a packet in bits.
         counts: Output: number of anchors of each packet.
@@ -261,6 +256,7 @@ def cut(masks, bits, mask_model, budget, counts):
     Returns:
         Number of packets.
     """
+    # The number of bits of a mask depends on the preceding anchors of the packet, and is computed here.
     packets, first, total = 0, 0, 0.0
     model = mask_model.copy()
     for n in range(masks.shape[0]):
@@ -288,7 +284,7 @@ def cut(masks, bits, mask_model, budget, counts):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_masks(data, ends, starts, mask_model, states, masks):
-    """Initialises the range decoder of every packet and decodes the offset masks of its anchors.
+    """Decodes the offset masks of all packets' anchors, and initialises the range decoders of the packets.
 
     Args:
         data: Bytes of all packets.
@@ -350,9 +346,9 @@ def decode_rest(
     data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
     inverses, widths, table, scalings, offsets,
 ):  # fmt: skip
-    """Decodes the scalings and the existing offsets of every packet's anchors, after masks and features.
+    """Decodes the scalings and the existing offsets of all packets' anchors, after masks and features.
 
-    Results are written to `scalings` and `offsets`. See `decode_masks` and `encode_packets` for the other arguments.
+    Results are written to `scalings` and `offsets`.
     """
     for p in range(len(starts) - 1):
         state, end = states[p], ends[p + 1]

@@ -15,10 +15,7 @@ STATES = 32
 @njit(borrows=True)
 @no_type_check
 def sign_context(level, feature, depth, signs, row, previous):
-    """Returns the context of a sign in the hash table, for the entropy coder.
-
-    The context depends on the grid level, the feature (column of the table), up to three preceding signs of the same
-    row, and the sign of the same feature in the previous coded row.
+    """Returns the context of the entropy coder for a sign in the hash table.
 
     Args:
         level: Index of the grid level.
@@ -28,6 +25,8 @@ def sign_context(level, feature, depth, signs, row, previous):
         row: Table row of the sign.
         previous: Table row that was coded before; -1 for none.
     """
+    # The context depends on the grid level, the feature (column of the table), up to three preceding signs of the same
+    # row, and the sign of the same feature in the previous coded row.
     context = (level * depth + feature) * STATES
     for back in range(1, min(feature, 3) + 1):
         if signs[row, feature - back] > 0:
@@ -74,7 +73,7 @@ def decode_signs(data, touched, level_of, models, signs):
         touched: Mask of the encoded rows, bool (rows).
         level_of: Grid level of each row.
         models: Adaptive bit models, changed in place.
-        signs: Output: the hash table, int8 (rows, D); +1 in rows that are not encoded.
+        signs: Output: the hash table, int8 (rows, D).
     """
     state = np.empty(3, np.int64)
     decoder_start(data, ZERO, len(data), state)

@@ -44,7 +44,7 @@ class DecodedArrays:
         mask: Mask of the offsets that exist, bool (N, K).
         values: Feature (N, F), scaling (N, 6) and offset (N, 3 K), float32.
         outputs: Outputs of the prior network, int32 (N, outputs).
-        context: Hash-grid feature, float32 (N, H), whole numbers with `ACTIVATION_BITS` fractional bits.
+        context: Hash-grid features, float32 (N, H), with `ACTIVATION_BITS` fractional bits.
     """
 
     received: np.ndarray
@@ -55,7 +55,8 @@ class DecodedArrays:
 
     @staticmethod
     def empty(info: SideInfo) -> "DecodedArrays":
-        """Allocates arrays before any packet is decoded; `outputs` and `context` are uninitialised."""
+        """Allocates arrays before any packet is decoded."""
+        # `outputs` and `context` are uninitialised.
         num, layout, config = len(info.voxels), info.config.layout, info.config
         widths = (layout.feature_dim, 6, 3 * layout.num_offsets)
         return DecodedArrays(
@@ -83,7 +84,7 @@ def store_symbols(
 
     Args:
         arrays: Destination.
-        ranks: Indices in coding order (ranks) of the anchors, int64 (n).
+        ranks: Indices of the anchors in coding order, int64 (n).
         symbols: Quantised attributes of the anchors.
         factors: Factors on the quantisation steps of the anchors' feature, scaling and offset, int64 (n, 3).
         context: Coding context.
@@ -97,7 +98,7 @@ def store_symbols(
 
 
 def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[AnchorScene]:
-    """Builds a scene from decoded attributes without copying the arrays.
+    """Builds a scene from decoded attributes, which are not copied.
 
     Args:
         info: The stream's side information.
@@ -127,7 +128,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
 
 
 def _float_prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
-    """Converts the predicted distributions of all anchors from fixed point to floats, without rounding."""
+    """Converts the predicted distributions of all anchors from fixed point to floats."""
     columns, layout = prior_columns(info.config), info.config.layout
     factors = factor_table()[step_indices(arrays.outputs, info.config)]
     spans = (

@@ -1,7 +1,5 @@
-"""Atomic packets: each contains all attributes of its anchors and decodes without the others (paper 3.2.1).
-
-Encoding and decoding share the prediction. Packets are processed in chunks, which does not affect the bytes.
-"""
+"""Atomic packets: each contains all attributes of its anchors and decodes without the others (paper 3.2.1)."""
+# Encoding and decoding share the prediction. Packets are processed in chunks, which does not affect the bytes.
 
 from dataclasses import dataclass
 
@@ -47,7 +45,7 @@ class Symbols:
 
     @staticmethod
     def of_rows(rows: np.ndarray, layout: AnchorLayout) -> "Symbols":
-        """Splits an array with all symbols of each anchor, as returned by `rows`, into one array per attribute."""
+        """Splits an array with all symbols of each anchor, as returned by `rows`, by attribute."""
         return Symbols(*np.split(rows, np.cumsum([layout.num_offsets, layout.feature_dim, 6]), axis=1))
 
 
@@ -55,17 +53,18 @@ class Symbols:
 class Predictions:
     """Distributions of the attributes of n anchors for entropy coding, predicted from the positions of the anchors.
 
-    Scalings and offsets have normal distributions. The distribution of a feature is a mixture of two normals: the first
-    is in this class; the second depends on features decoded before and is in `Mixture`.
+    Scalings and offsets have normal distributions, features mixtures of two normals.
 
     Attributes:
         outputs: Outputs of the prior network, int32 (n, outputs).
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
         feature: First normal distribution of each feature, as two arrays (n, F): means in quantisation steps with 12
-            fractional bits, int32; and indices of the standard deviations in the scale table, int16.
+            fractional bits, int32; and scale table indices of the standard deviations, int16.
         scaling: The same two arrays for the scalings, (n, 6).
         offset: The same two arrays for the offsets, (n, 3 K).
     """
+
+    # The second normal of a feature depends on features decoded before and is in `Mixture`.
 
     outputs: np.ndarray
     factors: np.ndarray
@@ -94,8 +93,6 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
 class Mixture:
     """Second normal distribution of each feature's mixture, and weight of the first one, for the entropy coder.
 
-    It is predicted from the feature groups that are decoded before.
-
     Attributes:
         mean: Means in quantisation steps with 12 fractional bits, int32 (n, F).
         scale: Scale table indices, int16 (n, F).
@@ -110,14 +107,13 @@ class Mixture:
 def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
     """Predicts the second normal distribution of each feature's mixture, for an encoder.
 
-    Each group of features is predicted from the groups before it. An encoder knows all features, so that all groups can
-    be predicted at once.
-
     Args:
         context: Coding context.
         predicted: Prediction of the anchors.
         feature: Feature symbols of the anchors, int32 (n, F).
     """
+    # Each group of features is predicted from the groups before it. An encoder knows all features, so that all groups
+    # can be predicted at once.
     edges = _group_edges(context)
     mean1 = np.empty((len(feature), int(edges[-1])), dtype=np.int32)
     scale1 = np.empty(mean1.shape, dtype=np.int16)
@@ -263,21 +259,20 @@ def predict_group(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predicts the second normal distribution in the mixtures of one group of features, for n anchors.
 
-    The channel network of the group makes the prediction, from the outputs of the prior network and the decoded
-    features of the groups before.
-
     Args:
         context: Coding context, which contains the networks.
         group: Index of the feature group.
-        shared: Contribution of the prior network's outputs to the network's hidden units, float64 (n, hidden): entry
-            `group` of the result of `CodingContext.shared_sums`.
-        activations: Features of the groups before, as network inputs from `CodingContext.feature_activations`, float64
-            (n, channels of these groups).
+        shared: Result of `CodingContext.shared_sums` for the group, float64 (n, hidden).
+        activations: Decoded features of the groups before, from `CodingContext.feature_activations`, float64 (n,
+            channels of these groups).
         outputs: Outputs of the prior network, int32 (n, prior outputs).
 
     Returns:
-        Three arrays (n, channels of the group): means, scale indices and weight indices, as in `Mixture`.
+        Three arrays (n, channels of the group): means in quantisation steps, scale table indices and weight table
+        indices.
     """
+    # The channel network of the group makes the prediction, from the outputs of the prior network and the decoded
+    # features of the groups before.
     columns, size = prior_columns(context.config), context.config.layout.feature_groups[group]
     means = np.empty((len(outputs), size), dtype=np.int32)
     scales, weights = np.empty(means.shape, dtype=np.int16), np.empty(means.shape, dtype=np.uint8)

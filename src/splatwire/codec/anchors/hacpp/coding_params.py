@@ -1,9 +1,7 @@
-"""Predicts the distributions of HAC++ anchors' attributes for entropy coding, in integer arithmetic.
-
-A prediction depends only on the anchor's position, its symbols decoded before, and the side information. Matrix
-products use float64, which represents every partial sum exactly. `tests/reference/hacpp_params.py` is an equivalent
-implementation in plain torch.
-"""
+"""Predicts the distributions of HAC++ anchors' attributes for entropy coding, in integer arithmetic."""
+# A prediction depends only on the anchor's position, its symbols decoded before, and the side information. Matrix
+# products use float64, which represents every partial sum exactly. `tests/reference/hacpp_params.py` is an equivalent
+# implementation in plain torch.
 
 import functools
 from dataclasses import dataclass
@@ -91,7 +89,7 @@ def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
 
 
 def dequantise(symbols: np.ndarray, factors: np.ndarray, base: float) -> np.ndarray:
-    """Dequantises an attribute of anchors to `symbol * base * factor`, identically on every machine.
+    """Dequantises an attribute of anchors, identically on every machine.
 
     Args:
         symbols: The attribute in quantisation steps, int32 (N, D).
@@ -99,8 +97,9 @@ def dequantise(symbols: np.ndarray, factors: np.ndarray, base: float) -> np.ndar
         base: Quantisation step of the attribute before multiplication with this factor.
 
     Returns:
-        The attribute, float32 (N, D), rounded once to float64 and once to float32.
+        The attribute, float32 (N, D).
     """
+    # The product is rounded once to float64 and once to float32.
     whole = symbols.astype(np.int64) * factors[:, None]
     return (whole.astype(np.float64) * (base / (1 << FACTOR_BITS))).astype(np.float32)
 
@@ -153,18 +152,16 @@ class CodingContext:
             voxels: Positions of the anchors, voxels, int64 (N, 3).
 
         Returns:
-            Hash-grid features (the context), float64 (N, H), whole numbers with `ACTIVATION_BITS` fractional bits; and
-            outputs of the prior network, int32 (N, prior outputs) with `OUTPUT_BITS` fractional bits.
+            Hash-grid features, float64 (N, H), with `ACTIVATION_BITS` fractional bits; and outputs of the prior
+            network, int32 (N, prior outputs) with `OUTPUT_BITS` fractional bits.
         """
         context = lookup(self.units(voxels), self.signs, self.config.grid)
         return context, self.prior(context)
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks, for the inputs that they share: outputs of the prior network.
-
-        One matrix contains the weights of all networks side by side: float64 (3 F, total of hidden units).
-        """
+        """Weights of the channel networks' first layers for the outputs of the prior network, side by side."""
+        # float64 (3 F, total of hidden units)
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
             [mlp.hidden.matrix[size:] for mlp, size in zip(self.channel, before[:-1], strict=True)], axis=1
@@ -173,15 +170,14 @@ class CodingContext:
     def shared_sums(self, outputs: np.ndarray) -> list[np.ndarray]:
         """Multiplies the outputs of the prior network by the first-layer weights of all channel networks.
 
-        Each channel network predicts one feature group. All of them have the outputs of the prior network among their
-        inputs, so this part of their first layers is computed in one matrix product.
-
         Args:
             outputs: Outputs of the prior network for N anchors, int32 (N, prior outputs).
 
         Returns:
-            For each channel network, the partial sums of its hidden units, float64 (N, hidden), whole numbers.
+            For each channel network, the partial sums of its hidden units, float64 (N, hidden).
         """
+        # Each channel network predicts one feature group. All of them have the outputs of the prior network among their
+        # inputs, so this part of their first layers is computed in one matrix product.
         inputs = np.empty((len(outputs), 3 * self.config.layout.feature_dim), dtype=np.float64)
         kernels.narrow(outputs, inputs)
         sums = inputs @ self.shared_matrix
@@ -189,12 +185,11 @@ class CodingContext:
         return np.split(sums, edges, axis=1)
 
     def channel_outputs(self, group: int, shared: np.ndarray, activations: np.ndarray) -> np.ndarray:
-        """Predicts the features of one group of channels from those of the previous groups, by a neural network.
+        """Predicts one group of feature channels from the previous groups, with its channel network.
 
         Args:
             group: Index of the group.
-            shared: Part of the network's first layer that depends on the prior only: entry `group` of the result of
-                `shared_sums`.
+            shared: Result of `shared_sums` for the group.
             activations: Features of the previous groups, from `feature_activations`, float64 (N, channels of these
                 groups).
 

@@ -27,12 +27,11 @@ def open_side_info(manifest: Manifest, side_info: bytes, num_bytes: int) -> Side
     Args:
         manifest: The stream's manifest.
         side_info: The side information, serialised.
-        num_bytes: Number of received bytes of the stream, which determines the memory limit (`splatwire.codec.memory`).
+        num_bytes: Number of received bytes of the stream, which determines the memory limit.
 
     Raises:
         MissingSideInfoError: If `side_info` is empty.
-        BitstreamError: If the side information is damaged, contradicts the manifest, or has too many anchors for the
-            memory limit.
+        BitstreamError: If the side information is damaged, contradicts the manifest, or needs too much memory.
     """
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
@@ -68,12 +67,11 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int) -> Decode
     Args:
         manifest: The stream's manifest.
         side_info: The side information, serialised.
-        num_bytes: Number of received bytes of the stream, which determines the memory limit (`splatwire.codec.memory`).
+        num_bytes: Number of received bytes of the stream, which determines the memory limit.
 
     Raises:
         MissingSideInfoError: If `side_info` is empty.
-        BitstreamError: If the side information is damaged, contradicts the manifest, or has too many anchors for the
-            memory limit.
+        BitstreamError: If the side information is damaged, contradicts the manifest, or needs too much memory.
     """
     info = open_side_info(manifest, side_info, num_bytes)
     return (SeparatedDecoder if manifest.packetization.separated else HacppDecoder)(manifest, info)
@@ -110,10 +108,7 @@ class HacppDecoder(AnchorDecoder):
         self._arrays = DecodedArrays.empty(self._info)
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Predicts attributes of anchors from the hash grid.
-
-        The anchors are given by their indices in coding order (ranks).
-        """
+        """Predicts attributes of the anchors with the given indices in coding order, from the hash grid."""
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
@@ -131,7 +126,7 @@ class HacppDecoder(AnchorDecoder):
         return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the scene (see `Decoder.store`)."""
+        """Dequantises the attributes of decoded anchors, and writes them to the arrays of the scene."""
         ranks = run.ranks
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
         store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
@@ -144,9 +139,6 @@ class HacppDecoder(AnchorDecoder):
 class SeparatedDecoder(HacppDecoder):
     """Decoder of separated packets, each of which contains one attribute of a group of anchors.
 
-    A feature is sent in several packets, one per group of channels. It counts as received only if all of them are.
-    Otherwise, the channels before the first missing packet are decoded.
-
     Args:
         manifest: The stream's manifest.
         info: Its side information.
@@ -155,6 +147,9 @@ class SeparatedDecoder(HacppDecoder):
         BitstreamError: If manifest and side information contradict each other.
     """
 
+    # A feature is sent in several packets, one per group of channels. It counts as received only if all of them are.
+    # Otherwise, the channels before the first missing packet are decoded.
+
     runs_are_blocks, packets_independent, redecode_on_demand = True, False, False
 
     def __init__(self, manifest: Manifest, info: SideInfo) -> None:
@@ -162,12 +157,12 @@ class SeparatedDecoder(HacppDecoder):
         self._masks = decode_masks(info)
 
     def allocate(self) -> None:
-        """Allocates arrays for all anchors, and copies the offset masks from the side information to them."""
+        """Allocates arrays for all anchors, with the offset masks from the side information."""
         super().allocate()
         self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes the received packets of a block, where each packet contains one attribute of a group of anchors.
+        """Decodes the received packets of a block.
 
         Returns:
             Three arrays with a row for each anchor: quantised attributes (`Symbols.rows`), factors on the quantisation
@@ -181,17 +176,14 @@ class SeparatedDecoder(HacppDecoder):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the attributes of decoded anchors, and writes them to the scene (see `Decoder.store`).
-
-        Also writes which attributes of each anchor were received.
-        """
+        """Dequantises the received attributes of anchors, and writes them and their mask to the arrays of the scene."""
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
         store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
 
 
 def _groups(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
-    """Yields the groups of anchors that share packets: their ranks, and the received payloads by attribute."""
+    """Yields the groups of anchors that share packets: indices of the anchors, and received payloads by attribute."""
     both = zip(run.packets, run.members, strict=True)
     for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):
         pairs = list(same)

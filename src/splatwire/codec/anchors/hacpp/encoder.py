@@ -35,8 +35,8 @@ def hacpp_encoder(
         scene: The scene, with anchors in coding order.
         packetization: Parameters of the split into packets.
         sections: Named sections of the side information.
-        noise: Tolerated quantisation error of the context networks' outputs, relative to the predicted standard
-            deviation; None for the default.
+        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
+            for the default.
     """
     source, voxels = SymbolSource(scene), voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     info = fit_side_info(scene, voxels, noise=noise)
@@ -54,12 +54,12 @@ def hacpp_repack_encoder(
     """Creates the encoder that divides the anchors of a decoded stream into other packets.
 
     Returns:
-        The encoder, and the side information of the new stream. It contains the offset masks if the new stream has
-        separate packets for each attribute.
+        The encoder, and the side information of the new stream.
 
     Raises:
         BitstreamError: If the side information is damaged.
     """
+    # The side information contains the offset masks if the new stream has separate packets for each attribute.
     info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
     fixed, sections = split_sections(side_info, ANCHORS)
     sections.pop(MASKS, None)

@@ -31,8 +31,8 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     Args:
         scene: The scene.
         voxels: int64 (N, 3), voxel indices of its anchors.
-        noise: Tolerated quantisation error of the context networks' outputs, relative to the predicted standard
-            deviation; None for the default.
+        noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
+            for the default.
 
     Returns:
         The side information.
@@ -63,15 +63,14 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
     """Returns the typical standard deviation of each channel of an attribute after quantisation.
 
-    It is the median of the predicted standard deviations, increased by the rounding error.
-
     Args:
         scale: Predicted standard deviations for a sample of anchors, (n, D).
-        step: Base step of the attribute.
+        step: Quantisation step of the attribute, without the factor of an anchor.
 
     Returns:
         float64 (D).
     """
+    # It is the median of the predicted standard deviations, increased by the rounding error.
     typical = lower_median(np.maximum(scale.astype(np.float64), step * 1e-3))
     return np.sqrt(typical**2 + step**2 / 12)
 
@@ -79,14 +78,13 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
     """Returns the relative error that each output of the prior network may have after its weights were quantised.
 
-    Errors of these sizes cost about the same number of bits in every output. For the mean and the standard deviation of
-    a channel, this is the channel's typical standard deviation.
-
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
         columns: First column of each predicted quantity in `outputs`.
         config: Shape of the model.
     """
+    # Errors of these sizes cost about the same number of bits in every output. For the mean and the standard deviation
+    # of a channel, this is the channel's typical standard deviation.
     feature, scaling, offset = config.base_steps
     spread_f = typical_spread(outputs[:, columns.feature_scale : columns.feature_weight], feature)
     spread_s = typical_spread(outputs[:, columns.scaling_scale : columns.offset_mean], scaling)
@@ -117,10 +115,8 @@ def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, no
 
 
 def _fit_masks(mask: np.ndarray) -> np.ndarray:
-    """Returns the initial probability of a 0 bit in each model of offset mask bits, in units of 2**-8.
-
-    It is the frequency of such bits in the whole scene.
-    """
+    """Returns the initial probability of a 0 in each adaptive model of offset mask bits, in units of 2**-8."""
+    # It is the frequency of such bits in the whole scene.
     ones = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
     zero = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)
     for k in range(mask.shape[1]):

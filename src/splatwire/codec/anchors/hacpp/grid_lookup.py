@@ -20,7 +20,7 @@ class GridLevels:
     """Layout of the hash table that contains all levels of the grid: 3D levels first, then those of the three planes.
 
     Attributes:
-        starts: First row of each level in the concatenated table.
+        starts: First table row of each level.
         resolutions: Resolution of each level.
         rows: Number of table rows of each level.
         axes: (levels, 3) world axes of each level; -1 in the last column for a plane.
@@ -39,10 +39,8 @@ class GridLevels:
 
 @functools.cache
 def grid_levels(config: HashGridConfig) -> GridLevels:
-    """Returns the position of each grid level in the table that contains the levels one after another.
-
-    The levels of the 3D grid are first, then those of the planes xy, xz and yz, as in HAC++.
-    """
+    """Returns the layout of the table that contains all levels of the hash grid."""
+    # The levels of the 3D grid are first, then those of the planes xy, xz and yz, as in HAC++.
     resolutions = list(config.resolutions_3d)
     rows = list(config.rows(3))
     axes = [(0, 1, 2)] * len(resolutions)
@@ -57,10 +55,7 @@ def grid_levels(config: HashGridConfig) -> GridLevels:
 def unit_coordinates(
     voxels: np.ndarray, voxel_size: float, bounds_min: np.ndarray, bounds_max: np.ndarray
 ) -> np.ndarray:
-    """Converts voxels to fixed-point coordinates within the grid's bounding box.
-
-    The conversion is a linear function. Its two coefficients are computed in float64 with one rounding each; the rest
-    is integer arithmetic. The result is thus identical on every machine.
+    """Converts voxels to fixed-point coordinates within the grid's bounding box, identically on every machine.
 
     Args:
         voxels: int64 (N, 3).
@@ -72,8 +67,10 @@ def unit_coordinates(
         int64 (N, 3), `UNIT_BITS` fractional bits; outside [0, 1] means outside the box.
 
     Raises:
-        InvalidValueError: If the box is too thin to represent positions with 64 bits.
+        InvalidValueError: If the box is too thin for 64-bit coordinates.
     """
+    # The conversion is a linear function. Its two coefficients are computed in float64 with one rounding each; the rest
+    # is integer arithmetic.
     units = np.empty(voxels.shape, dtype=np.int64)
     for axis in range(3):
         low, high = float(bounds_min[axis]), float(bounds_max[axis])
@@ -105,7 +102,7 @@ def lookup(units: np.ndarray, signs: np.ndarray, config: HashGridConfig) -> np.n
 
 
 def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
-    """Returns the mask of the hash-table rows that at least one anchor reads; the stream contains only these rows.
+    """Returns the mask of the hash-table rows that at least one anchor reads.
 
     Args:
         units: int64 (N, 3) from `unit_coordinates`.
@@ -114,6 +111,7 @@ def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
     Returns:
         bool (rows).
     """
+    # The stream contains only these rows.
     levels = grid_levels(config)
     touched = np.zeros(levels.num_rows, dtype=np.bool_)
     _grid_kernels.touch(units, levels.starts, levels.resolutions, levels.rows, levels.axes, touched)

@@ -13,9 +13,10 @@ def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig)
 
     Args:
         signs: int8 (rows, D), -1 or +1, all levels.
-        touched: bool (rows), from `touched_rows`; the decoder derives it from the positions.
+        touched: Mask of these rows, bool (rows).
         config: Shape of the grid.
     """
+    # The decoder derives `touched` from the positions.
     level_of, models = _levels(config)
     buffer = np.empty(2 * int(touched.sum()) * signs.shape[1] + 64, dtype=np.uint8)
     length = kernels.encode_signs(np.ascontiguousarray(signs), touched, level_of, models, buffer)
@@ -27,7 +28,7 @@ def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np
 
     Args:
         data: Bytes written by `encode_signs`.
-        touched: bool (rows), table rows that at least one anchor reads.
+        touched: Mask of these rows, bool (rows).
         config: Shape of the grid.
 
     Returns:

@@ -1,9 +1,10 @@
 """Separated packets: HAC++'s own layout, with a separate packet for each attribute of a group of anchors.
 
-Used for comparison with atomic packets, which contain all attributes of their anchors. The symbols and their
-distributions are the same. A feature group can only be decoded with all groups before it. The offset masks of the whole
-scene are one section of the side information, like HAC++'s `masks.b`, because decoding offsets requires them.
+Used for comparison with atomic packets, which contain all attributes of their anchors.
 """
+# The symbols and their distributions are the same as in atomic packets. A feature group can only be decoded with all
+# groups before it. The offset masks of the whole scene are one section of the side information, like HAC++'s `masks.b`,
+# because decoding offsets requires them.
 
 import itertools
 from collections.abc import Mapping
@@ -39,7 +40,7 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
 
 
 def decode_masks(info: SideInfo) -> np.ndarray:
-    """Decodes the offset masks of all anchors of a stream with separated packets; any bytes decode without an error.
+    """Decodes the offset masks of all anchors of a stream with separated packets.
 
     Returns:
         Masks of the anchors in coding order, uint8 (N, K).
@@ -71,7 +72,7 @@ def encode_parts(
         symbols: The anchors' symbols.
 
     Returns:
-        The payloads of each group's packets in the order of `PacketPlan.ids`: scalings, offsets, feature groups.
+        The payloads of all packets, group by group: scalings, offsets, feature groups.
     """
     payloads, begin, edges = [], 0, _edges(context)
     for count in counts.tolist():
@@ -96,8 +97,7 @@ class DecodedParts:
     Attributes:
         symbols: Quantised attributes of the anchors; zero for missing attributes.
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
-        received: bool (n, 4), one column per `Attribute`. If only the first channels of a feature were decoded, they
-            are in `symbols`, and the entry of the feature is False.
+        received: Mask of received attributes, bool (n, 4), one column per `Attribute`.
     """
 
     symbols: Symbols
@@ -114,7 +114,7 @@ def decode_parts(
         context: Coding context.
         outputs: int32 (n, prior outputs) of the anchors.
         mask: Mask of the offsets that exist, uint8 (n, K).
-        payloads: Payloads of the received packets, by `PacketId.part`.
+        payloads: Payloads of the received packets, by attribute (`PacketId.part`).
     """
     predicted, layout, num = predict_packets(context, outputs), context.config.layout, len(outputs)
     symbols = Symbols(
@@ -145,12 +145,13 @@ def _decode_features(
     Args:
         context: Coding context.
         predicted: Prediction of the anchors.
-        feature: Output: feature symbols, int32 (n, F); channels of groups that are not decoded stay unchanged.
-        payloads: Payloads of the received packets, by `PacketId.part`.
+        feature: Output: features in quantisation steps, int32 (n, F).
+        payloads: Payloads of the received packets, by attribute (`PacketId.part`).
 
     Returns:
         True if all feature groups were received.
     """
+    # Channels of groups that are not decoded stay unchanged.
     edges, rows = _edges(context), slice(0, len(feature))
     for group, shared in enumerate(context.shared_sums(predicted.outputs)):
         if FIRST_FEATURE + group not in payloads:
@@ -184,13 +185,11 @@ def _feature_mixtures(
 ) -> Mixtures:
     """Returns the probability distributions of the features of one group, for some anchors.
 
-    Each is a mixture of two normal distributions.
-
     Args:
         predicted: Prediction of all anchors, which contains the first normal distribution.
         rows: Range of the anchors.
         columns: Range of the group's channels.
-        mean: Means of the second normal distribution for these anchors and channels, see `atomic.Mixture`.
+        mean: Means of the second normal distribution for these anchors and channels.
         scale: Scale table indices of the second normal distribution.
         weight: Weight of the first distribution, as indices in the weight table.
     """

@@ -1,8 +1,6 @@
-"""Side information of schema `hacpp`, serialised with a version number (docs/format.md).
-
-A decoder needs only these bytes and the packets. An encoder reads the bytes back after writing them, so that it
-predicts from the same numbers as a decoder.
-"""
+"""Side information of schema `hacpp`, serialised with a version number (docs/format.md)."""
+# A decoder needs only these bytes and the packets. An encoder reads the bytes back after writing them, so that it
+# predicts from the same numbers as a decoder.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -187,7 +185,7 @@ def _read_header(data: bytes) -> tuple[ModelConfig, float, tuple[np.ndarray, np.
 
 
 def _check_config(config: ModelConfig, error: type[BitstreamError] | type[InvalidValueError]) -> None:
-    """Checks that the sizes of a model are within the format's limits, before memory is allocated for it.
+    """Checks that the sizes of a model are within the format's limits.
 
     Args:
         config: Shape of the model.
