@@ -1,7 +1,6 @@
 """splatwire: codec and streaming toolkit for 3D Gaussian splats over lossy networks.
 
-Public names are loaded on first use, so that `import splatwire` is fast and a relay, which only needs packets, loads
-neither scipy nor numba. Only training, the paper's concealers and importers of checkpoints need torch.
+Public names are imported on first use. Only training, some concealers and importers of checkpoints need torch.
 """
 
 from splatwire.lazy_names import lazy_names

@@ -1,8 +1,4 @@
-"""Derives checks of arguments from type annotations, for the decorator `splatwire.arguments.checked`.
-
-The check of one annotation is a `Rule`: which values it accepts, how it converts them, and how an error message
-describes them.
-"""
+"""Derives checks of arguments from type annotations, for the decorator `splatwire.arguments.checked`."""
 
 import inspect
 import operator
@@ -42,7 +38,7 @@ class Rule(NamedTuple):
         accepts: Returns True for accepted values.
         convert: Converts an accepted value to the annotated type; None if values are used unchanged.
         kind: The class of accepted values if the annotation is a class such as `Splats`; None for other annotations.
-        dims: Dimensions of an array as in its annotation: a number, or a letter that is the same size in all fields.
+        dims: Size of each array dimension: a number, or a letter for a size that several fields share.
     """
 
     what: str
@@ -56,7 +52,7 @@ _ANYTHING = Rule("", lambda value: True)
 
 
 def annotation_of(owner: Any, name: str) -> Any:
-    """Returns the annotation of a parameter or field, evaluated; Any if it refers to a type that is not imported.
+    """Returns the annotation of a parameter or field as a type; Any if it cannot be evaluated.
 
     Args:
         owner: The function or class.
@@ -78,7 +74,7 @@ def rule_of(hint: Any, arrays: Callable[[Any], Rule]) -> Rule:
 
     Args:
         hint: The annotation as an object, not as text.
-        arrays: Builds the rule of an array annotation: `array_rule` for fields, `array_like_rule` for parameters.
+        arrays: Function that translates the annotation of an array.
     """
     hint = getattr(hint, "__value__", hint)
     if hint in _PLAIN:
@@ -217,7 +213,7 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
 
 
 def _plural(item: Rule) -> str:
-    """Converts a description of one value to the plural, for error messages: `a number` to `numbers`."""
+    """Converts a description of one value, such as `a number`, to the plural, for error messages."""
     plain = item.what.removeprefix("a ")
     return f"{plain}s" if plain.endswith("number") else plain or "items"
 
@@ -239,14 +235,8 @@ def _mapping_rule(kind: type, rules: list[Rule]) -> Rule:
 
 
 def _items_rule(kind: type, item: Rule) -> Rule:
-    """Builds the rule for a collection annotation such as `Sequence[int]` or `Iterable[Frame]`.
-
-    An iterator can be read only once, so each of its items is checked when the decorated function reads the item.
-
-    Args:
-        kind: The class of the annotation, such as `Iterable`.
-        item: Rule of the items.
-    """
+    """Builds the rule for a collection annotation such as `Sequence[int]` or `Iterable[Frame]`."""
+    # An iterator can be read only once, so each of its items is checked when the decorated function reads it.
     sized = kind.__name__ in ("Sequence", "Collection", "list", "frozenset", "set")
 
     def accepts(value: Any) -> bool:
@@ -270,11 +260,7 @@ def _items_rule(kind: type, item: Rule) -> Rule:
 
 
 def _checked_items(values: Any, item: Rule) -> Any:
-    """Wraps an iterator: yields the same items, but raises an error at the first item that the rule rejects.
-
-    Args:
-        values: The iterator.
-        item: Rule that each item must satisfy.
+    """Yields the items of an iterator, and raises an error at the first one that the rule rejects.
 
     Raises:
         InvalidValueError: If an item is not accepted.
@@ -286,10 +272,8 @@ def _checked_items(values: Any, item: Rule) -> Any:
 
 
 def _protocol_rule(kind: type) -> Rule:
-    """Builds the rule for a protocol (`typing.Protocol`): it accepts objects that have all members of the protocol.
-
-    Unlike `isinstance`, the check does not evaluate properties of the object.
-    """
+    """Builds the rule for a protocol (`typing.Protocol`): it accepts objects that have all members of the protocol."""
+    # Unlike `isinstance`, the check does not evaluate properties of the object.
     plain = set(dir(typing.Protocol)) | {"__annotations__", "__dataclass_fields__", "__protocol_attrs__"}
     found = {name for base in kind.__mro__ if getattr(base, "_is_protocol", False) for name in vars(base)}
     members = {name for name in found if not name.startswith("_") or name == "__call__"} - (plain - {"__call__"})
@@ -304,7 +288,7 @@ def _protocol_rule(kind: type) -> Rule:
 
 
 def array_rule(kind: Any) -> Rule:
-    """Builds the rule of an array field, which checks dtype, class and number of dimensions against the annotation."""
+    """Builds the rule of an array field: class, dtype and number of dimensions."""
     if kind.__name__ == "ndarray":
         return Rule("an array", lambda value: isinstance(value, kind))
     dims, word = tuple(kind.dim_str.split()), kind.__name__.partition("[")[0].lower()
@@ -327,8 +311,5 @@ def array_rule(kind: Any) -> Rule:
 
 
 def array_like_rule(kind: Any) -> Rule:
-    """Builds the check of a parameter that is converted to an array by the function itself.
-
-    The check accepts any array, list or tuple.
-    """
+    """Builds the rule of a parameter that the function converts to an array: any array, list or tuple."""
     return Rule("an array", lambda value: hasattr(value, "shape") or isinstance(value, list | tuple))

@@ -1,8 +1,7 @@
 """Checks of the arguments of public functions and constructors against their annotations.
 
-`checked` decorates a function; a dataclass derives from `CheckedFields`, or calls `check_fields`. Both raise one
-`InvalidValueError` that names the argument and what it accepts. A check takes about a microsecond per argument. Ranges
-and shapes that depend on each other are checked by the function itself.
+`checked` decorates a function; a dataclass derives from `CheckedFields`. A wrong argument raises an `InvalidValueError`
+that names it.
 """
 
 import dataclasses
@@ -27,17 +26,13 @@ _VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 def checked(function: Callable[P, R]) -> Callable[P, R]:
     """Decorates a public function: checks and converts its arguments by their annotations.
 
-    Whole numbers of NumPy become `int`, text becomes `Path`, lists become tuples, where the annotation requires it.
-    Array parameters accept arrays and nested lists; the function converts them.
+    Where the annotation requires it, NumPy integers become `int`, text becomes `Path`, and lists become tuples.
     """
     return checked_except()(function)
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator that checks arguments as `checked` does, except those of the named parameters.
-
-    The function checks these parameters itself, for example, to raise a more specific error.
-    """
+    """Returns a decorator that checks arguments as `checked` does, except those of the named parameters."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         return _checking(function, own)
@@ -48,11 +43,8 @@ def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
-        """Returns the parameter names of the decorated function, and the checks of their values by name.
-
-        The checks are built at the first call of the function, because annotations may name classes that are defined
-        later.
-        """
+        """Returns the parameter names of the decorated function, and the check of each value by name."""
+        # Built at the first call, because annotations may name classes that are defined later.
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]
         return names, _rules(function, [name for name in names if name not in own], arrays=array_like_rule)
@@ -95,7 +87,7 @@ def check_fields(record: Any) -> None:
 
 
 class CheckedFields:
-    """Base of dataclasses whose fields are checked by `check_fields` when an instance is created."""
+    """Base class of dataclasses that check the types of their fields."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -108,15 +100,7 @@ def _rules_of_fields(kind: Any) -> dict[str, Rule]:
 
 
 def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[str, Rule]:
-    """Returns the checks of a function's parameters, or of a dataclass's fields, by name.
-
-    Those that accept every value have no check.
-
-    Args:
-        owner: The function or class.
-        names: Names of the parameters or fields.
-        arrays: Builds the check of an array annotation, see `rule_of`.
-    """
+    """Returns the check of each parameter of a function, or of each field of a dataclass, by name."""
     found = {}
     for name in names:
         hint = annotation_of(owner, name)
@@ -139,18 +123,18 @@ def array_of(
     value: Any, name: str, shape: tuple[int | str, ...] | None, kind: str = "f", least: float | int | None = None,
     most: float | int | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Converts an array argument, and checks its type, shape and range.
+    """Converts an argument to an array, and checks its type, shape and range.
 
     Args:
         value: An array, a torch tensor, or nested lists of numbers.
-        name: Name of the argument, for the message.
+        name: Name of the argument, for the error message.
         shape: Expected shape: the size of each axis, or a letter for any size. None for any shape.
         kind: Expected type: `f` for numbers that are not NaN, `i` for whole numbers, `b` for True and False.
         least: Minimum value; None for no minimum.
         most: Maximum value; None for no maximum.
 
     Returns:
-        The array; with `f`, whole numbers are accepted unchanged.
+        The array. Its dtype is not converted.
 
     Raises:
         InvalidValueError: If it is not such an array; the message names what is expected.

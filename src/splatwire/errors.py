@@ -28,10 +28,8 @@ MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeErr
 
 
 def shown(value: object) -> str:
-    """Returns a short text of a rejected value for messages: numbers and texts themselves, other values as their type.
-
-    The `repr` of an object of the caller is not called, because it may be long or raise.
-    """
+    """Returns a value as text for an error message: a number or text itself, otherwise the type."""
+    # The `repr` of other objects is not called, because it may be long or raise.
     if isinstance(value, int) and value.bit_length() > _MANY_BITS:
         return f"an integer of {value.bit_length()} bits"
     if value is None or isinstance(value, (bool, int, float, complex, str, bytes)):
@@ -46,12 +44,12 @@ _MANY_BITS = 200
 
 
 def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
-    """Checks the type of an argument, and explains the usual mistake: a path in place of the object.
+    """Checks the type of an argument; the error for a path names the function that reads the file.
 
     Args:
         value: The argument.
         kind: The expected type.
-        reader: Name of the function that reads such an object from a file, for the message.
+        reader: Name of the function that reads such an object from a file.
         name: Name of the argument, for the message.
 
     Raises:
@@ -75,7 +73,7 @@ def whole_number(value: object, name: str, least: int = 0, most: int | None = No
         most: Maximum value; None for no maximum.
 
     Raises:
-        InvalidValueError: If the argument is not an integer (such as text, a fraction or True), or out of range.
+        InvalidValueError: If the argument is not an integer, or out of range.
     """
     try:
         number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
@@ -153,7 +151,7 @@ class DatasetError(SplatwireError):
 
 
 class NoViewsError(DatasetError):
-    """A split of a dataset has no views; its other split may have some."""
+    """The training or test split of a dataset has no views."""
 
 
 class BackendUnavailableError(SplatwireError):
@@ -173,7 +171,7 @@ class DivergedError(SplatwireError):
     """A training run has diverged: its loss is not finite, or all anchors were removed.
 
     Args:
-        iteration: Iteration of the detection.
+        iteration: Iteration at which this was detected.
         what: The reason.
     """
 
@@ -232,7 +230,7 @@ EXTRAS = {
 
 
 def how_to_install(module: str | None) -> str | None:
-    """Returns the installation instructions for a missing module; None if no extra contains it."""
+    """Returns how to install an optional module; None for other modules."""
     for extra, modules in EXTRAS.items():
         if (module or "").split(".")[0] in modules:
             return f"this needs {module}, which is not installed: pip install 'splatwire[{extra}]'"

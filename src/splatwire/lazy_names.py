@@ -1,7 +1,4 @@
-"""Lazy import of a package's public names, so that importing one light module does not import the others.
-
-The names and their modules are in the stub file `__init__.pyi` of the package, which type checkers read as well.
-"""
+"""Lazy import of a package's public names, which are listed in its stub file `__init__.pyi`."""
 
 import importlib
 import re
@@ -23,7 +20,7 @@ def lazy_names(
     Args:
         package: The full name of the package.
         file: Path of the package's `__init__.py`.
-        renamed: Current name of each deprecated name. The use of a deprecated name gives a `DeprecationWarning`.
+        renamed: Current name of each deprecated name.
     """
     with open(f"{file.removesuffix('.py')}.pyi", encoding="utf-8") as stub:
         homes = {name: home for home, name in _IMPORT.findall(stub.read())}

@@ -1,8 +1,6 @@
 """Registries that installed packages extend: concealers, schemas, loss models, file formats and metrics.
 
-An installed package announces each of its entries by an entry point (`importlib.metadata`) with the name of the entry.
-Each registry has its own group of entry points. Loading an entry point imports the module that calls
-`Registry.register`. Entry points are looked up only when a name is not registered yet, or when all names are listed.
+A package announces its entries by entry points (`importlib.metadata`); loading one calls `Registry.register`.
 """
 
 import functools
@@ -37,12 +35,12 @@ class Registry(Generic[Entry]):
         self._warned: set[str] = set()
 
     def register(self, name: str, entry: Entry, source: str) -> None:
-        """Adds an entry; the same source may register it again, as a reloaded module does.
+        """Adds an entry under a name.
 
         Args:
             name: Name of the entry, not empty, without `:` and `,`.
             entry: The entry.
-            source: Full dotted name of the class or function that defines the entry, for messages.
+            source: Full dotted name of the class or function that defines the entry.
 
         Raises:
             InvalidValueError: If the name is invalid, or another source has registered it.
@@ -51,7 +49,7 @@ class Registry(Generic[Entry]):
         self.put(name, entry, source)
 
     def put(self, name: str, entry: Entry, source: str) -> None:
-        """Adds an entry, or replaces the entry of the same name; see `register` for the arguments.
+        """Adds an entry, or replaces the entry of the same name.
 
         Raises:
             InvalidValueError: If the name is invalid.
@@ -61,10 +59,7 @@ class Registry(Generic[Entry]):
         self._entries[name], self._sources[name] = entry, source
 
     def check_free(self, name: str, other: str, source: str) -> None:
-        """Checks that an entry may be registered under a name that already has an entry.
-
-        The same source may register its entry again. An entry of splatwire may replace that of another package, with a
-        warning in the log.
+        """Checks that a new entry may replace the existing entry of a name.
 
         Args:
             name: The name.
@@ -72,7 +67,7 @@ class Registry(Generic[Entry]):
             source: Source of the new entry, a full dotted name.
 
         Raises:
-            InvalidValueError: In all other cases.
+            InvalidValueError: If both have different sources, unless only the new one is part of splatwire.
         """
         if other == source:
             return
@@ -126,7 +121,7 @@ class Registry(Generic[Entry]):
         return dict(self._entries)
 
     def known_names(self) -> set[str]:
-        """Returns the names of all entries, including those that installed packages announce; loads none."""
+        """Returns the names of all entries, including those of installed packages that are not loaded yet."""
         return {*self._entries, *(point.name for point in self._announced())}
 
     def packages(self, name: str) -> tuple[str, ...]:
@@ -136,10 +131,7 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns the words ` of PACKAGE` for messages about an entry of another package.
-
-        The result is empty for entries of splatwire.
-        """
+        """Returns ` of PACKAGE` for messages about an entry of another package; empty for entries of splatwire."""
         return "".join(f" of {package}" for package in self.packages(name)[:1])
 
     def _announced(self) -> Iterator["EntryPoint"]:
@@ -173,7 +165,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the package of an entry point has registered the entry of that name; False if another one has."""
+        """True if the package of an entry point has registered the entry of that name."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 
@@ -199,7 +191,7 @@ def _is_own(point: "EntryPoint") -> bool:
 
 @functools.cache
 def _entry_points(group: str, path: tuple[str, ...]) -> tuple["EntryPoint", ...]:
-    """Returns the entry points of a group, cached per interpreter path (`sys.path`)."""
+    """Returns the entry points of a group, from a cache."""
     from importlib.metadata import entry_points  # slow import: a tenth of a command's start time
 
     return tuple(entry_points(group=group))

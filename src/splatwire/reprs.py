@@ -17,11 +17,7 @@ def summary_repr(record: Any) -> str:
 
 
 def summarize(value: Any) -> str:
-    """Returns a short text for a value.
-
-    Arrays are shown as type and shape, such as `float32 (1000, 3)`, bytes as their number, long collections as their
-    length.
-    """
+    """Returns a short text for a value, such as `float32 (1000, 3)` for an array."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
         device = str(getattr(value, "device", "cpu"))
         where = "" if device == "cpu" else f" on {device}"

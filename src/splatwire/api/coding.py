@@ -31,10 +31,9 @@ class GaussianOptions(CheckedFields):
     """Options for encoding explicit Gaussians.
 
     Attributes:
-        packetization: Split into packets, or the name of a preset such as `datagram`; None for the default.
+        packetization: Division into packets, or the name of a preset such as `datagram`; None for the default.
         quality: Quantisation: 0 (smallest) to 100 (finest), `small` (40), `default` (60), `near-lossless` (85), or a
-            `Quality`. None means `default`, except for a decoded scene, which keeps its quantisation steps, so that
-            encoding it again is lossless.
+            `Quality`. None for `default`, or for the steps of a decoded scene.
         tiers: Importance tier of each Gaussian, 0 for the most important, whole numbers (N); None for one tier.
         classes: Precision class of each Gaussian (`splatwire.render.precision`), whole numbers (N); None for the finest
             class.
@@ -51,10 +50,10 @@ class AnchorOptions(CheckedFields):
     """Options for encoding neural anchors, whose quantisation steps are trained.
 
     Attributes:
-        packetization: Split into packets, or the name of a preset such as `paper`; None for the default.
+        packetization: Division into packets, or the name of a preset such as `paper`; None for the default.
         tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
-        noise: Tolerated error of the context model from quantising its weights, relative to the standard deviation that
-            it predicts for a value; None for the default. Larger values give less side information and larger packets.
+        noise: Tolerated error of the context model from the quantisation of its weights, in predicted standard
+            deviations; None for the default. Larger values give less side information and larger packets.
     """
 
     packetization: Packetization | str | None = None
@@ -77,24 +76,21 @@ def encode(
 ) -> SceneStream:
     """Encodes a scene, or the frames of a sequence, into independently decodable packets.
 
-    With `size`, `psnr` or `effort`, the encoder renders the scene and derives from the pictures how precisely each
-    Gaussian is coded, like `splatwire encode`. `classes` and `tiers` of the options must then be None: the encoder
-    chooses the classes, and uses a single tier.
+    With `size`, `psnr` or `effort`, the encoder chooses the precision of each Gaussian by rendering the scene;
+    `classes` and `tiers` of the options must then be None.
 
     Args:
         scene: A scene, a decoded scene without losses, explicit Gaussians, or, with `SequenceOptions`, frames.
         options: Options of the kind of scene: `GaussianOptions`, `AnchorOptions`, or `SequenceOptions` for frames. None
             for the defaults.
-        size: Explicit Gaussians: maximum size of the stream as one file, bytes, or a text such as `500kB`. The stream
-            is at most 3 % smaller, unless the finest setting takes less.
-        psnr: Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached to 0.2 dB.
+        size: Explicit Gaussians: maximum size of the stream as one file, bytes, or a text such as `500kB`.
+        psnr: Explicit Gaussians: target PSNR against pictures of the source, decibels.
         quality: Explicit Gaussians and frames: quality setting, instead of `quality` in the options.
-        effort: Explicit Gaussians: `fast` keeps all Gaussians, `default` also removes those that pictures do not need,
-            `best` removes more and fine-tunes the others to pictures of the scene, which takes minutes. None for
-            `default` with `size` or `psnr`.
+        effort: Explicit Gaussians: `fast` keeps all Gaussians, `default` removes those that pictures do not need,
+            `best` also fine-tunes the others, which takes minutes. None for `default` with `size` or `psnr`.
         tuning: Options for `best`, such as the seed and a simulated packet loss; None for the defaults.
         threads: Number of threads, which does not affect the result; None for one per processor.
-        progress: Called with the completed fraction of the work, 0 to 1; not for frames, whose number is unknown.
+        progress: Called with the completed fraction of the work, 0 to 1; not for frames.
 
     Returns:
         The complete stream.

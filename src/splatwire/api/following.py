@@ -26,10 +26,9 @@ class FollowingStoppedError(Exception):
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields a scene when it has arrived, and again after each of its updates; ends when the caller stops a transfer.
+    """Yields a scene when it has arrived, and again after each of its updates, until the caller stops a transfer.
 
-    Only complete scenes are yielded. If an update does not arrive or cannot be applied, `warn` is called, and the
-    update or the whole scene is requested again.
+    Only complete scenes are yielded.
 
     Args:
         fetch: Receives the stream of a given name.
@@ -39,6 +38,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
     Raises:
         InvalidValueError: If the scene does not arrive as a whole at first, or the server offers no updates of it.
     """
+    # If an update does not arrive or cannot be applied, it or the whole scene is requested again.
     scene: SceneStream | None = None
     without_updates = ""
     while True:
@@ -74,7 +74,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
 
 
 async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields the updates of a scene, each when it has arrived; ends when the server no longer has the next one.
+    """Yields the updates of a scene, each when it has arrived, until the server has no next one.
 
     Args:
         fetch: Receives the stream of a given name.

@@ -76,7 +76,7 @@ async def serve(
     Args:
         streams: Streams by name; a client that requests no name gets the first.
         host: Address to listen on; the default accepts clients of this machine only.
-        port: UDP port; 0 selects a free port, see `UdpServer.port`.
+        port: UDP port; 0 selects a free port.
         protection: Amount of redundancy; None for the default.
         limits: Limits on the transfers of clients; None for the defaults.
 

@@ -9,19 +9,19 @@ from splatwire.transport import ServedStream
 class OfferedUpdates:
     """Prepares updates for sending, each only once.
 
-    Updates are distinguished as objects, not by name: if a scene returns to an earlier state, its next update has the
-    same name as one before, but other content.
-
     Args:
         prepare: Prepares a stream for sending.
     """
+
+    # Updates are distinguished as objects, not by name: if a scene returns to an earlier state, its next update has the
+    # same name as one before, but other content.
 
     def __init__(self, prepare: Callable[[SceneStream], ServedStream]) -> None:
         self._prepare = prepare
         self._known: dict[int, tuple[SceneStream, ServedStream]] = {}
 
     def prepared(self, offers: Mapping[str, SceneStream | None]) -> dict[str, ServedStream | None]:
-        """Returns the prepared updates by name, None for updates that do not exist yet (`UpdateChain.offers`)."""
+        """Returns the prepared updates by name; None for updates that do not exist yet."""
         updates = [update for update in offers.values() if update is not None]
         self._known = {id(update): self._known.get(id(update)) or (update, self._prepare(update)) for update in updates}
         return {name: None if update is None else self._known[id(update)][1] for name, update in offers.items()}

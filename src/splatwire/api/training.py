@@ -56,11 +56,12 @@ class _Opened:
 
 
 class TrainingServer:
-    """Serves a scene that is trained; `serve_training` makes it.
+    """Serves a scene while it is trained; made by `serve_training`.
 
-    Two threads work for it: one sends, and one encodes. All methods may be called by any thread of the process that
-    made it. In a forked process, such as that of a data loader, `push` raises an error and `close` has no effect.
+    The methods may be called by any thread.
     """
+
+    # One thread sends, and one encodes. A forked process, such as that of a data loader, has neither of them.
 
     def __init__(self, settings: _Settings) -> None:
         self._settings = settings
@@ -90,7 +91,7 @@ class TrainingServer:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Addresses for clients: `page` with the URL of the page, and `fingerprint` of its certificate, if any."""
+        """URL of the viewer page (`page`), and fingerprint of its certificate (`fingerprint`), if any."""
         return dict(self._opened.running.facts)
 
     @property
@@ -104,11 +105,10 @@ class TrainingServer:
         self, means: Any, quats: Any, scales: Any, opacities: Any, sh: Any, *, wait: bool = False,
         share: float | None = None,
     ) -> None:  # fmt: skip
-        """Sends the Gaussians of the trainer: at first all, later the changes that matter most.
+        """Sends the Gaussians of the trainer: all at first, later the changes that matter most.
 
-        The arrays are copied, and encoded in another thread. If the scene before is still being encoded, this one
-        waits, and replaces one that already waits. The arguments are the fields of `Splats`, as numpy arrays or torch
-        tensors on any device, so that `push(**vars(splats))` works, too.
+        The arrays, of numpy or torch on any device, are copied and encoded in another thread. If that is busy, only the
+        latest call waits; earlier ones are dropped.
 
         Args:
             means: World coordinates of the centres, (G, 3).
@@ -116,9 +116,8 @@ class TrainingServer:
             scales: Standard deviations along the axes, not their logarithms, world units, (G, 3).
             opacities: Opacities in (0, 1), not logits, (G,).
             sh: Coefficients of spherical harmonics, (G, D, 3).
-            wait: True to return when the changes can be received.
-            share: Maximum share of the Gaussians to send; 1 sends all changes, for instance at the end of a training.
-                None for the share of the server.
+            wait: True to return only when clients can receive the changes.
+            share: Maximum share of the Gaussians to send, 1 for all changes; None for the share of the server.
 
         Raises:
             InvalidValueError: If the arrays are no Gaussians, the server is or was closed meanwhile, or the Gaussians
@@ -155,15 +154,13 @@ class TrainingServer:
     def drain(self, most_s: float = 10.0) -> None:
         """Waits until clients have received what was pushed.
 
-        That is, until everything is encoded, clients that follow the scene have had time to request it (`REQUEST_S`),
-        and all transfers and HTTP responses have ended.
-
         Args:
             most_s: Maximum duration, seconds.
 
         Raises:
             InvalidValueError: If the duration is negative, or the last pushed Gaussians could not be encoded.
         """
+        # Clients that follow the scene get `REQUEST_S` to request the last state.
         if not most_s >= 0:
             raise InvalidValueError(f"most_s: expected a number of at least 0, not {shown(most_s)}")
         self._check_process()
@@ -176,10 +173,7 @@ class TrainingServer:
             time.sleep(DRAIN_INTERVAL_S)
 
     def close(self) -> None:
-        """Stops the server and ends its threads, after the encoding that is running.
-
-        A scene that waits is dropped, and running transfers are ended; see `drain`.
-        """
+        """Stops the server and its transfers; call `drain` before to let them finish."""
         if os.getpid() != self._process:
             return
         with self._condition:
@@ -190,7 +184,7 @@ class TrainingServer:
         self._serving.join()
 
     def _check_process(self) -> None:
-        """Raises an error in a forked process, which has no threads that encode and send."""
+        """Raises an error in a forked process, which lacks the threads of the server."""
         if os.getpid() != self._process:
             raise InvalidValueError("push: the server belongs to another process, from which this one was forked")
 
@@ -200,7 +194,7 @@ class TrainingServer:
             raise error
 
     def _encode(self) -> None:
-        """Encodes the scenes that wait, in a thread of its own."""
+        """Encodes waiting scenes, in a thread of its own."""
         try:
             self._encode_until_closed()
         finally:  # nobody waits for a thread that has ended
@@ -239,7 +233,7 @@ class TrainingServer:
             state: State of the scene before; None for the first one.
             splats: The scene.
             share: Maximum share of the Gaussians to send.
-            updates: Updates that are offered.
+            updates: Updates that clients can request.
         """
         if state is None:
             after = PartialUpdates.start(splats, self._settings.antialiased)
@@ -339,14 +333,13 @@ def serve_training(
 ) -> Iterator[TrainingServer]:
     """Serves a scene while it is trained, by any trainer in Python; `TrainingServer.push` sends its Gaussians.
 
-    The stream is called `scene`. Receivers that follow it (`splatwire receive --follow`) and pages
-    get updates, new ones the whole scene. Nothing can be received before the first `push`.
+    The stream is called `scene`. Nothing can be received before the first `push`.
 
     Args:
         host: Address to listen on; the default accepts clients of this machine only.
-        port: UDP port; 0 selects a free port, see `TrainingServer.port`.
+        port: UDP port; 0 selects a free port.
         page: TCP port of the viewer page, 0 for a free one; the streams are then sent over QUIC (`splatwire[relay]`).
-            None for no page, and plain UDP.
+            None for plain UDP without a page.
         share: Maximum share of the Gaussians that one `push` sends after the first, above 0, at most 1.
         antialiased: True if the trainer renders antialiased (Mip-Splatting).
         protection: Amount of redundancy; None for the default.

@@ -20,7 +20,7 @@ def draw_loss_map(
     view: int,
     picture: Float[np.ndarray, "H W 3"],
 ) -> np.ndarray:
-    """Draws every element as a dot on a dimmed grey image: received ones blue, lost ones red and on top.
+    """Draws every element as a dot on a dimmed grey image: received ones blue, lost ones red.
 
     Args:
         positions: Decoded or expected positions of the elements, world units.

@@ -25,10 +25,8 @@ def error_map(pixels: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def png_bytes(pixels: np.ndarray) -> bytes:
-    """Encodes RGB, uint8, as PNG.
-
-    The compression level favours speed: 10 % smaller files would take three times as long.
-    """
+    """Encodes RGB, uint8, as PNG."""
+    # The compression level favours speed: 10 % smaller files would take three times as long.
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=3)
     return buffer.getvalue()

@@ -1,9 +1,7 @@
 """Rate-distortion curves and their mean differences (Bjontegaard deltas).
 
-Between its points, a curve is interpolated by a piecewise cubic function that does not overshoot (PCHIP), as in
-JCTVC-L1100. The original method (Bjontegaard, ITU-T VCEG-M33, 2001) fits one cubic to four points instead. For BD-rate,
-the function gives the logarithm of bytes from the quality; for BD-PSNR, the quality from the logarithm of bytes. The
-difference of two curves is averaged over the range that both cover; nothing is extrapolated.
+Curves are interpolated by monotone cubics (PCHIP) as in JCTVC-L1100, instead of the single cubic of the original method
+(Bjontegaard, ITU-T VCEG-M33, 2001). Their difference is averaged over the range that both cover.
 """
 
 import itertools
@@ -43,9 +41,8 @@ def bd_rate(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> float
         other: Points of the other curve.
 
     Returns:
-        Ratio of the bytes of the other curve to the bytes of the reference, minus 1 (geometric mean over the common
-        range of quality): -0.5 for half the bytes. None if a curve has fewer than two different qualities, or the
-        curves have no common range.
+        Bytes of the other curve relative to the reference, minus 1: -0.5 for half the bytes. None if the curves have no
+        common range of quality.
     """
     difference = _mean_difference(*([(p.quality, math.log(p.num_bytes)) for p in c] for c in (reference, other)))
     return None if difference is None else math.expm1(difference)
@@ -59,8 +56,7 @@ def bd_quality(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> fl
         other: Points of the other curve.
 
     Returns:
-        Quality of the other curve minus that of the reference, mean over the common range of the logarithm of bytes.
-        None if a curve has fewer than two different sizes, or the curves have no common range.
+        Quality of the other curve minus that of the reference. None if the curves have no common range of bytes.
     """
     # The sign makes the better one of two points with equal bytes the one that is kept.
     difference = _mean_difference(*([(math.log(p.num_bytes), -p.quality) for p in c] for c in (reference, other)))
@@ -87,9 +83,6 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
 
 
 def _sorted_points(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Prepares the points (x, y) of a curve for interpolation: sorts them by x.
-
-    Of points with equal x, only the one with the lowest y is kept.
-    """
+    """Sorts the points (x, y) of a curve by x; of points with equal x, only the lowest is kept."""
     groups = itertools.groupby(sorted(points), key=lambda point: point[0])
     return [next(group) for _, group in groups]

@@ -40,14 +40,14 @@ class FileScore:
 
     Attributes:
         path: The file or folder.
-        name: Name in tables: the file name, or the path if several files have that name.
+        name: File name or path, as shown in tables.
         format: Identifier of the file format, such as `ply`, `spz` or `stream`.
         num_bytes: Size of the file, or of all files of a folder, bytes.
-        num_gaussians: Number of Gaussians; for neural anchors, the maximum number of Gaussians generated from them.
+        num_gaussians: Number of Gaussians; for neural anchors, the maximum number generated from them.
         psnr_by_view: PSNR of each view, decibels; infinite if the picture equals its reference.
         ssim: Mean SSIM of the views.
-        lpips: Mean LPIPS of the views; None without weights, or if pictures are too small for it.
-        seconds: Time to read and decode the file, seconds; the shortest of `READS` measurements.
+        lpips: Mean LPIPS of the views; None if not measured.
+        seconds: Time to read and decode the file, seconds.
         shots: Pictures for a report; empty if none was requested.
     """
 
@@ -113,13 +113,10 @@ def compare_files(
 ) -> Comparison:
     """Compares files of one scene with a reference, from the same views and in front of the same background.
 
-    One scene at a time is in memory, besides the reference pictures.
-
     Args:
-        files: Files of static scenes in any format that `splatwire.io.open_scene` reads. If a file has several levels
-            of detail, only the finest is compared.
+        files: Files of static scenes in any format that `splatwire.io.open_scene` reads.
         reference: File whose renders are the references; None for the first of `files`.
-        cameras: The views; None for `held_out_cameras` of the reference.
+        cameras: The views; None for generated test views.
         views: Maximum number of views, evenly spread; None for all.
         renderer: Name of the renderer.
         background: RGB behind all renders, 0 to 1; None for the background of the reference.
@@ -132,6 +129,7 @@ def compare_files(
         BitstreamError: If a file is damaged or has losses.
         DatasetError: If a file of explicit Gaussians is damaged.
     """
+    # Besides the reference pictures, only one scene at a time is in memory.
     if len(files) + (reference is not None) < 2:
         raise InvalidValueError("a comparison takes two files or more, or one file and a reference")
     if views is not None and views < 1:
@@ -202,7 +200,7 @@ def _with_metrics(
 
 @dataclass(frozen=True, eq=False)
 class _Extent:
-    """Position and size of a scene, by which `check` notices files that do not contain the same scene.
+    """Position and size of a scene, to notice files that contain another scene.
 
     Attributes:
         path: File of the scene.
@@ -258,10 +256,7 @@ class _Extent:
 
 @dataclass(frozen=True, eq=False)
 class _TimedScene:
-    """A scene read from a file, and a score with the size of the file and its reading time.
-
-    The image quality in `score` is not measured yet.
-    """
+    """A scene read from a file, with the size of the file and its reading time."""
 
     scene: Scene
     score: FileScore
@@ -288,7 +283,8 @@ class _TimedScene:
 
 
 def _size(path: Path) -> int:
-    """Returns the size of a file or folder in bytes; for a model folder of 3DGS, the size of the PLY that is read."""
+    """Returns the size of a file or folder in bytes."""
+    # For a model folder of 3DGS, that of the PLY that is read.
     return file_bytes((trained_ply(path) if path.is_dir() else None) or path)
 
 

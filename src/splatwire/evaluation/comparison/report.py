@@ -15,10 +15,8 @@ NAME = "report.html"
 
 
 def comparison_content(comparison: Comparison) -> dict[str, Any]:
-    """Returns the results of a comparison as dictionaries and lists, for the JSON report.
-
-    The PSNR of equal pictures is infinite here; the JSON writer replaces it by null.
-    """
+    """Returns the results of a comparison as dictionaries and lists, for the JSON report."""
+    # The PSNR of equal pictures is infinite here; the JSON writer replaces it by null.
     names = comparison.cameras.names
     return {
         "reference": str(comparison.reference),
@@ -49,7 +47,7 @@ def comparison_content(comparison: Comparison) -> dict[str, Any]:
 
 
 def comparison_headings(comparison: Comparison) -> tuple[str, ...]:
-    """Returns the headings of the table of compared files; the column LPIPS exists only if LPIPS was computed."""
+    """Returns the column headings of the table of compared files."""
     lpips = ("LPIPS",) if comparison.lpips else ()
     return ("file", "Gaussians", "bytes", "of first", "PSNR dB", "SSIM", *lpips, "decode s")
 
@@ -100,7 +98,7 @@ def _view(scores: Sequence[FileScore], number: int, names: Sequence[str]) -> dic
 
     Args:
         scores: Scores of the files, with pictures.
-        number: Number of the view among the views whose pictures were kept for all files.
+        number: Index of the view among those whose pictures were kept.
         names: Names of all views.
     """
     shots = [score.shots.kept[number] for score in scores]

@@ -19,7 +19,7 @@ class Shot:
         psnr: PSNR in decibels; infinite if the picture equals its reference.
         picture: The picture.
         reference: The reference picture.
-        difference: Largest channel difference of each pixel, times `splatwire.evaluation.pixels.ERROR_GAIN`.
+        difference: Error of each pixel: the largest channel difference, amplified.
     """
 
     view: int
@@ -32,8 +32,6 @@ class Shot:
 @dataclass
 class Shots:
     """Collects the pictures of a compared file that a report shows: fixed views, and the view with the lowest PSNR.
-
-    Pictures of other views are not stored, which limits the memory.
 
     Attributes:
         wanted: Indices of the views that are kept for all files.
@@ -51,7 +49,7 @@ class Shots:
     def add(
         self, view: int, psnr: float, image: Float[np.ndarray, "H W 3"], reference: Float[np.ndarray, "H W 3"]
     ) -> None:
-        """Stores the images of a view if the report shows it: a fixed view, or the view with the lowest PSNR.
+        """Stores the images of a view if the report shows it.
 
         Args:
             view: Index of the view.

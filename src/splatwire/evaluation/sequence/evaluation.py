@@ -24,7 +24,7 @@ NUM_VIEWS, VIEW_SIZE = 4, 320
 
 @dataclass(frozen=True)
 class SequenceRow:
-    """One row of a sequence evaluation: a loss model with its seed, and a concealer.
+    """One configuration of a sequence evaluation: a loss model with its seed, and a concealer.
 
     Attributes:
         concealer: Name of the concealer of lost motion.
@@ -43,16 +43,18 @@ class SequenceRow:
 class SequenceScore:
     """Image quality of a sequence under one loss model and one concealer.
 
-    Means exclude the first group of pictures (GOP), in which a concealer has no earlier frames to use.
+    Means exclude the first group of pictures (GOP).
 
     Attributes:
         row: The loss model and the concealer.
         psnr: PSNR of each frame against the render of the original frame, mean over views, decibels, float64 (F).
-        change: Flicker from each frame to the next, float64 (F - 1). It is the mean squared error of the image
-            difference between the two frames, compared with the same difference of the reference images.
-        later: Index of the first frame of the second GOP, where means begin; 0 if there is only one GOP.
+        change: Flicker from each frame to the next, float64 (F - 1): the mean squared error of the difference between
+            both frames.
+        later: Index of the first frame that means include.
         num_lost: Number of packets that were lost or late.
     """
+
+    # In the first GOP, a concealer has no earlier frames to use.
 
     row: SequenceRow
     psnr: np.ndarray
@@ -62,18 +64,16 @@ class SequenceScore:
 
     @property
     def mean(self) -> float:
-        """Mean PSNR, without the first group of pictures, decibels."""
+        """Mean PSNR, decibels."""
         return float(self.psnr[self.later :].mean())
 
     @property
     def flicker(self) -> float:
-        """Mean flicker (`change`), without the first group of pictures."""
+        """Mean flicker."""
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
     def worst_below(self, complete: "SequenceScore") -> float:
-        """Largest loss of PSNR of a frame compared with the sequence without losses, decibels.
-
-        The first group of pictures is excluded.
+        """Returns by how many decibels packet losses lower the PSNR of a frame, at most.
 
         Args:
             complete: Score of the sequence without losses.
@@ -83,21 +83,14 @@ class SequenceScore:
     def mean_below(self, complete: "SequenceScore") -> float:
         """Returns by how many decibels packet losses lower the PSNR of a frame, on average.
 
-        The first group of pictures is excluded.
-
         Args:
             complete: Score of the sequence without losses.
         """
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns how far the PSNR of each frame is below that of the complete sequence, decibels.
-
-        The first group of pictures is excluded. Frames with equal PSNR have difference 0, even if the PSNR is infinite.
-
-        Args:
-            complete: Score of the sequence without losses.
-        """
+        """Returns by how many decibels packet losses lower the PSNR of each frame."""
+        # Frames with equal PSNR have difference 0, even if the PSNR is infinite.
         own, other = self.psnr[self.later :], complete.psnr[self.later :]
         differ = own != other
         return np.subtract(other, own, out=np.zeros_like(own), where=differ)
@@ -113,8 +106,6 @@ def score_sequence(
     renderer: str = "cpu", on_picture: OnPicture | None = None, progress: Callable[[int], None] | None = None,
 ) -> list[SequenceScore]:  # fmt: skip
     """Evaluates several configurations of a sequence in one pass, frame by frame.
-
-    Each configuration needs memory for one group of pictures.
 
     Args:
         stream: Stream of the sequence.
@@ -157,10 +148,7 @@ def score_sequence(
 
 
 def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarray, "V H W 3"]) -> float:
-    """Mean PSNR of a frame over views, decibels.
-
-    Views equal to the reference (infinite PSNR) are left out; if all views are equal, the result is infinite.
-    """
+    """Mean PSNR of a frame, decibels, over the views that differ from their reference."""
     views = psnr(pictures, reference)
     unlike = views[np.isfinite(views)]
     return float((unlike if len(unlike) else views).mean())

@@ -45,8 +45,7 @@ def draw_sequence(
 
     Raises:
         UnknownNameError: If there is no such concealer or renderer.
-        InvalidValueError: If the pictures take more than `MOST_PICTURE_BYTES`: a stream of a few bytes can announce
-            131,072 frames.
+        InvalidValueError: If the pictures take more than `MOST_PICTURE_BYTES`.
     """
     method = temporal_concealer(concealer or DEFAULT)
     sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene

@@ -20,7 +20,7 @@ HEADINGS = ("method", "loss", "PSNR dB", "below complete", "worst below", "first
 
 
 class Film:
-    """Images of a sequence for the HTML report, which plays them; one per configuration and frame, all of one view.
+    """Images of one view of a sequence, which the HTML report plays: one per configuration and frame.
 
     Args:
         num_rows: Number of configurations, without the reference.
@@ -34,7 +34,7 @@ class Film:
 
         Args:
             row: Index of the configuration, from 0; -1 for the reference.
-            frame: Index of the frame. Images are stored in the order of the calls, not by this index.
+            frame: Index of the frame; frames must be added in order.
             pixels: RGB image, uint8 (H, W, 3).
         """
         buffer = io.BytesIO()
@@ -43,7 +43,7 @@ class Film:
 
 
 def score_rows(scores: Sequence[SequenceScore]) -> list[dict[str, Any]]:
-    """Converts the scores of configurations to table rows; the first score must belong to the complete sequence."""
+    """Converts the scores of configurations to table rows; the first one is that of the sequence without losses."""
     complete = scores[0]
     return [
         {

@@ -1,7 +1,4 @@
-"""Charts of a report as SVG.
-
-They need no display and do not change the global state of matplotlib.
-"""
+"""Charts of a report as SVG."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -29,10 +26,7 @@ STYLE: dict[str, Any] = {
 
 @rc_context(STYLE)
 def seeds_chart(shown: Sequence[Summary]) -> str | None:
-    """Draws the PSNR of every evaluated method: a dot per seed, the mean and its confidence interval.
-
-    Returns None if no method has a finite PSNR.
-    """
+    """Draws the PSNR of every method: a dot per seed, the mean and its confidence interval."""
     rows = [s for s in shown if s.figures.get("psnr") is not None]
     if not rows:
         return None
@@ -56,7 +50,7 @@ def seeds_chart(shown: Sequence[Summary]) -> str | None:
 
 @rc_context(STYLE)
 def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
-    """Draws the PSNR of every view for every method: mean over seeds as a line, range over seeds as a band."""
+    """Draws the PSNR of every view for every method, as mean and range over seeds."""
     rows = [s for s in shown if s.figures.get("psnr") is not None and s.by_view]
     if not rows:
         return None
@@ -75,10 +69,7 @@ def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
 
 @rc_context(STYLE)
 def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None:
-    """Draws PSNR against the loss rate: one line per method, one panel per unit of loss (packet or datagram).
-
-    Returns None if there is only one loss.
-    """
+    """Draws PSNR against the loss rate, one line per method; lost packets and lost datagrams have separate panels."""
     units = [unit for unit in ("pak", "datagram") if sum(loss.unit == unit for loss in losses) > 1]
     if not units:
         return None
@@ -105,7 +96,7 @@ def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None
 
 @rc_context(STYLE)
 def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
-    """Draws the PSNR difference to the baseline against the size of the scene; None with fewer than three scenes."""
+    """Draws the PSNR difference to the baseline against the size of the scene."""
     own = [s for s in summaries if s.loss == loss and s.delta.get("psnr") is not None and s.by_view]
     if len({s.scene for s in own}) < 3:
         return None
@@ -127,7 +118,7 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
 
 @rc_context(STYLE)
 def rate_chart(panel: Sequence[Curve]) -> str | None:
-    """Draws PSNR against bytes: one line per curve of a scene and loss. Returns None without a finite PSNR."""
+    """Draws rate-distortion curves of one scene and loss: PSNR against bytes."""
     lines = [(curve.name, curve.points) for curve in panel if curve.points]
     if not lines:
         return None
@@ -167,10 +158,8 @@ def _by_size(summaries: Sequence[Summary], key: str) -> list[Summary]:
 
 
 def _axis_positions(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
-    """Returns where a chart's horizontal axis shows each loss model, and its label.
-
-    If all losses are independent, the positions are the loss rates in percent; otherwise, they are equally spaced.
-    """
+    """Returns the horizontal position and the label of each loss model in a chart."""
+    # Loss rates in percent if all losses are independent; otherwise equally spaced.
     models = [parse_loss(loss.model) for loss in losses]
     if all(isinstance(model, Bernoulli) for model in models):
         rates = [100 * float(model.rate) for model in models if isinstance(model, Bernoulli)]

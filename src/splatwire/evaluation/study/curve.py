@@ -1,4 +1,4 @@
-"""Chart of PSNR against loss rate for a report (loss curve): evaluates a few methods at additional loss rates."""
+"""Loss curve of a report: PSNR of a few methods against the loss rate."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,11 +16,11 @@ RATES = (0.05, 0.1, 0.3, 0.5)
 
 
 class ComparedRows(NamedTuple):
-    """The three methods (table rows) whose PSNR is drawn against the loss rate in a chart.
+    """The three methods that a loss curve compares.
 
     Attributes:
-        uncovered: A method without concealment, in which lost elements are not drawn; the one with the lowest PSNR.
-        baseline: Baseline of the evaluation (`Study.baseline`); may be the same method as `uncovered`.
+        uncovered: Method without concealment: lost elements are not drawn.
+        baseline: Baseline of the evaluation.
         best: The method with the highest PSNR.
     """
 
@@ -30,7 +30,7 @@ class ComparedRows(NamedTuple):
 
 
 def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: Progress) -> StudyResult | None:
-    """Evaluates a few methods, those of `compared_rows`, at other loss rates for a chart of PSNR against loss.
+    """Evaluates a few methods at other loss rates, for the loss curve of a report.
 
     Args:
         result: Results of an evaluation of one scene under one loss.
@@ -39,8 +39,7 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:
-        The results at the rates of `RATES`; None if the loss model has no rate, or no method conceals better than the
-        baseline.
+        The results; None if the loss model has no rate, or no method conceals better than the baseline.
 
     Raises:
         SplatwireError: If a task fails.
@@ -65,14 +64,14 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
 
 
 def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows | None:
-    """Returns the methods (table rows) that the loss curve of a report compares.
+    """Returns the methods that the loss curve of a report compares.
 
     Args:
         result: Results of the evaluation.
         summaries: Statistics of the results, one for each method and loss.
 
     Returns:
-        The methods; None if the evaluation has no baseline, or the baseline is the best method.
+        The methods; None without a baseline, or if it is the best method.
     """
     found = {
         s.row.key: s.figures["psnr"].mean  # type: ignore[union-attr]
@@ -100,7 +99,7 @@ def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
 
 
 def _with_loss_rate(model: LossModel, rate: float) -> str | None:
-    """Returns the specification (text) of a loss model with another loss rate; None if the model has no rate."""
+    """Returns a loss model, as text, with another loss rate; None if the model has no rate."""
     if isinstance(model, Bernoulli):
         return f"bernoulli:{rate}"
     if isinstance(model, GilbertElliott) and (model.arrival_bad, model.arrival_good) == (0.0, 1.0):

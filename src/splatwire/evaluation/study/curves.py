@@ -1,4 +1,4 @@
-"""Rate-distortion curves of an evaluation, one per codec, scene and loss; each table row of a codec is one point."""
+"""Rate-distortion curves of an evaluation, one per codec, scene and loss."""
 
 import csv
 import io
@@ -13,13 +13,13 @@ from splatwire.evaluation.study.tables import Table
 
 @dataclass(frozen=True)
 class Curve:
-    """A rate-distortion curve: rows of one codec at several rates.
+    """A rate-distortion curve: results of one codec at several rates.
 
     Attributes:
-        name: Name of the codec or setting, from the rows.
+        name: Name of the codec or setting.
         scene: The scene, or description of the mean over scenes.
         loss: Label of the loss; empty if nothing is lost.
-        rows: Summary of each row, ascending by size of the stream.
+        rows: Result at each rate, ascending by bytes.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Curve:
 
     @property
     def points(self) -> list[RatePoint]:
-        """Points of the rate-distortion curve: bytes and mean PSNR of the table rows with a finite PSNR."""
+        """Points of the curve: bytes and mean PSNR, if that is finite."""
         found = [(row.num_bytes, row.figures.get("psnr")) for row in self.rows]
         return [RatePoint(size, estimate.mean) for size, estimate in found if estimate is not None]
 
@@ -50,7 +50,7 @@ def curves_of(study: Study, summaries: Sequence[Summary]) -> list[Curve]:
 
 
 def panels(curves: Sequence[Curve]) -> list[list[Curve]]:
-    """Groups curves by scene and loss; each group can be drawn in one chart and compared."""
+    """Groups curves by scene and loss, for one chart each."""
     places = dict.fromkeys((curve.scene, curve.loss) for curve in curves)
     return [[curve for curve in curves if (curve.scene, curve.loss) == place] for place in places]
 
@@ -84,7 +84,7 @@ def _range(curve: Curve) -> str:
 
 
 def curves_csv(curves: Sequence[Curve]) -> str:
-    """Formats curves as CSV, one line per point: scene, loss, curve, row, bytes and the mean of each metric."""
+    """Formats curves as CSV, one line per point."""
     metrics = list(dict.fromkeys(metric for curve in curves for row in curve.rows for metric in row.figures))
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")

@@ -28,7 +28,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
         references: The reference images of the scene.
 
     Returns:
-        Path, digest and size of the result, with no packets; None if the row has no result for the scene.
+        Path, digest and size of the result; None if there is none for the scene.
 
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.
@@ -52,18 +52,13 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
 
 
 def has_pictures(folder: Path) -> bool:
-    """Returns True if a folder contains rendered pictures.
-
-    A folder with a `meta.json` is a scene in the format SOG instead, which also consists of picture files.
-    """
+    """Returns True if a folder contains rendered pictures."""
+    # A folder with a `meta.json` is a scene in the format SOG, which also consists of picture files.
     return not (folder / "meta.json").is_file() and bool(_files(folder))
 
 
 def picture_paths(folder: Path, references: References) -> list[Path]:
-    """Returns the picture of each evaluated view, from a folder of another codec's pictures.
-
-    Pictures are assigned by name if each view has a picture of its name. Otherwise there must be one picture for each
-    view of the scene, in the order of the views (`00000.png`, as 3DGS and HAC++ write them).
+    """Finds the picture of each evaluated view in a folder of another codec, by name or else by number.
 
     Args:
         folder: Folder of PNG or JPEG files.
@@ -72,6 +67,7 @@ def picture_paths(folder: Path, references: References) -> list[Path]:
     Raises:
         DatasetError: If the pictures fit the views neither by name nor by number.
     """
+    # Numbered pictures (`00000.png`, as 3DGS and HAC++ write them) count all views of the scene.
     files = _files(folder)
     by_name = {file.stem: file for file in files}
     names = [Path(name).stem for name in references.names]
