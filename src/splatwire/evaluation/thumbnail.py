@@ -61,7 +61,7 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
 
 
 def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Renders a thumbnail of a stream from its initial view (`thumbnail`); for a sequence, of its first frame.
+    """Renders a thumbnail of a stream from its initial view; for a sequence, of its first frame.
 
     Args:
         stream: The stream; elements of lost packets are left out.
@@ -98,14 +98,8 @@ def check_suffix(path: Path) -> None:
 
 
 def _best_side(scene: Scene, size: int) -> Cameras:
-    """Chooses among several cameras around a scene the one whose picture has the most detail.
-
-    Detail is the mean difference of neighbouring pixels, measured in small pictures.
-
-    Args:
-        scene: The scene.
-        size: Width and height of the camera's image, pixels.
-    """
+    """Chooses among several cameras around a scene the one whose picture has the most detail."""
+    # Detail is the mean difference of neighbouring pixels, measured in small pictures.
     trials = iterate_views(scene, framing_cameras(scene, SIDES, _TRIAL_PIXELS))
     best = int(np.argmax([_detail(np.asarray(image)) for image in trials]))
     return framing_cameras(scene, SIDES, size)[best]

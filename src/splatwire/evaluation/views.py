@@ -32,8 +32,8 @@ class ReferenceViews(CheckedFields):
         load: Function that returns the reference image of a view, RGB in [0, 1].
         source: Kind of references for the report, such as `photos`.
         background: RGB of the background in renders; None for the background of each scene.
-        load_mask: Function that returns the mask of a view, True for evaluated pixels, or None if all pixels are
-            evaluated; None if no view has a mask.
+        load_mask: Function that returns the mask of evaluated pixels of a view, or None for all pixels; None if no view
+            has a mask.
     """
 
     cameras: Cameras
@@ -88,7 +88,7 @@ class Compared:
     mask: Bool[np.ndarray, "1 H W"] | None
 
     def measure(self, metric: str) -> float:
-        """Computes a metric over the evaluated pixels; see `splatwire.metrics.registry.measure_view`."""
+        """Computes a metric over the evaluated pixels."""
         return measure_view(metric, self.image, self.reference, self.mask)
 
 
@@ -102,14 +102,13 @@ def spread(num_views: int, count: int | None) -> list[int]:
 def held_out_cameras(scene: Scene) -> Cameras:
     """Places test cameras around a scene, near and far.
 
-    They differ from the cameras by which encoders choose their settings, as test views should.
-
     Args:
         scene: The scene.
 
     Raises:
         InvalidValueError: If the scene has no elements.
     """
+    # They differ from the cameras by which encoders choose their settings, as test views should.
     return surrounding_cameras(scene, HELD_OUT_VIEWS, HELD_OUT_SIZE)
 
 

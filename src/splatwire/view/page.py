@@ -1,7 +1,4 @@
-"""Content of the web page with which `splatwire view` shows one stream in the browser.
-
-The stream is a local file, or is being received from another server. The page is the one of `splatwire serve --page`.
-"""
+"""Content of the web page with which `splatwire view` shows one stream in the browser."""
 
 import base64
 
@@ -23,11 +20,9 @@ def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host
 
     Args:
         name: Title of the stream on the page.
-        stream: Stream to show; packets may be missing, and the page conceals them.
-        cameras: Cameras that determine the initial viewpoint of the page. None takes the viewpoint in the stream, or if
-            the stream has none, a viewpoint outside the scene.
-        host: Address that the page server listens on. Unless it is a loopback address, pages of other web origins
-            cannot read the stream.
+        stream: Stream to show; packets may be missing.
+        cameras: Cameras that determine the initial viewpoint of the page; None for the viewpoint of the stream.
+        host: Address that the page server listens on.
 
     Raises:
         InvalidValueError: If browsers cannot decode the stream.
@@ -45,11 +40,9 @@ def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -
     Args:
         name: Title of the stream on the page.
         relay: Relay of the running transfer.
-        cameras: Cameras that determine the initial viewpoint of the page. None takes the viewpoint in the stream, or if
-            the stream has none, a viewpoint outside the scene. Cameras are converted to coordinates relative to the
-            stream's origin, so its side information must have been received (`Relay.headed`).
-        host: Address that the page server listens on. Unless it is a loopback address, pages of other web origins
-            cannot read the stream.
+        cameras: Cameras that determine the initial viewpoint of the page; None for the viewpoint of the stream. They
+            require that the relay has received the side information (`Relay.headed`).
+        host: Address that the page server listens on.
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}
     cameras = None if cameras is None else cameras.relative_to(relay.origin)
@@ -59,15 +52,8 @@ def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -
 
 
 def _origins(host: str) -> tuple[str, ...] | None:
-    """Returns the web origins whose pages may read the stream (`PageContent.origins`).
-
-    Args:
-        host: Address that the page server listens on.
-
-    Returns:
-        None if `host` is a loopback address: pages of all servers on this machine may read the stream. Otherwise an
-        empty tuple: only the page of this server may read the stream.
-    """
+    """Returns the web origins whose pages may read the stream; None for all."""
+    # Only on a loopback address, pages of other servers on this machine may read the stream.
     return None if is_loopback(host) else ()
 
 

@@ -21,8 +21,7 @@ AT_ONCE = 1 << 16
 class Relay:
     """Receives a stream from another server and passes it on to browser pages while it arrives.
 
-    A page gets the stream as one `.swz` file that grows during the transfer. Of a live sequence, a page shows only the
-    groups of pictures that were received before the page connected.
+    A page gets the stream as one `.swz` file that grows during the transfer.
 
     Args:
         url: URL of the stream, for error messages.
@@ -30,7 +29,7 @@ class Relay:
 
     Attributes:
         is_live: True if the stream is a live sequence.
-        preview: Preview of the scene, shown until the scene is decoded; empty before its arrival, or without a preview.
+        preview: Preview of the scene; empty before its arrival, or without a preview.
         ending: End of the transfer, with its reason; None while it runs.
         origin: Origin of the scene's coordinates; (0, 0, 0) until the side information is received.
         manifest: Manifest of the stream; None until the side information is received.
@@ -77,23 +76,17 @@ class Relay:
             self._headed.set()
 
     def failure(self) -> str:
-        """Returns the reason if the transfer ended before everything was received; otherwise the empty text."""
+        """Returns why the transfer ended before everything was received; empty if it did not."""
         end = self.ending
         wanted = ("complete", "seen", "sent") if self.is_live else ("complete", "seen")
         return "" if end is None or end.reason in wanted else end.reason
 
     async def begun(self) -> None:
-        """Waits until the preview or the side information is known, or the transfer has ended.
-
-        The page can then show something.
-        """
+        """Waits until the page can show something, or the transfer has ended."""
         await self._begun.wait()
 
     async def headed(self) -> None:
-        """Waits until the side information has arrived, or the transfer has ended.
-
-        Once the side information has arrived, the attribute `origin` is known.
-        """
+        """Waits until the side information has arrived, or the transfer has ended."""
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:
@@ -113,11 +106,7 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if more data may follow for a `.swz` file: the transfer runs, and no other stream has begun.
-
-        Args:
-            pieces: List with the pieces of the file that were received so far.
-        """
+        """True if more data may follow for a `.swz` file."""
         return not self._over and pieces is self._pieces
 
     async def _forward(self) -> None:
@@ -140,14 +129,8 @@ class Relay:
                 self.ending = event
 
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
-        """Stores the start of a `.swz` file: begins a new file, or replaces the start of the stream's current file.
-
-        The start contains the init segment. A live stream gets a new init segment with each group of pictures.
-
-        Args:
-            stream_id: Id of the stream in every packet.
-            head: Start of the file: header and init segment.
-        """
+        """Stores the start of a `.swz` file: begins a new file, or replaces the start of the stream's current file."""
+        # The start has the init segment. A live stream gets a new one with each group of pictures.
         async with self._changed:
             if stream_id == self._stream_id:
                 self._pieces[0] = head

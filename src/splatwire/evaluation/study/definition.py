@@ -40,16 +40,15 @@ class SceneEntry:
         kind: `stream`, `scene` or `model`.
         photos: Dataset folder with test photos as references; None to compare with renders.
         cameras: Cameras file for renders; None for the views of `photos`, or views around the scene.
-        reference: Source of rendered references: a scene file, a stream or explicit Gaussians, or the frames of a
-            sequence. None for the photos, or the scene itself if there are none.
+        reference: Scene or frames that are rendered as references; None for the photos, or for the scene itself without
+            photos.
         dataset: Name of the group of scenes that are averaged in the results.
         images: Name of the image folder within the dataset.
-        split: See `splatwire.data.open_dataset`.
-        test_views: See `splatwire.data.open_dataset`.
-        max_width: See `splatwire.data.open_dataset`.
+        split: Split of the dataset that is read, such as `test`.
+        test_views: Rule that selects the test views of the dataset; None for that of its layout.
+        max_width: Maximum width of photos, to which wider ones are reduced; None for no limit.
         weights: GNN weights calibrated for this scene.
-        sections: Stream of this scene that contains the side information named in `Row.sections`; None to use `source`
-            if that is a stream.
+        sections: Stream with the additional side information that some methods need; None to use `source`.
         background: RGB of the background; None for the training background of the scene.
     """
 
@@ -80,10 +79,8 @@ class Decoded:
 
     Attributes:
         scene: Name of the scene.
-        source: The decoded scene (a file of Gaussians, a scene file or a stream, in any supported format), or a folder
-            with one picture per view, rendered from the decoded scene.
-        num_bytes: Number of bytes that the codec sends; None if it sends exactly the files of `source`, whose size is
-            then used.
+        source: File of the decoded scene, or folder with one picture per view, rendered from it.
+        num_bytes: Number of bytes that the codec sends; None for the size of `source`.
     """
 
     scene: str
@@ -105,13 +102,11 @@ class Row:
         packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
         conceal: Name of the concealer.
         options: Options of the concealer.
-        erode: For an ablation: name of the only attribute that anchors of lost packets lose. None for real losses, in
-            which they lose everything that the packets contain.
+        erode: For an ablation: the only attribute that lost anchors lose; None for all attributes.
         lossless: True if the row has no losses.
-        sections: Named sections of the side information in the row's stream; they count towards its size.
-        decoded: Results of another codec, one per scene, which are evaluated without losses; empty for a row whose
-            stream is encoded here.
-        curve: Name of the rate-distortion curve that this row is a point of; empty for none.
+        sections: Names of the additional side information in the stream.
+        decoded: Results of another codec, one per scene; empty for a stream that is encoded here.
+        curve: Name of the rate-distortion curve with this row as a point; empty for none.
     """
 
     key: str
@@ -144,7 +139,7 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Short name of the stream that is sent when this method (table row) is evaluated; usable in file names."""
+        """Short name of the stream that this method uses, for file names."""
         if self.decoded:
             return f"decoded-{self.key}"
         if self.packetization is None:
@@ -162,7 +157,7 @@ class Loss:
         model: Specification for `splatwire.channel.loss_text`.
         unit: `pak`: whole packets are lost. `datagram`: datagrams of 1200 bytes are lost, and a packet is lost if any
             of its datagrams is.
-        send_order: See `splatwire.channel.transmit`.
+        send_order: Order in which packets are sent, one of `splatwire.channel.transmit`.
     """
 
     model: str
@@ -175,7 +170,7 @@ class Loss:
 
     @property
     def process(self) -> LossModel:
-        """The loss model, created from its specification and the unit of loss (packet or datagram)."""
+        """The loss model, created from its specification."""
         return parse_loss(self.model, self.unit)
 
     @property
@@ -192,7 +187,7 @@ class Published:
     """Published results of one method on a group of scenes, for comparison.
 
     Attributes:
-        row: Key of the row of the study's result table that evaluates the same method (`Row.key`).
+        row: Key of the table row that evaluates the same method.
         dataset: Name of the group of scenes in the publication.
         values: Published value of each metric, by name.
     """
@@ -278,26 +273,16 @@ class Study:
 
     @property
     def lossy_rows(self) -> tuple[Row, ...]:
-        """Table rows (methods) that are evaluated with losses."""
+        """Methods that are evaluated with losses."""
         return tuple(row for row in self.rows if not row.lossless)
 
     def row(self, key: str) -> Row:
-        """Returns the table row (method) with the given key."""
+        """Returns the method with the given key."""
         return next(row for row in self.rows if row.key == key)
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Returns words that describe a packetization, to be joined to the name of a stream.
-
-    Args:
-        preset: The packetization of the preset.
-        other: The packetization to describe.
-        name: Name of the preset.
-
-    Returns:
-        The name of the preset, then each parameter that differs from it, as `NAME=VALUE` for a number or as `VALUE` for
-        a text.
-    """
+    """Names a packetization by its preset and the parameters that differ from it."""
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
 
@@ -308,10 +293,7 @@ def canonical(content: Mapping[str, Any]) -> str:
 
 
 def _settings(row: Row) -> str:
-    """Returns all settings of a table row (method) that affect its results, as JSON text.
-
-    Rows with equal texts have equal results.
-    """
+    """Returns the settings of a method that affect its results, as JSON text."""
     settings = dataclasses.asdict(dataclasses.replace(row, key="", label="", decoded=(), curve=""))
     return canonical(settings | {"decoded": [str(decoded) for decoded in row.decoded]})
 
@@ -359,10 +341,10 @@ def _unique(what: str, names: Sequence[str], *, least: int) -> None:
 
 
 def common_word(words: Iterable[str]) -> str:
-    """Returns the name of the elements in reports, such as `anchors`; "elements" if scenes have different elements.
+    """Returns the name of the elements in reports, such as `anchors`.
 
     Args:
-        words: Name of the elements of each scene.
+        words: Name of the elements of each scene; if they differ, the result is `elements`.
     """
     different = set(words)
     return different.pop() if len(different) == 1 else "elements"

@@ -1,4 +1,4 @@
-"""Execution of an evaluation's tasks (units): the engine protocol, and the engine that uses this process."""
+"""Execution of an evaluation's tasks: the engine protocol, and the engine that uses this process."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -34,10 +34,9 @@ Listener = Callable[[Event], None]
 
 @runtime_checkable
 class Engine(Protocol):
-    """Executes tasks of an evaluation (units) until the results of all are in the store.
+    """Executes tasks of an evaluation until the results of all are in the store.
 
-    If a worker dies, only its current task is lost and retried. An error raised by a task ends the execution, because a
-    retry would fail again. Results of finished tasks are kept.
+    A task whose worker dies is retried. An error of a task ends the execution.
     """
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
@@ -59,7 +58,7 @@ class InProcess:
 
     Attributes:
         decode: Decoder of received streams.
-        progress: Called with the label of the task's row and its share of finished views.
+        progress: Called with the name of the task's method and its share of finished views.
     """
 
     decode: Decode = decode_stream
@@ -67,7 +66,7 @@ class InProcess:
     _workshop: UnitRunner | None = None
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """Executes tasks in this process and writes their results into the store (see `Engine.run`)."""
+        """Executes tasks in this process and writes their results into the store."""
         if self._workshop is None or self._workshop.store is not store:
             self._workshop = UnitRunner(store, self.decode, self._drawing)
         for unit in units:
@@ -98,7 +97,7 @@ class Attempts:
         self._count: dict[str, int] = {}
 
     def lost(self, unit: Unit, reason: str) -> None:
-        """Records that the worker of a task died; raises an error if the same task has killed too many workers.
+        """Records that the worker of a task died.
 
         Raises:
             SplatwireError: If workers have died `MAX_ATTEMPTS` times while executing the task.

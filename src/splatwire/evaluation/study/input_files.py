@@ -26,23 +26,21 @@ class InputFiles:
     _scenes: "OrderedDict[Path, SceneFile]" = field(default_factory=OrderedDict, repr=False)
 
     def stream(self, path: Path) -> SceneStream:
-        """Reads a stream, see `splatwire.bitstream.read_stream`."""
+        """Reads a stream."""
         return keep(self._streams, path.resolve(), _STREAMS, lambda: read_stream(path)[0])
 
     def scene_file(self, path: Path) -> SceneFile:
-        """Reads a scene file or a file of explicit Gaussians, see `splatwire.io.read_scene_file`."""
+        """Reads a scene file or a file of explicit Gaussians."""
         return keep(self._scenes, path.resolve(), _SCENES, lambda: read_scene_file(path))
 
 
 def keep(cache: "OrderedDict[Key, Value]", key: Key, most: int, make: Callable[[], Value]) -> Value:
-    """Returns the value of a key from a cache with a limited number of entries.
-
-    A missing value is computed and added. If the cache is full, the least recently used entry is removed first.
+    """Returns a value from a cache of the most recently used ones; computes it if it is missing.
 
     Args:
         cache: The cache; changed in place.
         key: The key.
-        most: Maximum number of entries.
+        most: Maximum number of values.
         make: Function that computes the value.
     """
     if key not in cache:

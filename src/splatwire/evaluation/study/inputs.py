@@ -53,10 +53,8 @@ class PreparedScene:
     Attributes:
         entry: Definition of the scene.
         references: The reference images.
-        streams: Encoded streams, by name of the packetization (`Row.variant`).
-        parts: Bytes of each part of a method's stream, such as an attribute, by key of the method (`Row.key`) and name
-            of the part. Weights that the method's concealer needs are a part, too. Side information for other
-            concealers is not included.
+        streams: Encoded streams, by name of the packetization.
+        parts: Bytes of each part of a method's stream, such as an attribute, by key of the method and name of the part.
         masks: Loss masks, by name of the packetization, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
@@ -71,7 +69,7 @@ class PreparedScene:
     codec: str
 
     def why_unsupported(self, row: Row) -> str:
-        """Returns the reason why a method (table row) cannot be evaluated on this scene; empty if there is none."""
+        """Returns why a method cannot be evaluated on this scene; empty if it can."""
         if row.needs_weights and self.entry.weights is None:
             return "it has no calibrated weights (splatwire calibrate makes them)"
         absent = [name for name in row.sections if name not in self.sections]
@@ -84,11 +82,9 @@ class PreparedScene:
         return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
 
     def _why_unfit(self, row: Row) -> str:
-        """Returns the reason why a method (table row) cannot be applied to a scene's stream; empty if it can.
-
-        Examples: its concealer needs data that the stream does not contain, or it loses single attributes of elements
-        (`Row.erode`), which only anchors have in packets of their own.
-        """
+        """Returns why a method cannot be applied to the scene's stream; empty if it can."""
+        # Its concealer may need data that the stream lacks, or it loses single attributes of elements (`Row.erode`),
+        # which only anchors have in packets of their own.
         name = row.conceal.partition(":")[0]
         if self.references.frames:
             if row.erode is not None:
@@ -118,10 +114,8 @@ class Source:
 
     @cached_property
     def stream(self) -> SceneStream | None:
-        """The stream of the scene, if the user gave one; otherwise None.
-
-        If `SceneEntry.sections` names a stream with additional side information, this is the one.
-        """
+        """The stream of the scene, if the user gave one; otherwise None."""
+        # If `SceneEntry.sections` names a stream with additional side information, it is this one.
         path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
         if path is None:
             return None
@@ -135,9 +129,7 @@ class Source:
 
     @cached_property
     def scene(self) -> Scene:
-        """The complete scene to evaluate.
-
-        If the user gave a stream, the scene is decoded from it. All methods then have the same quantised values.
+        """The complete scene to evaluate; decoded from the stream if the user gave one.
 
         Raises:
             BitstreamError: If the stream is incomplete.
@@ -156,7 +148,7 @@ class Source:
 
     @property
     def codec(self) -> str:
-        """Name of the codec schema, which determines how the scene's elements are encoded."""
+        """Name of the codec schema of the scene."""
         if self.entry.kind == "model":
             return ANCHORS
         return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
@@ -215,7 +207,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
 
 
 def prepare_streams(study: Study, source: Source, store: Store, progress: Progress) -> dict[str, PreparedStream]:
-    """Encodes a scene once for each packetization that the methods use; see `prepare_scene`."""
+    """Encodes a scene once for each packetization that the methods use."""
     entry = source.entry
     stamp = "" if entry.sections is None else digest_of_files(entry.sections)
     digest = digest_of_files(entry.source)
@@ -234,12 +226,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _background(first: PreparedStream, store: Store) -> Background:
-    """Returns the background colour of a scene, read from its first stream or scene file.
-
-    Args:
-        first: First stream or scene file of the scene.
-        store: Store of the evaluation.
-    """
+    """Returns the background colour of a scene, read from its first stream or scene file."""
     path = store.root / first.path
     if first.num_packets:
         return BACKGROUND.of_stream(store.files.stream(path))
@@ -250,7 +237,7 @@ def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
     """Defines the views for the evaluation of a sequence: one camera for each frame, stored as a cameras file.
 
     Args:
-        source: The sequence. Its cameras file is repeated over the frames; without one, cameras are generated.
+        source: The sequence.
         stamp: Digest of the original frames.
         store: Store for the cameras file.
 
@@ -274,7 +261,7 @@ def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, sto
     Args:
         entry: Definition of the scene.
         drawn: Function that loads the scene around which cameras are generated; called only if needed.
-        stamp: Digest of this scene, by which cameras of an earlier run are found in the store.
+        stamp: Digest of this scene.
         store: Store for the generated cameras file.
     """
     if entry.cameras is not None or entry.photos is not None:
@@ -334,16 +321,9 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides the elements of a stream into other packets, as a method (table row) requires.
-
-    Quantised values and networks stay the same, so that the methods can be compared. Side information that the method
-    does not need is removed.
-
-    Args:
-        whole: The complete stream.
-        row: The method.
-        progress: Called with the completed share, 0 to 1.
-    """
+    """Divides the elements of a stream into other packets, as a method requires."""
+    # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method
+    # does not need is removed.
     assert row.packetization is not None
     kept = without_sections(whole, set(sections_of(whole)) - {*row.sections, BACKGROUND.name, MASKS})
     return repack(kept, row.packetization, progress=progress)

@@ -1,4 +1,4 @@
-"""First part of a report: summary sentence, image comparison, loss curve, and explanations of terms in the tables."""
+"""First part of a report: summary sentence, image comparison, loss curve, and explanations of terms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -110,12 +110,7 @@ def make_lead(
 
 
 def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lead | None:
-    """Creates the first part of the report of an evaluation that has one table row and no losses.
-
-    Returns:
-        First part with PSNR and size of the stream in a sentence, and two images. None if there are several rows, or if
-        the PSNR is infinite because the images equal the references.
-    """
+    """Creates the first part of the report of a single method without losses; None for other evaluations."""
     found, *others = summarize(result)
     figure = found.figures.get("psnr")
     if others or figure is None:
@@ -139,7 +134,7 @@ def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, sour
 
     Args:
         found: Statistics under the highest loss, by key of the method.
-        rows: The methods to compare; None to state only the PSNR of one method.
+        rows: The methods to compare; None for a single method.
         source: Kind of reference images, such as `photos`.
     """
     shown = [found[row.key] for row in (rows.uncovered, rows.best)] if rows else list(found.values())[:1]
@@ -159,18 +154,8 @@ def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, sour
 
 
 def _compared_images(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:
-    """Chooses the two images of a view that the report compares: without and with concealment.
-
-    The right image has the best concealment. If the view lacks one of these images, the image with the lowest PSNR is
-    compared with the reference.
-
-    Args:
-        view: Images of the view.
-        rows: The table rows (methods) to compare; None if there are none.
-
-    Returns:
-        The images; None for both if no image of the view has a PSNR.
-    """
+    """Chooses the two images of a view that the report compares: without and with the best concealment."""
+    # If one of them is missing, the image with the lowest PSNR is compared with the reference.
     shots = {shot.label: shot for shot in view.shots}
     reference = Side(f"reference ({view.source})", jpeg(view.reference))
     if rows is not None and {rows.uncovered.label, rows.best.label} <= set(shots):
@@ -203,14 +188,13 @@ def fold(table: Table, hidden: set[str]) -> tuple[Table, Table | None]:
 
 
 def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str]:
-    """Returns the labels of methods that are always worse than the baseline.
-
-    These methods have the same packetization as the baseline, and a lower PSNR on every scene and under every loss.
+    """Returns the labels of methods that are worse than the baseline on every scene and under every loss.
 
     Args:
         result: Results of the evaluation.
         summaries: Statistics of the results, with differences to the baseline.
     """
+    # Only methods with the same packetization as the baseline are compared.
     if result.study.published or result.study.baseline is None:
         return set()
     packing = result.study.row(result.study.baseline).packetization
@@ -225,7 +209,7 @@ def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
     """Returns the explanations of the terms that occur in tables, by term.
 
     Args:
-        tables: Tables of the report. Column headings and first cells of rows are looked up in `TERMS`.
+        tables: Tables of the report.
     """
     names = [*(name for table in tables for name in table.columns), *(row[0] for table in tables for row in table.rows)]
     return [(name, TERMS[name]) for name in dict.fromkeys(names) if name in TERMS]

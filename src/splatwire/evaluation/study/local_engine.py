@@ -29,7 +29,7 @@ class LocalEngine:
     workers: int
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """Executes tasks in worker processes and writes their results into the store (see `Engine.run`)."""
+        """Executes tasks in worker processes and writes their results into the store."""
         waiting, attempts = deque(units), Attempts(listener)
         workers = [_Worker.start(str(store.root)) for _ in range(min(self.workers, len(units)))]
         try:
@@ -103,7 +103,7 @@ def _await_finished(workers: list[_Worker]) -> list[_Worker]:
 
 
 def _work_loop(pipe: Connection, root: str) -> None:
-    """Main loop of a worker process: executes tasks received through a pipe, and sends back their error messages.
+    """Main loop of a worker process: executes the tasks that arrive through a pipe.
 
     Args:
         pipe: Connection to the parent process.

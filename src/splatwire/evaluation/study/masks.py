@@ -31,13 +31,11 @@ class Equivalence:
 def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> Equivalence:
     """Measures which share of a stream's packets is lost under a loss model of datagrams.
 
-    One transmission is simulated for each seed. A packet is lost if any of its datagrams is lost.
-
     Args:
         stream: The complete stream.
         model: Specification of the loss model of datagrams, such as `bernoulli:0.1`.
         seeds: Seeds of the simulated losses.
-        send_order: Order in which the packets are sent, see `splatwire.channel.transmit`.
+        send_order: Order in which the packets are sent.
     """
     loss = parse_loss(model, "datagram")
     masks = [draw_mask(stream, loss, seed=seed, send_order=send_order) for seed in seeds]

@@ -87,7 +87,7 @@ def write_report(
         store: Store of the evaluation.
         folder: Output folder; files of the same names are replaced.
         content: Content of `results.json`.
-        curve: Results of the same scene at other loss rates (`run_loss_curve`).
+        curve: Results of the same scene at other loss rates.
         links: Paths of other reports to link to, by title.
     """
     summaries = summarize(result)
@@ -152,7 +152,7 @@ def _save_masks(result: StudyResult, store: Store) -> None:
 
 
 def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) -> dict[str, Path]:
-    """Writes the results of a comparison of sizes; see `write_outputs`."""
+    """Writes the results of a comparison of sizes into a folder."""
     tables = size_tables(study, found)
     lines = [
         {"scene": sizes.scene, "num_anchors": sizes.num_anchors, "column": column, "part": part, "num_bytes": size}
@@ -201,17 +201,10 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
     """Measures how many packets of each stream are lost at several loss rates of datagrams.
 
-    The share of lost packets is higher than that of lost datagrams if a packet takes several datagrams. The loss models
-    are those of the evaluation.
-
-    Args:
-        result: Results of the evaluation.
-        store: Store of the evaluation.
-        scene: Name of the scene.
-
     Returns:
         One result for each loss model, by name of the stream's packetization.
     """
+    # The share of lost packets is higher than that of lost datagrams if a packet takes several datagrams.
     found = {}
     models = list(dict.fromkeys(model for loss in result.study.losses for model in _with_loss_rates(loss.model)))
     for variant, stream in result.scenes[scene].streams.items():
@@ -223,13 +216,7 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
 
 
 def _with_loss_rates(spec: str) -> list[str]:
-    """Returns the specifications of a loss model at several loss rates (`RATES`), for a chart of quality against loss.
-
-    A model without a loss rate gives only its own specification.
-
-    Args:
-        spec: Specification of the model, such as `bernoulli:0.1`.
-    """
+    """Returns the specifications of a loss model at several loss rates."""
     model = parse_loss(spec)
     if isinstance(model, Bernoulli):
         return [f"bernoulli:{rate}" for rate in RATES]

@@ -1,7 +1,4 @@
-"""Sizes of the parts of a stream: bytes of each attribute, and overhead.
-
-Side information that serves other concealers than the evaluated one is not counted.
-"""
+"""Sizes of the parts of a stream: bytes of each attribute, and overhead."""
 
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of, without_concealment

@@ -39,8 +39,7 @@ class ViewPictures:
         source: Kind of the reference image, `photos` or `renders`.
         reference: RGB, uint8, (H, W, 3).
         shots: One image per method.
-        loss_maps: Loss maps (received and lost elements drawn as dots), by name of the packetization; only for the view
-            with the lowest PSNR.
+        loss_maps: Images of received and lost elements drawn as dots, by name of the packetization.
     """
 
     scene: str

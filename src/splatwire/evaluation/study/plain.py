@@ -23,13 +23,11 @@ def concealment_rows(
 ) -> tuple[Row, ...]:
     """Creates the standard table rows: one without loss, optionally one with contiguous packets, one per concealer.
 
-    Contiguous packets contain neighbouring elements, so that a loss leaves a hole. Their row has no concealment.
-
     Args:
         concealers: Names of concealers.
         packetization: Packetization of the scene; None to send a stream without repacking.
         complete: True if the stream is complete; adds a row without loss.
-        contiguous: Packetization of the row with contiguous packets; None for no such row.
+        contiguous: Packetization of the row in which packets contain neighbouring elements; None for no such row.
     """
     rows = [Row("no loss", "no loss", packetization, lossless=True)] if complete else []
     rows += [Row("contiguous drop", "contiguous drop", contiguous)] if contiguous else []

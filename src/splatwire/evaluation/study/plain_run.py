@@ -39,7 +39,7 @@ def run_plain_study(
         progress: Called with the name of the current task and its finished share, 0 to 1.
         decode: Decoder of received streams; None for that of the codec.
         links: Paths of other reports, by title.
-        files: Reader of the scene's files that has read some of them already; None for a new one.
+        files: Reader of the scene's files; None for a new one.
 
     Returns:
         The results, and the same as JSON values with the path of the report.

@@ -1,4 +1,4 @@
-"""Description of a stream, or of an unsent scene file, that tasks of an evaluation read: path, digest and sizes."""
+"""Description of a stream or scene file for the tasks of an evaluation: path, digest and sizes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from splatwire.types import AnchorScene
 
 @dataclass(frozen=True)
 class PreparedStream:
-    """Path, digest and sizes of an encoded stream (or unsent scene file) that methods of equal packetization share.
+    """Path, digest and sizes of an encoded stream, or of a scene file that is evaluated unsent.
 
     Attributes:
         path: Path of the file within the store, or the user's path.

@@ -30,7 +30,7 @@ class RayEngine:
     address: str | None = None
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """Executes tasks on the cluster and writes their results into the store (see `Engine.run`)."""
+        """Executes tasks on the cluster and writes their results into the store."""
         ray = _library()
         attempts, waiting = Attempts(listener), list(reversed(units))
         with self._connected(ray):

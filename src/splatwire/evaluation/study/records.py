@@ -32,7 +32,7 @@ class Record:
         send_order: Order of sending; None without loss.
         conceal: Name of the concealer.
         options: Options of the concealer, canonical JSON.
-        erode: The only attribute that anchors of lost packets lose (`Row.erode`); None if they lose all.
+        erode: The only attribute that lost anchors lose; None if they lose all.
         view: Name of the view.
         renderer: Name of the renderer.
         code: Version of the code.
@@ -48,7 +48,7 @@ class Record:
         psnr: PSNR in decibels, infinite if the image equals its reference; None if not measured.
         ssim: Structural similarity; None if not measured.
         lpips: LPIPS; None if not measured.
-        seconds_decode: Decoding time in seconds, shared by the rows of one received stream.
+        seconds_decode: Decoding time in seconds.
         seconds_conceal: Concealment time in seconds, for all views together.
         seconds_render: Rendering time of this view, seconds.
         seconds_score: Scoring time of this view, seconds.
@@ -98,7 +98,7 @@ class Record:
 
     @staticmethod
     def of(row: Mapping[str, Any]) -> "Record":
-        """Converts a table row (values by column name, as returned by `Record.row`) back to a record.
+        """Converts a table row, a mapping from column names to values, back to a record.
 
         Raises:
             TypeError: If a column is missing.
@@ -113,10 +113,7 @@ RECORD_COLUMNS = {item.name for item in fields(Record)} - {"psnr", "ssim", "lpip
 
 
 def hardest(records: Sequence[Record], count: int) -> tuple[int, ...]:
-    """Returns the indices of the views with the lowest PSNR, lowest first.
-
-    Returns the first views if PSNR was not measured.
-    """
+    """Returns the indices of the views with the lowest PSNR, lowest first."""
     order = sorted(range(len(records)), key=lambda view: records[view].psnr or 0.0)
     return tuple(order[:count])
 
@@ -156,8 +153,7 @@ def table_to_bytes(rows: Sequence[Mapping[str, Any]], place: Sequence[str] = ())
 
     Args:
         rows: Records as mappings from column names to values.
-        place: Names of text columns, such as the position in the result table, that `rows` have besides the fields of
-            `Record`. They become the first columns of the file.
+        place: Names of the first columns, which contain texts; the others are the fields of `Record`.
     """
     pq, pyarrow = parquet()
     known, buffer = {item.name for item in fields(Record)} | set(place), io.BytesIO()

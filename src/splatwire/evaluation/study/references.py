@@ -30,7 +30,7 @@ RENDERS = "renders of the complete scene"
 
 @dataclass(frozen=True)
 class References:
-    """Description of a scene's reference images, from which a worker process can load them.
+    """Description of a scene's reference images.
 
     Attributes:
         entry: Definition of the scene with its photos or cameras.
@@ -90,10 +90,10 @@ def prepare_references(
         entry: The scene.
         background: RGB of the background.
         drawn: Function that loads the scene to render; called only if needed.
-        stamp: Digest of the scene to render, by which stored images of an earlier run are found.
+        stamp: Digest of the scene to render.
         store: Store for the images.
         progress: Called with the name of the current task and its finished share, 0 to 1.
-        frames: True if the references are the frames of a sequence (`entry.reference`), one for each camera.
+        frames: True if the references are the frames of a sequence, one for each camera.
 
     Raises:
         SplatwireError: If photos or cameras cannot be read.
@@ -129,20 +129,7 @@ def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
-    """Renders the reference images of a scene and stores them, unless they are in the store already.
-
-    Args:
-        name: Name of the scene, for the display of progress.
-        cameras: Cameras of the images.
-        background: RGB of the background.
-        pictures: Function that renders the images, in the order of the cameras.
-        store: Store for the images.
-        folder: Folder of the images within the store.
-        progress: Called with the name of the current task and its finished share, 0 to 1.
-
-    Returns:
-        Digest of the cameras, the background and all images.
-    """
+    """Renders the reference images that are not in the store; returns a digest of cameras, background and images."""
     about = store.root / folder / "views.json"
     if (known := read_json(about)) is None:
         digests = []
@@ -185,7 +172,7 @@ def digest_of(*texts: str) -> str:
 
 
 def digest_of_files(path: Path) -> str:
-    """Returns a hash of a file, or of all files of a folder, reading one file at a time."""
+    """Returns a hash of a file, or of all files of a folder."""
     digest = hashlib.sha256()
     for file in [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file()):
         digest.update(f"{file.relative_to(path)}\0".encode())

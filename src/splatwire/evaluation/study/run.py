@@ -26,7 +26,7 @@ LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole pi
 
 @dataclass(frozen=True)
 class ReportImages:
-    """Selection of the images of a scene that the report shows: after which packet loss, and from which views.
+    """Images of a scene that a report shows: after which packet loss, and from which views.
 
     Attributes:
         loss: Loss model; None to show images without loss only.
@@ -39,10 +39,7 @@ class ReportImages:
     views: tuple[int, ...]
 
     def shows(self, cell: Cell) -> bool:
-        """Returns True if the report shows images of a task.
-
-        It shows those of all tasks without losses, and those of tasks with the selected loss and seed.
-        """
+        """Returns True if the report shows images of a task."""
         return cell.loss is None or (cell.loss, cell.seed) == (self.loss, self.seed)
 
 
@@ -76,10 +73,7 @@ class StudyResult:
 
     @property
     def lpips_note(self) -> str:
-        """Note for the report on LPIPS: why values are missing, or which views and pixels LPIPS covers.
-
-        Empty if it covers everything or was not requested.
-        """
+        """Note for the report on LPIPS: why values are missing, or which views and pixels it covers; may be empty."""
         if LPIPS_SCALED.keys().isdisjoint(self.study.metrics):
             return ""
         if not any(cell.unit.lpips_digest for cell in self.cells):
@@ -90,7 +84,7 @@ class StudyResult:
         return ", ".join([*notes, *([LPIPS_OF_MASKED] if masked else [])])
 
     def merged(self) -> list[dict[str, Any]]:
-        """Returns all records (scores per view) in table order, each with its table row, without duplicates."""
+        """Returns the scores of all views in table order, each with its table row."""
         return [
             {"study": self.study.name, "row": cell.row.key, "label": cell.row.label, **record.row()}
             for cell in self.cells
@@ -101,9 +95,6 @@ class StudyResult:
 def run_study(study: Study, store: Store, engine: Engine, progress: Progress) -> StudyResult:
     """Executes an evaluation; results that are in the store are not computed again.
 
-    The baseline is computed first. The views in which it has the lowest PSNR are those whose images are stored for all
-    methods.
-
     Args:
         study: The definition.
         store: Store for all results.
@@ -113,6 +104,8 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
     Raises:
         SplatwireError: If a scene cannot be prepared or a task fails; results of finished tasks stay in the store.
     """
+    # The baseline is computed first. The views in which it has the lowest PSNR are those whose images are stored for
+    # all methods.
     with store.locked():
         lpips = lpips_digest()
         scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}
@@ -167,7 +160,7 @@ class _TaskRunner:
 
 
 def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequence[Cell]) -> None:
-    """Checks that at least one method (table row) can be evaluated on each scene.
+    """Checks that at least one method can be evaluated on each scene.
 
     Raises:
         InvalidValueError: If no row can run on a scene.
@@ -179,10 +172,8 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Selects one task per scene and loss; the report shows the views in which this task has the lowest PSNR.
-
-    These are tasks of the baseline, or of the first row with losses if there is no baseline.
-    """
+    """Selects one task per scene and loss; the report shows the views in which this task has the lowest PSNR."""
+    # A task of the baseline, or of the first row with losses if there is no baseline.
     judges = []
     for scene in dict.fromkeys(cell.scene for cell in cells):
         own = [cell for cell in cells if cell.scene == scene and cell.seed in (None, study.seeds[0])]
@@ -200,16 +191,8 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Selects the images of a scene that the report shows: one loss model with its seed, and some views.
-
-    The choice shows the effect of losses: loss model and seed are those of the task with the lowest mean PSNR, and the
-    views are those with its lowest PSNR.
-
-    Args:
-        study: The evaluation.
-        store: Store with the results of the tasks.
-        judges: Finished tasks of the scene to choose from.
-    """
+    """Selects the images of a scene that the report shows: one loss model with its seed, and some views."""
+    # Those of the task with the lowest mean PSNR, and the views with its lowest PSNR, to show the effect of losses.
 
     def level(cell: Cell) -> float:
         values = [r.psnr for r in store.records(cell.unit.key) if r.psnr is not None and math.isfinite(r.psnr)]
@@ -228,7 +211,7 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
     Args:
         cells: Tasks to sort.
-        first: Tasks whose streams and loss masks come first in the order.
+        first: Tasks that come first in the order.
     """
     place: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):
@@ -237,7 +220,7 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
 
 def lpips_digest() -> str:
-    """Returns a hash of the LPIPS weight files that environment variables name; empty if they name none."""
+    """Returns a hash of the LPIPS weights; empty without weights."""
     files = find_lpips_files()
     if files is None:
         return ""

@@ -43,10 +43,11 @@ class SceneSizes:
         scene: Name of the scene.
         num_anchors: Number of anchors, equal for all encodings.
         columns: Bytes of each category, for the official files (if present) and for every packetization.
-        attribute_files: Bytes of features, scalings and offsets in each encoding, for comparison with published sizes.
-            For this package, these are whole packets, with headers and offset masks; for the official code, only the
-            files of these attributes.
+        attribute_files: Bytes of features, scalings and offsets in each encoding.
     """
+
+    # `attribute_files` is compared with published sizes. For this package, it counts whole packets, with headers and
+    # offset masks; for the official code, only the files of these attributes.
 
     scene: str
     num_anchors: int
@@ -70,13 +71,13 @@ class SceneSizes:
         return 100 * (ours / native - 1)
 
     def file_growth(self, column: str) -> float | None:
-        """Compares the size of the coded attributes with that in the official HAC++ files of the scene.
-
-        Returns the difference in percent of the official size, positive if the coded attributes are larger. Returns
-        None if the scene has no official files.
+        """Returns by how many percent the coded attributes are larger than in the official HAC++ files.
 
         Args:
             column: Name of the encoding in `columns`.
+
+        Returns:
+            The excess in percent; None if the scene has no official files.
         """
         if NATIVE not in self.attribute_files:
             return None
@@ -133,11 +134,9 @@ def our_parts(stream: PreparedStream) -> dict[str, int]:
 
 
 def native_parts(entry: SceneEntry) -> dict[str, int] | None:
-    """Returns the bytes of the official HAC++ files by category; None if the scene has no such files.
-
-    The official bitstream omits the networks although its decoder needs them. They are counted as float32, as in the
-    official total.
-    """
+    """Returns the bytes of the official HAC++ files by category; None if the scene has no such files."""
+    # The official bitstream omits the networks although its decoder needs them. They are counted as float32, as in the
+    # official total.
     folder = entry.source / "bitstreams"
     if entry.kind != "model" or not folder.is_dir():
         return None
@@ -149,10 +148,7 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
 
 
 def native_attribute_files(entry: SceneEntry) -> int:
-    """Returns the total size of the official HAC++ files with features, scalings and offsets, bytes.
-
-    Files of offset masks do not count.
-    """
+    """Returns the total size of the official HAC++ files with features, scalings and offsets, bytes."""
     files = (entry.source / "bitstreams").iterdir()
     return sum(file.stat().st_size for file in files if file.name.startswith(_ATTRIBUTE_FILES))
 

@@ -22,14 +22,14 @@ _POLL_S = 1.0
 class SlurmEngine:
     """Executes tasks in jobs of a Slurm cluster; all machines must have access to the store's folder.
 
-    If a job dies, only its current task is lost: results of finished tasks are in the store, and the remaining tasks of
-    the job are submitted again. If the execution ends early, by an error or Ctrl-C, its jobs are cancelled.
-
     Attributes:
         workers: Number of concurrent jobs; None for 8.
         cluster: `slurm`; submitit's `local` and `debug` run the jobs on this machine.
         options: Partition, account, time limit and memory of the jobs.
     """
+
+    # If a job dies, only its current task is lost: the remaining tasks are submitted again. If the execution ends
+    # early, by an error or Ctrl-C, its jobs are cancelled.
 
     workers: int | None = None
     cluster: str = "slurm"
@@ -48,7 +48,7 @@ class SlurmEngine:
                 raise BackendUnavailableError("slurm", reason)
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """Submits jobs that execute the tasks and write their results into the store (see `Engine.run`)."""
+        """Submits jobs that execute the tasks and write their results into the store."""
         executor = self._executor(store)
         attempts = Attempts(listener)
         left = {unit.key: unit for unit in units}
@@ -111,7 +111,7 @@ def _submitted(executor: Any, root: str, units: Sequence[Unit]) -> Any:
 
 
 def _cancel(job: Any) -> None:
-    """Cancels a job that has not ended; does nothing if the cluster refuses or cannot be reached."""
+    """Cancels a job that has not ended; errors of the cluster are ignored."""
     try:
         job.cancel(check=False)
     except (OSError, subprocess.SubprocessError):

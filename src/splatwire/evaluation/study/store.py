@@ -83,7 +83,7 @@ class Store:
         _write(self.unit_path(key), records_to_bytes(records))
 
     def check_records(self) -> None:
-        """Checks that records can be written, before the work starts; Parquet files need an optional package.
+        """Checks, before the work starts, that records can be written.
 
         Raises:
             BackendUnavailableError: If the Parquet library is not installed.
@@ -129,7 +129,7 @@ class MemoryStore(Store):
         return self._finished[key]
 
     def check_records(self) -> None:
-        """Does nothing, because records in memory need no optional package (see `Store.check_records`)."""
+        """Does nothing, because records in memory need no optional package."""
 
     def put_records(self, key: str, records: Sequence[Record]) -> None:
         """Stores the records of a task in memory, which marks the task as finished."""

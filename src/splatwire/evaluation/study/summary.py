@@ -37,10 +37,7 @@ class Estimate:
 
     @staticmethod
     def of(values: Sequence[float]) -> "Estimate | None":
-        """Computes mean, standard deviation and confidence interval of values, one per seed.
-
-        Returns None without values, or if a value is not finite.
-        """
+        """Computes mean, standard deviation and confidence interval of values; None if one is not finite."""
         if not values or not all(map(math.isfinite, values)):
             return None
         if len(values) == 1:
@@ -75,8 +72,7 @@ class Summary:
         lost_packets: Share of lost packets, mean over seeds.
         lost_anchors: Share of elements with a lost attribute, mean over seeds.
         lost_datagrams: Share of lost datagrams, mean over seeds; None without loss.
-        seconds: Time of each processing step in seconds, mean over seeds, all views together; `encode` only if the
-            scene was encoded in this run.
+        seconds: Time of each processing step in seconds, mean over seeds, all views together.
         references: Kind of references, `photos` or `renders`.
     """
 
@@ -103,7 +99,7 @@ class Summary:
     references: str
 
     def to_json(self) -> dict[str, Any]:
-        """Converts to JSON values; infinite numbers become null when printed."""
+        """Converts to JSON values."""
         content = asdict(self)
         content["row"], content["label"] = self.row.key, self.row.label
         content["loss"] = None if self.loss is None else self.loss.label
@@ -165,9 +161,9 @@ def _summary(
 def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Summary]:
     """Computes means over the scenes of each dataset that has several scenes, equally weighted.
 
-    Scenes whose references are photos and scenes whose references are renders have separate means. A comparison with
-    photos also measures the model's own error; a comparison with renders measures only the effect of losses.
+    Scenes with photos and scenes with renders as references have separate means.
     """
+    # A comparison with photos also measures the model's own error; one with renders only the effect of losses.
     means = []
     for name in dict.fromkeys(s.dataset for s in summaries):
         own = [s for s in summaries if s.dataset == name]
@@ -182,8 +178,6 @@ def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Sum
 def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> list[Summary]:
     """Averages the results of each method and loss over all scenes.
 
-    Methods that were not evaluated on every scene are left out.
-
     Args:
         summaries: Statistics per scene and method.
         what: Description of the scenes, the name of the scene in the result.
@@ -192,6 +186,7 @@ def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> lis
     Returns:
         Means by method; empty for a single scene.
     """
+    # Methods that were not evaluated on every scene are left out.
     scenes = {s.scene for s in summaries}
     means = []
     for key, loss in dict.fromkeys((s.row.key, s.loss) for s in summaries) if len(scenes) > 1 else ():
@@ -263,8 +258,7 @@ class Ordering:
     def verdict(self) -> str:
         """Result of comparing the measured order of two methods with the published one.
 
-        `holds` for the same order, and `opposite` for the reverse. `undecided` if the confidence interval of the
-        measured difference includes zero.
+        `holds`, `opposite`, or, if the measured difference is not significant, `undecided`.
         """
         margin = self.ours.half_width
         if margin is None or abs(self.ours.mean) <= margin:
@@ -273,11 +267,8 @@ class Ordering:
 
 
 def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Ordering]:
-    """Compares the published PSNR order of every pair of methods with the measured order per scene.
-
-    Pairs of methods that are neighbours in the table come first. Pairs with equal published values imply no order and
-    are skipped.
-    """
+    """Compares the published PSNR order of every pair of methods with the measured order per scene."""
+    # Neighbours in the table come first. Equal published values imply no order and are skipped.
     found = []
     for dataset in dict.fromkeys(entry.dataset for entry in result.study.published):
         values = {
@@ -300,20 +291,14 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
 
 
 def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
-    """Returns all pairs of table rows (methods): first pairs of neighbouring rows, then the other pairs.
-
-    Args:
-        rows: Table rows with published values, in the order of the table.
-    """
+    """Returns all pairs of methods, neighbours in the table first."""
     pairs = itertools.combinations(range(len(rows)), 2)
     return [(rows[a], rows[b]) for a, b in sorted(pairs, key=lambda pair: pair[1] - pair[0] > 1)]
 
 
 def streams_of(summaries: Sequence[Summary], scene: str) -> dict[str, Summary]:
-    """Returns one summary for each distinct stream of a scene, by name of the stream.
-
-    If several table rows (methods) use the same stream, the result has only the summary of the first of these rows.
-    """
+    """Returns one summary for each distinct stream of a scene, by name of the stream."""
+    # If several rows use the same stream, that of the first.
     found: dict[str, Summary] = {}
     for s in (s for s in summaries if not s.row.decoded):  # the parts of another codec's bytes are unknown
         known = any((s.row.variant, s.parts) == (o.row.variant, o.parts) for o in found.values())

@@ -69,7 +69,7 @@ def result_tables(result: StudyResult, summaries: Sequence[Summary]) -> list[Tab
 
 
 def _with_skipped(table: Table, rows: Sequence[Row]) -> Table:
-    """Appends a row without values for each method that was not evaluated; the notes of the report give the reasons."""
+    """Appends a row without values for each method that was not evaluated."""
     empty = ("",) * (len(table.columns) - 2)
     return replace(table, rows=(*table.rows, *((row.label, SKIPPED, *empty) for row in rows)))
 
@@ -105,7 +105,7 @@ def measured(summaries: Sequence[Summary]) -> list[str]:
 
 
 def _best(shown: Sequence[Summary]) -> int | None:
-    """Returns the index of the table row with the highest PSNR among the rows that were evaluated with losses."""
+    """Returns the index of the method with the highest PSNR among those with losses."""
     scores = {i: e.mean for i, s in enumerate(shown) if not s.row.lossless and (e := s.figures.get("psnr")) is not None}
     return max(scores, key=lambda i: scores[i]) if len(scores) > 1 else None
 
@@ -163,11 +163,11 @@ def _where(scene: str, loss: Loss | None) -> str:
 
 
 def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]]) -> Table | None:
-    """Returns a table with the share of packets that are lost in each packetization if datagrams are lost.
+    """Returns a table of the packet losses of each packetization if datagrams are lost.
 
     Args:
         scene: Name of the scene.
-        by_variant: Results of `masks.equivalence` by name of the packetization, for the same loss models in each.
+        by_variant: Packet losses by name of the packetization.
 
     Returns:
         The table, with one row per loss model; None if `by_variant` is empty.
@@ -235,10 +235,8 @@ def summary_csv(summaries: Sequence[Summary]) -> str:
 
 
 def leaderboard_csv(summaries: Sequence[Summary]) -> str:
-    """Formats results as CSV with the columns of published 3DGS leaderboards, one line per method and loss.
-
-    The column LPIPS has the metric `lpips_unscaled`, which published tables use; it is empty if this was not measured.
-    """
+    """Formats results as CSV with the columns of published 3DGS leaderboards, one line per method and loss."""
+    # The column LPIPS has the metric `lpips_unscaled`, which published tables use.
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(_LEADERBOARD)

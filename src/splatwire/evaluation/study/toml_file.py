@@ -237,7 +237,7 @@ def _row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
 
 
 def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
-    """Parses a table row of a protocol file that gives the decoded results of another codec (scenes or pictures).
+    """Parses a table row of a protocol file that gives the decoded results of another codec.
 
     Args:
         location: Location of the row in the file, for error messages.
@@ -277,11 +277,11 @@ def _loss(location: str, table: dict[str, Any]) -> Loss:
 
 
 def _parse_published(location: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
-    """Parses one table `[[published]]` of a protocol file: the figures that a paper gives for a row and a dataset.
+    """Parses one table `[[published]]` of a protocol file: published results of a method on a dataset.
 
     Args:
         location: Location of the table in the file, for error messages.
-        table: Content of the table. Figures may be default metrics, sizes, or one of `metrics`.
+        table: Content of the table.
         metrics: Metrics of the protocol.
     """
     figures = tuple(dict.fromkeys((*DEFAULT_METRICS, *SIZE_METRICS, *filter(_is_text, metrics))))

@@ -1,4 +1,4 @@
-"""Tasks (units) of an evaluation: one method under one loss mask, identified by a digest of all relevant inputs."""
+"""Tasks of an evaluation: one method under one loss mask, identified by a digest of all inputs."""
 
 import hashlib
 from collections.abc import Mapping
@@ -18,11 +18,11 @@ from splatwire.metrics.registry import LPIPS_SCALED, METRICS
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A task: evaluation of one method on one scene under one loss mask, and the selection of images to store.
+    """A task of an evaluation: one method on one scene under one loss mask.
 
     Attributes:
         scene: Name of the scene.
-        label: Label of the table row (method).
+        label: Label of the method.
         stream: The stream that is sent, or the scene file that is evaluated unsent.
         references: The reference images.
         mask: Loss mask; None if nothing is sent.
@@ -31,15 +31,14 @@ class Unit:
         conceal: Name of the concealer.
         options: Options of the concealer.
         weights: File of the scene's GNN weights; empty if unused.
-        file_digest: Digests of the weight files that the concealer reads, and versions of other packages that provide
-            the concealer or a metric; empty without either.
-        erode: The only attribute that anchors of lost packets lose (`Row.erode`); None if they lose all.
+        file_digest: Digests of weight files and versions of other packages that affect the result; empty without any.
+        erode: The only attribute that lost anchors lose; None if they lose all.
         metrics: Names of the metrics.
         lpips_digest: Digest of the LPIPS weights; empty if they are absent or LPIPS is not requested.
         lpips_views: Maximum number of views for LPIPS.
         renderer: Name of the renderer.
         pictures: Indices of the views whose images are stored.
-        hardest: Number of images to store if `pictures` is empty: those of the views with the lowest PSNR in this task.
+        hardest: Number of views with the lowest PSNR whose images are stored if `pictures` is empty.
     """
 
     scene: str
@@ -68,10 +67,8 @@ class Unit:
 
     @cached_property
     def key(self) -> str:
-        """Hash of all inputs that affect the scores of the task, under which its results are stored.
-
-        Files count by their contents, not by their paths. The selection of images to store does not count.
-        """
+        """Hash of all inputs that affect the scores of the task, under which its results are stored."""
+        # Files count by their contents, not by their paths. The selection of images to store does not count.
         content = {
             "code": CODE,
             "stream": self.stream.digest,
@@ -92,9 +89,7 @@ class Unit:
         return f"pictures/{self.key}_{view}.png"
 
     def loss_map(self, view: int) -> str:
-        """Returns the path of a loss map within the store; shared by all methods with the same losses.
-
-        A loss map shows received and lost elements of the scene as dots.
+        """Returns the path, within the store, of the image that shows received and lost elements in a view.
 
         Args:
             view: Index of the view.

@@ -72,10 +72,8 @@ def _silent(task: str, share: float) -> None:
 
 
 def use_one_thread() -> None:
-    """Limits this process to one thread; for worker processes.
-
-    Workers share the processors, and floating-point sums must not depend on the number of threads.
-    """
+    """Limits this process to one thread; for worker processes."""
+    # Workers share the processors, and floating-point sums must not depend on the number of threads.
     use_single_thread()
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
@@ -85,11 +83,10 @@ def use_one_thread() -> None:
 
 @dataclass(frozen=True, eq=False)
 class ReceivedInput:
-    """Scene of an evaluation task before concealment, as received, and statistics of the simulated transmission.
+    """Scene of a task as received, before concealment, and statistics of the simulated transmission.
 
     Attributes:
-        scene: Received scene with losses marked. For a scene that is evaluated without transmission, the complete
-            scene. None if the task evaluates pictures of another codec.
+        scene: Received scene with losses marked; None if the task evaluates pictures of another codec.
         loss_mask: Mask of received attributes; None if nothing is transmitted.
         num_packets: Number of received packets.
         num_bytes: Number of received bytes.
@@ -120,7 +117,7 @@ class UnitRunner:
     Attributes:
         store: Store for records and images.
         decode: Decoder of received streams.
-        progress: Called with the label of the task's row and its share of finished views.
+        progress: Called with the name of the task's method and its share of finished views.
     """
 
     store: Store
@@ -132,10 +129,8 @@ class UnitRunner:
     _lpips: Any = None
 
     def compute(self, unit: Unit) -> None:
-        """Computes the scores of each view and the requested images of one task, and writes them into the store.
-
-        Scores are written last, because they mark the task as finished.
-        """
+        """Computes the scores of each view and the requested images of one task, and writes them into the store."""
+        # Scores are written last, because they mark the task as finished.
         arrived = self.arrived(unit)
         started = time.perf_counter()
         views = keep(self._views, unit.references.digest, _VIEWS, lambda: unit.references.open(self.store.root))
@@ -160,15 +155,7 @@ class UnitRunner:
     def _images(
         self, unit: Unit, arrived: ReceivedInput, views: ReferenceViews
     ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-        """Returns the image of each view of a task.
-
-        The received scene is concealed and rendered; if it consists of images of another codec, these are read.
-
-        Args:
-            unit: The task.
-            arrived: The received scene.
-            views: Cameras and reference images.
-        """
+        """Returns the image of each view of a task."""
         if arrived.scene is None:
             paths = picture_paths(Path(unit.stream.path), unit.references)
             return read_pictures(paths, views.cameras.height, views.cameras.width)
@@ -233,12 +220,7 @@ class UnitRunner:
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
     def _shared_fields(self, unit: Unit, arrived: ReceivedInput) -> dict[str, Any]:
-        """Returns the fields of a task's records (`Record`) that are equal in all views, by name.
-
-        Args:
-            unit: The task.
-            arrived: Scene as received in the task.
-        """
+        """Returns the fields of a task's records that are equal in all views, by name."""
         return {
             "unit": unit.key,
             "scene": unit.scene,
@@ -308,7 +290,7 @@ def erode(whole: ReceivedScene, anchors: Bool[np.ndarray, "N"], attribute: Attri
         attribute: The attribute.
 
     Returns:
-        The scene with the lost values set to zero, so that no concealer can access the true values.
+        The scene with the lost values set to zero.
     """
     received = whole.loss_mask.received.copy()
     received[:, int(attribute)] &= ~anchors

@@ -1,8 +1,7 @@
 """Simulated transmission of a scene in tiles over a link of constant rate, controlled by the receiver's viewpoint.
 
-The receiver reports its viewpoint and the received packets ten times per second. The sender selects the tiles that the
-viewpoint requires (`cut_of`), and assumes that packets in flight will arrive. It transmits the packets of these tiles,
-most useful first, and retransmits lost packets. Time is simulated.
+The receiver reports its viewpoint and the received packets ten times per second. The sender sends the packets of the
+tiles that the viewpoint needs, most useful first.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,13 +33,14 @@ class Link:
     Attributes:
         rate: Bits per second, above 0.
         delay: One-way delay, seconds.
-        loss: Loss model of datagrams in send order; the head of the stream (manifest and side information) is never
-            lost.
+        loss: Loss model of datagrams.
         seed: Seed of the losses.
 
     Raises:
         InvalidValueError: If the rate is not above 0, or the delay is negative.
     """
+
+    # The head of the stream (manifest and side information) is never lost.
 
     rate: float
     delay: float = 0.02
@@ -74,11 +74,7 @@ class Delivery:
     sizes: np.ndarray
 
     def drawable(self, tiles: Tiles, seconds: float) -> np.ndarray:
-        """Returns the mask of tiles that can be drawn at a time, bool (B), for B tiles.
-
-        A tile can be drawn if the share `MOST` of its packets was received; one packet suffices for tiles of the
-        coarsest level.
-        """
+        """Returns the mask of tiles that can be drawn at a time, bool (B), for B tiles."""
         return _drawable_tiles(tiles, self.blocks, self.arrivals <= seconds)
 
     def bytes_at(self, seconds: float) -> int:
@@ -141,12 +137,11 @@ class _Sender:
     def plan(self, viewpoint: Viewpoint | None, reported: float | None) -> None:
         """Queues the packets of the tiles that a viewpoint needs.
 
-        Packets that were sent are queued again only if the receiver's report shows them as lost.
-
         Args:
             viewpoint: Reported viewpoint of the receiver; None before the first report.
             reported: Time of the report, seconds; None before the first report.
         """
+        # Packets that were sent are queued again only if the receiver's report shows them as lost.
         if reported is not None:
             lost = (self._sent <= reported) & ~(self.arrivals <= reported)
             self._sent[lost] = np.inf
@@ -178,13 +173,11 @@ class _Sender:
 def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, came: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
 
-    A tile can be drawn if the share `MOST` of its packets was received. One packet suffices for tiles of the coarsest
-    level, because no other level can replace them.
-
     Args:
         tiles: The B tiles.
         blocks: Index of each packet's tile, int64 (P).
         came: Mask of received packets, bool (P).
     """
+    # One packet suffices for tiles of the coarsest level, because no other level can replace them.
     there = np.bincount(blocks[came], minlength=tiles.num_tiles)
     return np.asarray((there >= MOST * tiles.packets) | ((tiles.parents < 0) & (there > 0)))

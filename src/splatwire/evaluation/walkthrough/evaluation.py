@@ -97,11 +97,8 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time in seconds from which on the pictures along a camera path have nearly their final quality.
-
-    From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene. Returns
-    None if even the last picture is worse.
-    """
+    """Returns the time in seconds after which pictures along a camera path have nearly their final quality, or None."""
+    # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
     found = None
     for moment in reversed(moments):
         if moment.psnr < moment.complete_psnr - SETTLED_DB:
@@ -118,8 +115,8 @@ class StreamedWalkthrough:
         scene: The decoded scene with all levels.
         tiles: The tiles of the scene.
         packet_of: Index of each Gaussian's packet, int64 (N).
-        replaced_tile: Index of the finer tile at the place of each Gaussian, int64 (N); the Gaussian is drawn until
-            that tile is received. -1 for Gaussians of the finest level.
+        replaced_tile: Index of the finer tile that replaces each Gaussian, int64 (N); -1 for Gaussians of the finest
+            level.
         delivery: Arrival times of the packets.
         head_bytes: Bytes of the manifest and the side information.
     """
@@ -156,7 +153,7 @@ class StreamedWalkthrough:
         )
 
     def shown(self, seconds: float, viewpoint: Viewpoint) -> Scene:
-        """Returns the scene as a receiver draws it at a given time (see `ProgressiveSource.shown`)."""
+        """Returns the scene as a receiver draws it at a given time."""
         return self._drawn(self.delivery.drawable(self.tiles, seconds), self.delivery.arrivals <= seconds, viewpoint)
 
     def complete(self, viewpoint: Viewpoint) -> Scene:
@@ -181,9 +178,7 @@ class StreamedWalkthrough:
 
 
 def _replaced_tile(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
-    """Finds, for each Gaussian, the tile of the next finer level at its place.
-
-    A receiver draws the Gaussian until it has received that tile.
+    """Finds, for each Gaussian, the tile of the next finer level that replaces it.
 
     Args:
         tiles: All tiles.

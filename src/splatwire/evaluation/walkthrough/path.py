@@ -48,7 +48,7 @@ class Walk:
         return replace(near, viewmats=pose[None].astype(np.float32))
 
     def viewpoint(self, seconds: float) -> Viewpoint:
-        """Returns the viewpoint at a time, from which a sender selects the tiles to send."""
+        """Returns the viewpoint of the camera at a time."""
         return viewpoint_of(self.at(seconds))
 
     @property
@@ -59,6 +59,6 @@ class Walk:
 
 
 def viewpoint_of(camera: Cameras) -> Viewpoint:
-    """Converts the first camera to a viewpoint, from which a sender selects the tiles to send."""
+    """Returns the viewpoint of the first camera."""
     viewmat, focal = camera.viewmats[0].astype(np.float64), float(camera.Ks[0, 0, 0])
     return Viewpoint(viewmat, focal, camera.width, camera.height, camera.origin)

@@ -19,7 +19,7 @@ class Pictures:
     """Images for the report, at a few times that are evenly spread over a camera path.
 
     Args:
-        times: All times at which images are compared, seconds; at most `MOST_PICTURES` of these are selected.
+        times: All times at which images are compared, seconds.
     """
 
     def __init__(self, times: Sequence[float]) -> None:
