@@ -1,4 +1,4 @@
-"""Loss of fine-tuned Gaussians in a fixed sample of the fitted views, for comparing states of a fine-tuning."""
+"""Training loss in a fixed sample of the views, for comparing states of a fine-tuning."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,18 +18,20 @@ CHECK_VIEWS = 16
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """Measures the loss of a fine-tuning on a fixed sample of views and simulated packet losses.
+    """Measures the training loss on a fixed sample of views and simulated packet losses.
 
     The loss of a view is its mean squared error, divided by the error at the start of the fine-tuning.
 
     Attributes:
-        scene: Background, origin and antialiasing of the scene; its Gaussians are ignored.
+        scene: Background, origin and antialiasing of the scene.
         pictures: Views of the sample.
-        receptions: Simulated packet losses, each applied to all views. Together they have the same weight as the views
-            without packet loss.
-        least: Lower limit of this divisor.
+        receptions: Simulated packet losses, each applied to all views.
+        least: Smallest error by which the loss of a view is divided.
         first: Mean squared errors at the start. Rows: no packet loss, then each simulated one; columns: views.
     """
+
+    # The Gaussians of `scene` are ignored. All receptions together have the same weight as the views without packet
+    # loss.
 
     scene: SplatScene
     pictures: Pictures
@@ -53,7 +55,7 @@ class Check:
             splats: The Gaussians at the start, rounded.
             pictures: All fitted pictures.
             receptions: Simulated packet losses; empty for none.
-            least: Lower limit of the error by which later errors are divided.
+            least: Smallest error by which the loss of a view is divided.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views
@@ -64,11 +66,8 @@ class Check:
         return replace(check, first=check._errors(splats))
 
     def loss(self, splats: Splats) -> float:
-        """Returns the mean loss of rounded Gaussians.
-
-        The loss of a view is its mean squared error, divided by the error at the start (at least by `least`). The loss
-        at the start is thus at most 1.
-        """
+        """Returns the mean training loss of rounded Gaussians."""
+        # It is at most 1 at the start.
         losses = (self._errors(splats) / np.maximum(self.first, self.least)).mean(axis=1)
         return float(losses[0] if len(losses) == 1 else (losses[0] + losses[1:].mean()) / 2)
 

@@ -1,4 +1,4 @@
-"""Trainable parameters of explicit Gaussians, and back-propagation from attributes of Gaussians to these parameters."""
+"""Trainable parameters of explicit Gaussians, and back-propagation to these parameters."""
 
 from dataclasses import dataclass
 
@@ -20,8 +20,7 @@ class Latents:
 
     Attributes:
         shifts: Displacements of the centres, in units of each Gaussian's size (`units`).
-        turns: Rotations about the principal axes of each Gaussian, radians. Always 0 between optimisation steps: after
-            each step, `apply_turns` applies them to `quats`, so that the parameters stay small and independent.
+        turns: Rotations about the principal axes of each Gaussian, radians; 0 between optimisation steps.
         logs: Natural logarithms of the standard deviations.
         logits: Logits of the opacities.
         base: Harmonics of degree 0.
@@ -30,6 +29,9 @@ class Latents:
         units: Geometric mean of the two largest standard deviations of each Gaussian at the start, world units.
         quats: Unit quaternions, (w, x, y, z).
     """
+
+    # After each step, `apply_turns` applies the rotations to `quats`, so that the parameters stay small and
+    # independent.
 
     shifts: Float[np.ndarray, "N 3"]
     turns: Float[np.ndarray, "N 3"]
@@ -43,7 +45,7 @@ class Latents:
 
     @staticmethod
     def of(splats: Splats) -> "Latents":
-        """Converts Gaussians to the parameters of the fine-tuning: contiguous arrays that the optimiser changes."""
+        """Converts Gaussians to the parameters of the fine-tuning."""
         logs = np.ascontiguousarray(np.log(np.maximum(splats.scales, np.float32(1e-12))))
         ordered = np.sort(logs, axis=1)
         zeros = np.zeros(splats.means.shape, np.float32)
@@ -77,7 +79,7 @@ class Latents:
         """Returns the Gaussians that these parameters describe.
 
         Args:
-            offsets: Rounding errors to add, which gives the Gaussians that a decoder obtains. None for exact Gaussians.
+            offsets: Rounding errors to add, for the Gaussians that a decoder obtains; None for exact Gaussians.
         """
         means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics
@@ -116,11 +118,9 @@ class Offsets:
 
     @staticmethod
     def between(exact: Splats, rounded: Splats) -> "Offsets":
-        """Computes the rounding errors of Gaussians.
-
-        A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form of the
-        rounded Gaussian that is closest to the exact one is used.
-        """
+        """Computes the rounding errors of Gaussians."""
+        # A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form
+        # of the rounded Gaussian that is closest to the exact one is used.
         order = np.argsort(-exact.scales, axis=1, kind="stable")
         place = np.argsort(order, axis=1, kind="stable")
         scales = np.take_along_axis(rounded.scales, place, axis=1)
@@ -170,7 +170,7 @@ def gradients_of(
     Args:
         latents: The parameters, with `turns` 0.
         drawn: The drawn Gaussians, `latents.splats(offsets)`.
-        offsets: Differences caused by rounding, which count as constants; None without rounding.
+        offsets: Rounding errors, which count as constants; None without rounding.
         found: Gradients with respect to the drawn Gaussians.
 
     Returns:
@@ -195,13 +195,13 @@ def harmonic_gradient(
 ) -> Float[np.ndarray, "N D 3"]:
     """Converts the gradient with respect to a view's colours to the gradient with respect to spherical harmonics.
 
-    Viewing directions are treated as constants, because fine-tuning hardly moves the centres of Gaussians.
-
     Args:
         basis: Values of the harmonic functions in the viewing directions.
-        seen: The Gaussians as seen in the view. Colours clipped at 0 have no gradient.
+        seen: The Gaussians as seen in the view.
         colors: Gradient with respect to the colours.
     """
+    # Viewing directions are treated as constants, because fine-tuning hardly moves the centres of Gaussians.
+    # Colours clipped at 0 have no gradient.
     return basis[:, :, None] * np.where(seen.colors > 0, colors, np.float32(0))[:, None, :]
 
 

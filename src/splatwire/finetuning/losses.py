@@ -1,4 +1,4 @@
-"""Simulated packet loss during fine-tuning: Gaussians of lost packets are not drawn, and the others are enlarged."""
+"""Simulated packet loss during fine-tuning."""
 
 from dataclasses import dataclass, replace
 
@@ -21,16 +21,16 @@ _MOST_OPAQUE = 0.999
 class Reception:
     """Received Gaussians of one iteration with packet loss, and their enlargement by the concealer `grow`.
 
-    The concealer enlarges a Gaussian according to the lost share of the Gaussian's neighbours. Here, the lost share of
-    the whole scene is used for all Gaussians. The two shares are nearly equal, because packets are spread over the
-    scene.
-
     Attributes:
         known: Mask of received Gaussians.
         size_gain: Factor on the standard deviations of the received Gaussians.
         exponent: Exponent of the transmittance of the received Gaussians. An opacity o becomes
             `1 - (1 - o) ** exponent`.
     """
+
+    # The concealer enlarges a Gaussian according to the lost share of the Gaussian's neighbours. Here, the lost
+    # share of the whole scene is used for all Gaussians. The two shares are nearly equal, because packets are
+    # spread over the scene.
 
     known: Bool[np.ndarray, "N"]
     size_gain: float
@@ -47,18 +47,18 @@ class Reception:
         return Reception(known, gain**coverage.size, gain**coverage.opacity)
 
     def shown(self, splats: Splats) -> Splats:
-        """Returns the received Gaussians, enlarged as a receiver with the concealer `grow` draws them."""
+        """Returns the received Gaussians as a receiver draws them, enlarged."""
         there = splats.select(self.known)
         clear = 1 - np.minimum(there.opacities, np.float32(_MOST_OPAQUE))
         opacities = 1 - clear ** np.float32(self.exponent)
         return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
 
     def gradients(self, splats: Splats, found: Gradients) -> Gradients:
-        """Back-propagates gradients from the drawn Gaussians to all Gaussians; the gradients of lost Gaussians are 0.
+        """Back-propagates gradients from the drawn Gaussians to all Gaussians; those of lost Gaussians are 0.
 
         Args:
             splats: All Gaussians, before the loss.
-            found: Gradients with respect to the drawn Gaussians, which `shown` returns.
+            found: Gradients with respect to the drawn Gaussians.
         """
         clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
@@ -78,7 +78,7 @@ def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random
     Args:
         division: Packets of the scene.
         options: Options with the loss model.
-        rng: Random generator; gives the seed of the loss.
+        rng: Random generator.
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))

@@ -16,9 +16,8 @@ class FineTuning:
     Attributes:
         quality: Quality setting from which the quantisation steps follow.
         iterations: Number of iterations, each with one view, at least 1.
-        refresh: Number of iterations between two computations of the rounding errors. In between, the rounding error of
-            each parameter stays constant.
-        loss: Loss model of the channel, used in every second iteration to simulate a packet loss. None for no losses.
+        refresh: Number of iterations between two computations of the rounding errors.
+        loss: Loss model of the channel, used in every second iteration; None for no packet losses.
         packetization: Rule by which Gaussians are divided into packets, for `loss`.
         rate: Factor on all learning rates, above 0.
         seed: Random seed of the order of views and of losses, at least 0.

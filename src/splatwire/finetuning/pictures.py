@@ -1,4 +1,4 @@
-"""Views for fine-tuning: cameras around a scene at typical viewing positions, and their pictures."""
+"""Views for fine-tuning: cameras around a scene, and their pictures."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -24,11 +24,11 @@ _FRAMING = 6
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """Cameras, and the reference picture of each camera, with which renderings of a fine-tuned scene are compared.
+    """Cameras and reference pictures, with which renderings of a fine-tuned scene are compared.
 
     Attributes:
         cameras: The cameras.
-        images: RGB of the reference pictures as bytes, 0 to 255, to save memory.
+        images: RGB of the reference pictures as bytes, 0 to 255.
         masks: True for pixels that are compared; None if all are compared.
     """
 
@@ -75,9 +75,6 @@ class Pictures:
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
     """Places cameras around a scene: near it, far from it, and so that the image shows all of it.
 
-    If the scene encloses the cameras, some of them look outwards. No camera equals one of
-    `splatwire.evaluation.views.held_out_cameras`.
-
     Args:
         scene: The scene.
         num_views: Number of cameras, at least 2.
@@ -86,6 +83,8 @@ def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> C
     Raises:
         InvalidValueError: If the number of views, pixels or elements is too small.
     """
+    # If the scene encloses the cameras, some of them look outwards. No camera equals one of
+    # `splatwire.evaluation.views.held_out_cameras`.
     framing = max(num_views // _FRAMING, 1)
     if HELD_OUT_VIEWS in (framing, num_views - framing):  # poses around a scene depend on their number
         framing += 1

@@ -1,4 +1,4 @@
-"""Cost of spherical harmonics in the loss of fine-tuning, so that harmonics with little effect become 0."""
+"""Cost of spherical harmonics in the loss of fine-tuning."""
 
 from dataclasses import dataclass
 
@@ -17,15 +17,16 @@ WEIGHT = 0.3
 class HarmonicCost:
     """Cost of the harmonics above degree 0 of N Gaussians, roughly proportional to their bits in a stream.
 
-    A coefficient `u` with the quantisation step `s` costs `log(1 + |u| / s)`. Its gradient is largest near 0, so that
-    coefficients with little effect become 0, and large ones are hardly changed. These are the coefficients that the
-    codec quantises, C of each Gaussian.
+    A coefficient `u` with the quantisation step `s` costs `log(1 + |u| / s)`.
 
     Attributes:
-        transform: Matrix that converts the harmonics of a Gaussian (RGB of the first, then of the second, and so on) to
-            the coefficients that the codec quantises.
+        transform: Matrix from the harmonics of a Gaussian (RGB of the first, then of the second ...) to the
+            coefficients that the codec quantises.
         steps: Quantisation step of the coefficients of each Gaussian.
     """
+
+    # The gradient of the cost is largest near 0, so that coefficients with little effect become 0, and large ones
+    # are hardly changed.
 
     transform: Float32[np.ndarray, "C C"]
     steps: Float32[np.ndarray, "N 1"]
@@ -39,12 +40,13 @@ class HarmonicCost:
         return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
 
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
-        """Returns the mean cost of the Gaussians, times `WEIGHT`."""
+        """Returns the cost of harmonics in the loss: the mean over the Gaussians, weighted."""
         sums = np.log1p(np.abs(self._coefficients(harmonics)) / self.steps)
         return WEIGHT * float(sums.sum(dtype=np.float64)) / len(harmonics)
 
     def gradient(self, harmonics: Float[np.ndarray, "N K 3"]) -> Float[np.ndarray, "N K 3"]:
-        """Returns the gradient of `value` with respect to the harmonics; coefficients that are 0 have none."""
+        """Returns the gradient of the cost (`value`) with respect to the harmonics."""
+        # Coefficients that are 0 have none.
         found = self._coefficients(harmonics)
         slopes = np.sign(found) * np.float32(WEIGHT / len(harmonics)) / (self.steps + np.abs(found))
         return (slopes @ self.transform.T).reshape(harmonics.shape)

@@ -55,7 +55,7 @@ class Progress:
     Attributes:
         iteration: Number of completed iterations.
         iterations: Total number of iterations.
-        psnr: PSNR of the picture of this iteration before its update, decibels.
+        psnr: PSNR of the picture of this iteration, decibels.
     """
 
     iteration: int
@@ -80,10 +80,7 @@ class TunedGaussians:
 
     @property
     def rounded(self) -> SplatScene:
-        """The rounded Gaussians with their quantisation steps.
-
-        Encoding them with these steps, which is the default if no quality is given, is lossless.
-        """
+        """The rounded Gaussians with their quantisation steps; encoding them without a quality setting is lossless."""
         return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
 
 
@@ -96,8 +93,8 @@ def fine_tune(
     """Fine-tunes Gaussians, and rounds the result; see `tuned_gaussians` for arguments and errors.
 
     Returns:
-        The scene with rounded Gaussians and their quantisation steps. Encoding it with these steps, which is the
-        default if no quality is given, is lossless.
+        The scene with rounded Gaussians and their quantisation steps; encoding it without a quality setting is
+        lossless.
     """
     return tuned_gaussians(scene, pictures, options, progress).rounded
 
@@ -112,16 +109,9 @@ def tuned_gaussians(
     """Changes Gaussians so that renderings of the decoded Gaussians are as similar to given pictures as possible.
 
     Centres, rotations, scales, opacities and harmonics are optimised with Adam; the number of Gaussians stays the same.
-    Pictures are rendered with the values that a decoder obtains, and gradients pass through the rounding unchanged
-    (straight-through).
-
-    The loss of a view is its mean squared error, divided by the error of the same view when it was first rendered (at
-    least by `LEAST_SCALE`). All views thus have similar weight, and a view that becomes much worse gets more weight.
-    Harmonics above degree 0 add their estimated cost in bits (`HarmonicCost`), so that most of them become 0.
-
-    Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures (`Check`). If it has grown
-    since the check before, the Gaussians of that check are restored, and the learning rates are multiplied by `SLOWER`.
-    The loss of the result, including this cost, is thus not above that of the rounded Gaussians at the start.
+    Rounding is simulated, with straight-through gradients. The loss of a view is its mean squared error, divided by the
+    error of the same view when it was first rendered. Harmonics above degree 0 add their estimated cost in bits, so
+    that most of them become 0.
 
     The result depends only on the arguments, not on the number of threads.
 
@@ -130,8 +120,8 @@ def tuned_gaussians(
         pictures: The pictures and their cameras, relative to the origin of the scene.
         options: The options.
         progress: Called after each iteration.
-        classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes. None to measure
-            them in some of the fitted views.
+        classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes; None to measure
+            them.
 
     Returns:
         The Gaussians before rounding, and their quantisation steps.
@@ -139,6 +129,11 @@ def tuned_gaussians(
     Raises:
         InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
     """
+    # Dividing by the first error (at least `LEAST_SCALE`) gives all views similar weight; a view that becomes much
+    # worse gets more weight. Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures
+    # (`Check`). If it has grown since the check before, the Gaussians of that check are restored, and the learning
+    # rates are multiplied by `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above
+    # that of the rounded Gaussians at the start.
     if not scene.num_elements:
         raise InvalidValueError("fine-tuning: there are no Gaussians")
     if pictures.cameras.origin != scene.origin:
@@ -214,19 +209,18 @@ def picture_gradients(
 ) -> tuple[float, Gradients]:
     """Renders a view; returns its mean squared error, and the gradients of this error divided by `scale`.
 
-    For antialiased scenes, small Gaussians are drawn with reduced opacity. The gradients treat this reduction, and the
-    viewing directions of the spherical harmonics, as constants.
-
     Args:
         scene: The Gaussians.
         cameras: The cameras, relative to the origin of the scene.
         view: Index of the camera.
-        target: RGB in [0, 1] of the reference picture. The rendering is clamped to this range before the comparison, as
-            in `render_scene`.
-        mask: True for pixels that are compared; None for all. The error is the mean over all pixels of the view.
-        scale: Divisor of the gradients, at least `LEAST_SCALE`. None divides by the error itself, which gives the
-            gradients of the error's logarithm.
+        target: RGB in [0, 1] of the reference picture.
+        mask: True for pixels that are compared; None for all.
+        scale: Divisor of the gradients; None divides by the error itself.
     """
+    # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
+    # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;
+    # the gradients treat this reduction, and the viewing directions of the spherical harmonics, as constants.
+    # Division by the error gives the gradients of its logarithm.
     splats = scene.splats
     plain = seen = splats.seen_from(cameras.centers[view])
     if scene.antialiased:
@@ -249,7 +243,7 @@ def picture_gradients(
 
 
 class _Adam:
-    """The Adam optimiser; keeps the moments of each array by name.
+    """The Adam optimiser.
 
     Args:
         sizes: Factor on the steps of each Gaussian.
@@ -261,10 +255,8 @@ class _Adam:
         self._steps = 0
 
     def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
-        """Performs one step of the optimiser: changes the trained arrays in place.
-
-        The learning rates are those of `RATES`, times `rate` and the factor of the Gaussian.
-        """
+        """Performs one step of the optimiser: changes the trained arrays in place."""
+        # The learning rates are those of `RATES`, times `rate` and the factor of the Gaussian.
         self._steps += 1
         root = math.sqrt(1 - BETA2**self._steps)
 
@@ -281,27 +273,25 @@ class _Adam:
         share(change, list(trained))
 
     def stop(self) -> None:
-        """Sets the first moments to 0, so that earlier gradients no longer change the parameters."""
+        """Sets the first moments to 0."""
+        # Earlier gradients then no longer change the parameters.
         for first, _ in self._moments.values():
             first[:] = 0
 
 
 def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
-    """Returns a factor on the optimiser's steps for each Gaussian: proportional to its quantisation steps.
-
-    Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all Gaussians
-    would be too large for the sensitive ones, and too small for the others. The geometric mean of the factors is 1.
-    """
+    """Returns a factor on the optimiser's steps for each Gaussian: proportional to its quantisation steps."""
+    # Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all
+    # Gaussians would be too large for the sensitive ones, and too small for the others. The geometric mean of the
+    # factors is 1.
     classes = coding.classes.astype(np.float64)
     return np.exp2(classes.mean() - classes).astype(np.float32)
 
 
 def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
-    """Chooses views, out of those of the fine-tuning, in which precision classes are measured.
-
-    The default views for this measurement only look inwards. They would give the surroundings of a scene the coarsest
-    quantisation.
-    """
+    """Chooses some of the views of the fine-tuning, in which precision classes are measured."""
+    # The default views for this measurement only look inwards. They would give the surroundings of a scene the
+    # coarsest quantisation.
     views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]
     chosen = cameras.select(sorted(views.tolist()))
     return chosen.scaled(min(1.0, MEASURED_SIZE / max(chosen.width, chosen.height)))
@@ -310,10 +300,8 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
 def _first_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Prepares the check that monitors the loss during fine-tuning.
-
-    Its random views and packet losses differ from those of the iterations.
-    """
+    """Prepares the check that monitors the loss during fine-tuning."""
+    # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[Reception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))
     if options.loss is not None:
@@ -328,6 +316,6 @@ def _decay(share: float) -> float:
 
 
 def _shuffled(count: int, rng: np.random.Generator) -> Iterator[int]:
-    """Yields indices of views endlessly: all views in random order, then all in a new random order, and so on."""
+    """Yields indices of views endlessly, each round in a new random order."""
     while True:
         yield from rng.permutation(count).tolist()

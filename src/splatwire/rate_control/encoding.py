@@ -1,7 +1,4 @@
-"""Encoding of explicit Gaussians to a target size or quality.
-
-Chooses jointly which Gaussians are kept, their precision classes, and the quantisation steps.
-"""
+"""Encoding of explicit Gaussians to a target size or quality, by pruning and quantisation."""
 
 import functools
 import logging
@@ -80,8 +77,7 @@ class EncodedScene:
         stream: The stream.
         quality: Quantisation setting that was chosen.
         kept: Share of the Gaussians that were kept, 0 to 1.
-        held_out: Pictures of the source for measuring the PSNR, without Gaussians that draw nothing. Their views were
-            not used to measure or fine-tune Gaussians (`ViewSets`).
+        held_out: Pictures of the source for measuring the PSNR, in views that were not used for the encoding.
         fine_tuned: True if the kept Gaussians were fine-tuned.
     """
 
@@ -93,7 +89,7 @@ class EncodedScene:
 
     @functools.cached_property
     def psnr(self) -> float:
-        """Mean PSNR of the decoded scene in the held-out views, relative to pictures of the source, decibels."""
+        """Mean PSNR of the decoded scene in the held-out views, decibels."""
         return self.held_out.mean_psnr(decoded_finest(self.stream))
 
 
@@ -111,15 +107,14 @@ def encode_controlled(
 
     A target size is a maximum; the stream is usually at most 3 % smaller. A target PSNR is usually reached within 0.2
     dB.
-    For both, the scene is encoded several times.
 
     Args:
-        scene: The scene to encode. Gaussians that draw nothing or cannot be drawn are skipped, which is logged.
+        scene: The scene to encode. Gaussians that cannot be seen are skipped.
         target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         effort: `fast` keeps all Gaussians and only chooses precision classes; `default` also prunes; `best` prunes
-            more, and fine-tunes the remaining Gaussians once or twice before the search.
-        cameras: Cameras at typical viewing positions (see `ViewSets`); None for views around the scene.
+            more, and fine-tunes the remaining Gaussians.
+        cameras: Cameras at typical viewing positions; None for views around the scene.
         tuning: Options of the fine-tuning, which only the effort `best` uses.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
@@ -169,13 +164,10 @@ def _prune_and_tune(
 ) -> "_Plan":
     """Prunes and fine-tunes a scene so that its stream has a target size or PSNR, or slightly more.
 
-    Different shares of the Gaussians are fine-tuned, one after another, until the result reaches the target. The
-    quantisation steps are always the same.
-
     Args:
         plan: The scene before pruning.
-        start: Stream of the pruned scene without fine-tuning. It gives the quantisation steps, and the first share.
-        target: Size, PSNR or quality setting. With a quality setting, the scene is fine-tuned once.
+        start: Stream of the pruned scene without fine-tuning, with the quantisation steps to use.
+        target: Size, PSNR or quality setting.
         encode: Function that encodes a scene.
         pictures: Pictures of the complete scene.
         tuning: Options of the fine-tuning.
@@ -184,6 +176,8 @@ def _prune_and_tune(
     Returns:
         The fine-tuned Gaussians, ready to be encoded.
     """
+    # Different shares of the Gaussians are fine-tuned, one after another, until the result reaches the target. With
+    # a quality setting, the scene is fine-tuned once.
     # Fine-tuned Gaussians are adapted to the steps of `start`: coarser steps still save bytes, finer ones gain nothing.
     # The share is therefore chosen so that these steps give the target or a little more.
     tuned: list[_Plan] = []
@@ -211,10 +205,8 @@ def _slope(pairs: Sequence[tuple[float, float]]) -> float:
 
     Args:
         pairs: PSNR in the search views and in the held-out views of each stream encoded so far, decibels.
-
-    Returns:
-        The estimate, limited to the range from 0.5 to 2.
     """
+    # The estimate is limited to the range from 0.5 to 2.
     if len(pairs) < 2:
         return 1.0
     (before, psnr_before), (last, psnr_last) = pairs[-2:]
@@ -224,22 +216,22 @@ def _slope(pairs: Sequence[tuple[float, float]]) -> float:
 
 
 def decoded_finest(stream: SceneStream) -> Scene:
-    """Decodes a complete stream; returns only the finest level if the stream has levels of detail."""
+    """Decodes a complete stream; returns the finest level of detail."""
     scene = decode_stream(stream).scene
     return scene if scene.hints is None else scene.select(~scene.hints.left_out)
 
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """A scene to encode, with all that is needed to prune it and to choose its precision at any quantisation level.
+    """A scene to encode, and the measurements from which it is pruned and its precision is chosen.
 
     Attributes:
         source: The scene to encode.
         measured_views: Cameras in which the effect of each Gaussian is measured; None for views around the scene.
-        search: Pictures of the source with which decoded scenes are compared while the quantisation level is chosen.
+        search: Pictures of the source for choosing the quantisation level.
         held_out: Pictures of the source for the reported PSNR.
         classes: Precision class of each Gaussian.
-        curve: Image error as a function of the share of Gaussians kept; None to keep all Gaussians of `scene`.
+        curve: Image error as a function of the share of Gaussians kept; None without pruning.
         scene: The Gaussians to prune and encode: those of `source`, or fine-tuned ones.
         precision: Additional precision of each attribute (`Quality.precision`).
     """
@@ -257,16 +249,17 @@ class _Plan:
     def of(
         cls, source: SplatScene, effort: Effort, views: ViewSets, quality: Quality, encode: Encoder, progress: Progress
     ) -> "_Plan":
-        """Makes the measurements of a scene from which it is later pruned and its precision is chosen.
+        """Measures a scene, so that it can be pruned and its precision can be chosen.
 
         Args:
             source: The scene.
-            effort: `fast` to measure no pruning and no precision of attributes.
+            effort: Effort of the encoder: `fast`, `default` or `best`.
             views: Views in which the scene is measured.
             quality: Typical quality setting, at which the precision of attributes is chosen.
             encode: Function that encodes a scene.
             progress: Called with the name of the current task and its finished share.
         """
+        # With `fast`, no pruning and no precision of attributes is measured.
         search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
         if effort == "fast":
@@ -293,17 +286,13 @@ class _Plan:
         return Quality(level, precision=self.precision)
 
     def with_more_pruning(self) -> "_Plan":
-        """Returns a plan for fine-tuning, which keeps fewer Gaussians at each level.
-
-        Fine-tuning compensates for part of the error of pruning.
-        """
+        """Returns a plan for fine-tuning, which keeps fewer Gaussians at each level."""
+        # Fine-tuning compensates for part of the error of pruning.
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
     def pruned(self, share: float, tuned: Sequence["_Plan"]) -> tuple[SplatScene, np.ndarray]:
-        """Selects the most important Gaussians, as the input of a fine-tuning.
-
-        They are chosen from the result of an earlier fine-tuning if one has enough Gaussians, otherwise from `source`.
+        """Selects the most important Gaussians for fine-tuning.
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
@@ -312,6 +301,8 @@ class _Plan:
         Returns:
             The kept Gaussians, and the precision class of each.
         """
+        # They are chosen from the result of an earlier fine-tuning if one has enough Gaussians, otherwise from
+        # `source`.
         assert self.curve is not None
         kept = self.curve.kept(share)
         larger = [each for each in tuned if each.scene.num_elements > len(kept)]
@@ -324,7 +315,7 @@ class _Plan:
         return before.scene.select(best), before.classes[best]
 
     def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
-        """Removes some of the fine-tuned Gaussians to save bytes, because their stream exceeds the wanted PSNR.
+        """Removes fine-tuned Gaussians to save bytes, because their stream exceeds the wanted PSNR.
 
         Args:
             found: Stream of all Gaussians of this plan.
@@ -332,7 +323,7 @@ class _Plan:
             encode: Function that encodes a scene.
 
         Returns:
-            The stream with the PSNR closest to `psnr`: `found`, or one with fewer Gaussians.
+            The stream with the PSNR closest to `psnr`.
         """
         count = self.scene.num_elements
         order = np.argsort(-measure_gaussians(self.scene, self.measured_views).removal, kind="stable")
@@ -358,9 +349,9 @@ class _Plan:
         """Estimates the share of Gaussians that is enough for the PSNR of a given stream, if they are fine-tuned.
 
         Args:
-            untuned: The stream, of Gaussians that were pruned and not fine-tuned. The quantisation steps remain the
-                same.
+            untuned: The stream, without fine-tuning.
         """
+        # The quantisation steps remain the same.
         assert self.curve is not None
         error = 10 ** (-self.measured(untuned) / 10)
         pruned = min(self.curve.error(untuned.kept), MOST_PRUNED_ERROR * error)
@@ -373,16 +364,15 @@ class _Plan:
     ) -> EncodedScene:
         """Chooses the better of two streams with the same target, with or without fine-tuning.
 
-        For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream; the
-        fine-tuned one must reach the PSNR.
-
         Args:
             tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
             untuned: The stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
-            for_loss: True if Gaussians were fine-tuned for packet loss, which raises quality only if packets are lost.
-                The fine-tuned stream is then chosen if it reaches the target.
+            for_loss: True if Gaussians were fine-tuned for packet loss.
         """
+        # For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream;
+        # the fine-tuned one must reach the PSNR. Fine-tuning for packet loss raises quality only if packets are
+        # lost, so its stream is chosen if it reaches the target.
         if tuned is None or untuned is None:
             found = tuned or untuned
             assert found is not None
@@ -399,10 +389,9 @@ class _Plan:
         Args:
             quality: Quality setting.
             encode: Function that encodes a scene.
-            share: Share of the Gaussians to keep, 0 to 1; None for the best share at this setting. Ignored by a plan
-                without a
-                `curve`, which keeps all Gaussians.
+            share: Share of the Gaussians to keep, 0 to 1; None for the best share at this setting.
         """
+        # A plan without a `curve` keeps all Gaussians.
         if self.curve is None:
             scene, classes = self.scene, self.classes
         else:
@@ -420,9 +409,11 @@ class _Trials:
         plan: The scene and its precision classes.
         encode: Function that encodes a scene.
         progress: Called with the name of the current task and its finished share.
-        tuned_level: Quantisation level for which the Gaussians were fine-tuned, at which the search begins; finer
-            levels are not tried. None without fine-tuning.
+        tuned_level: Quantisation level for which the Gaussians were fine-tuned, at which the search begins; None
+            without fine-tuning.
     """
+
+    # Levels finer than `tuned_level` are not tried.
 
     def __init__(self, plan: _Plan, encode: Encoder, progress: Progress, tuned_level: float | None = None) -> None:
         self._plan, self._encode, self._progress = plan, encode, progress
@@ -473,12 +464,11 @@ class _Trials:
     def of_psnr(self, psnr: float) -> EncodedScene:
         """Encodes the scene so that its PSNR in the held-out views is as close as possible to `psnr`.
 
-        The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the held-out
-        views then differs from `psnr`, the level is chosen again with a corrected target.
-
         Raises:
             InvalidValueError: If all views of the search equal those of the source at every level.
         """
+        # The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the
+        # held-out views then differs from `psnr`, the level is chosen again with a corrected target.
         start, wanted, by_share = self._start, psnr, False
         best: EncodedScene | None = None
         found: tuple[float, EncodedScene] | None = None
@@ -509,8 +499,6 @@ class _Trials:
     ) -> bool:
         """Searches for the quantisation level with which a stream has a wanted size or PSNR.
 
-        If no level gives an accepted value, the next finer level is used with fewer Gaussians.
-
         Args:
             measure: Returns the size or the PSNR of an encoded scene.
             permitted: Range of accepted values.
@@ -520,6 +508,7 @@ class _Trials:
         Returns:
             True if different numbers of Gaussians were tried, too.
         """
+        # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
         found = search(functools.partial(self._encode_and_measure, measure), permitted, start, slope, self._ends, JUMP)
         above = [each for each in self._found[first:] if each[0] > permitted.high]
@@ -540,14 +529,13 @@ class _Trials:
     ) -> None:
         """Searches for the share of Gaussians to keep with which a stream has a wanted size or PSNR.
 
-        Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
-
         Args:
             measure: Returns the size or the PSNR of an encoded scene.
             permitted: Range of accepted values.
             known: Value and encoded scene from which the search starts.
-            slope: Expected increase of the value per quantisation level, for the first guess.
+            slope: Expected increase of the value per quantisation level.
         """
+        # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
         ends = (LEAST_SHARE_RATIO * share, min(share / LEAST_SHARE_RATIO, 1.0))
@@ -563,10 +551,10 @@ class _Trials:
     def _encode_and_measure(
         self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None
     ) -> float:
-        """Encodes a share of the Gaussians at a quantisation level; returns a property of the result, such as its PSNR.
+        """Encodes a share of the Gaussians at a quantisation level; returns the size or the PSNR of the result.
 
         Args:
-            measure: Returns the property of an encoded scene.
+            measure: Returns the size or the PSNR of an encoded scene.
             level: Quantisation level.
             share: Share of the Gaussians to keep, 0 to 1; None for the best share at this level.
         """

@@ -1,7 +1,6 @@
-"""Updates of a scene that is trained: each contains only the Gaussians whose change matters most.
+"""Updates of a scene that is trained: each contains only the Gaussians whose change matters most."""
 
-A training step changes all Gaussians, so an update with all changes is as large as the scene.
-"""
+# A training step changes all Gaussians, so an update with all changes is as large as the scene.
 
 import logging
 from dataclasses import dataclass, replace
@@ -33,15 +32,14 @@ the whole scene is sent again: lattice, quantisation steps and context tables no
 
 
 def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
-    """Measures how much each Gaussian has changed.
-
-    Sum of the displacement in multiples of the Gaussian's mean size, and of the mean absolute changes of the logarithms
-    of the axes, of the coefficients of spherical harmonics, and of the opacity.
+    """Measures how much each Gaussian has changed in a training.
 
     Args:
         before: Gaussians before the change.
         after: The same Gaussians in the same order, after the change.
     """
+    # Sum of the displacement in multiples of the Gaussian's mean size, and of the mean absolute changes of the
+    # logarithms of the axes, of the coefficients of spherical harmonics, and of the opacity.
     log_axes = [np.log(np.maximum(splats.scales, np.float32(MIN_SIZE))) for splats in (before, after)]
     size = np.exp(log_axes[1].mean(axis=1, keepdims=True))
     moved = np.linalg.norm((after.means - before.means) / size, axis=1)
@@ -52,18 +50,19 @@ def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
 
 @dataclass(frozen=True, eq=False)
 class PartialUpdates:
-    """State of a scene that is sent by updates with a share of its changes.
+    """State of a sender that updates a scene in training, each time with a share of its changes.
 
     Attributes:
         chain: Stream of the scene that the receivers have, and its updates.
         newest: Gaussians of the newest scene.
-        held: Gaussians that the receivers have, before quantisation, in the order of `newest`. The row of a Gaussian
-            that they do not have is undefined.
+        held: Gaussians that the receivers have, before quantisation, in the order of `newest`.
         known: Mask of the Gaussians in `held` that the receivers have.
         num_at_first: Number of drawable Gaussians when the whole scene was sent.
-        size_at_first: Size of the scene at that time, see `_scene_size`.
+        size_at_first: Size of the scene when the whole scene was sent, world units.
         antialiased: True if the scene was trained with an antialiased renderer.
     """
+
+    # Rows of `held` outside of `known` are undefined. Sizes are from `_scene_size`.
 
     chain: UpdateChain
     newest: Splats
@@ -90,16 +89,11 @@ class PartialUpdates:
         return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, int(known.sum()), size, antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
-        """Encodes the most visible changes of the Gaussians as an update; the others remain for later calls.
+        """Encodes the largest changes of the Gaussians as an update; the others remain for later calls.
 
-        After `1 / share` calls with the same Gaussians, the receivers have all changes. Removed Gaussians do not count
-        towards the share.
-
-        If the number of Gaussians is unchanged, each one must keep its row. Otherwise, Gaussians are matched by
-        position, and those without a match are new or removed.
-
-        The whole scene is encoded again if an update cannot express the change: another degree of spherical harmonics,
-        positions outside the lattice, or more than twice or less than half the number of Gaussians or the size.
+        If the number of Gaussians is unchanged, their order must be, too. Otherwise, Gaussians are matched by position,
+        and those without a match are new or removed. The whole scene is encoded again if an update cannot express the
+        change.
 
         Args:
             splats: The newest Gaussians.
@@ -108,6 +102,9 @@ class PartialUpdates:
         Raises:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.
         """
+        # After `1 / share` calls with the same Gaussians, the receivers have all changes. Removed Gaussians do
+        # not count towards the share. An update cannot express another degree of spherical harmonics, positions
+        # outside the lattice, or more than twice or less than half the number of Gaussians or the size.
         count = splats.num_gaussians
         drawable = SplatScene(splats).drawable
         if not drawable.any():
@@ -130,11 +127,7 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
-        """Returns the Gaussians that the receivers have, in the order of the new ones, and a mask.
-
-        Returns:
-            Gaussians in the order of `splats`, and the mask of those that the receivers have.
-        """
+        """Returns the Gaussians that the receivers have, in the order of the new ones, and their mask."""
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)
@@ -164,7 +157,7 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
 def _most_changed(
     held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, most: int
 ) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of at most `most` drawable Gaussians that differ, those whose change matters most first."""
+    """Returns the indices of at most `most` changed Gaussians, largest change first."""
     rows = np.flatnonzero(drawable)
     before, scene = held.select(rows), SplatScene(newest.select(rows))
     area = footprint_importance(scene, surrounding_cameras(scene, NUM_VIEWS, VIEW_SIZE)).share

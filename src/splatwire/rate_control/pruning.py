@@ -1,4 +1,4 @@
-"""Choice of the share of Gaussians to keep at a quantisation level, from measured image errors of pruned scenes."""
+"""Choice of the share of Gaussians to keep at a quantisation level."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ class PruningCurve:
     Attributes:
         order: Indices of the Gaussians, most important first.
         shares: Shares of kept Gaussians, ascending to 1.
-        errors: Mean squared image error at each share; 0 if all Gaussians are kept.
+        errors: Mean squared image error at each share.
     """
 
     order: Int64[np.ndarray, "N"]
@@ -53,14 +53,13 @@ class PruningCurve:
     ) -> "PruningCurve":
         """Measures how the image error of a scene grows if its least important Gaussians are removed.
 
-        The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them.
-
         Args:
             scene: The scene.
-            removal: Image error of removing each single Gaussian, from `measure_gaussians`; it ranks the Gaussians.
+            removal: Image error of removing each single Gaussian, from `measure_gaussians`.
             pictures: Renderings of the complete scene, as references.
             progress: Called with the finished share of the work.
         """
+        # The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them.
         count = scene.num_elements
         order = np.argsort(-removal, kind="stable")
         sums = np.maximum(np.append(np.cumsum(removal[order[::-1]])[::-1], 0.0), _SMALLEST)
@@ -80,7 +79,8 @@ class PruningCurve:
         return PruningCurve(order, shares, errors)
 
     def scaled(self, factor: float) -> "PruningCurve":
-        """Returns the curve with all errors multiplied by a factor, which accounts for fine-tuning."""
+        """Returns the curve with all errors multiplied by a factor."""
+        # The factor accounts for fine-tuning.
         return replace(self, errors=factor * self.errors)
 
     def error(self, share: float) -> float:
@@ -93,15 +93,12 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level.
-
-        Of all streams with the same error in the pictures, that with this share and level is the smallest.
-
-        The share never decreases with the level.
+        """Returns the share of Gaussians to keep at a quantisation level, for the smallest stream of its quality.
 
         Args:
             level: Quantisation level (`Quality.level`).
         """
+        # The share never decreases with the level.
         quantised = 10 ** (-(QUANTISED_PSNR + OCTAVE_DB * (LEVELS - QUANTISED_LEVEL)) / 10)
         costs = self.errors + TRADE * quantised[:, None] * np.log(self.shares)
         # At the best share, saving a byte costs the same error by more pruning as by coarser quantisation.
@@ -124,14 +121,13 @@ def _fitted(
 ) -> Float64[np.ndarray, "S"]:
     """Fits an increasing curve to a few noisy measurements, and evaluates it.
 
-    The curve is a parabola between the measured points and a line outside. Its slope is at least `_LEAST_SLOPE`, so
-    that stronger pruning never has a smaller error.
-
     Args:
         at: Arguments at which the curve is evaluated.
         known: Arguments of the measurements.
         values: Measured values.
     """
+    # The curve is a parabola between the measured points and a line outside. Its slope is at least `_LEAST_SLOPE`,
+    # so that stronger pruning never has a smaller error.
     if np.ptp(known) < 1e-6:  # the removed Gaussians have no effect at all
         return np.full(len(at), values.max())
     fit = np.polynomial.Polynomial.fit(known, values, 2)

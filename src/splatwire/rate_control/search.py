@@ -1,4 +1,4 @@
-"""Search for the argument at which an increasing function, expensive to compute, has a wanted value."""
+"""Search for the argument at which an increasing function has a wanted value."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -34,9 +34,7 @@ def search(
     ends: tuple[float, float],
     least: float = 0.0,
 ) -> float | None:
-    """Searches for an argument at which an increasing function has a value in a given range.
-
-    Each call of the function may be expensive, such as encoding a scene. There are at most `TRIALS` calls.
+    """Searches for an argument at which an increasing, expensive function has a value in a given range.
 
     Args:
         function: The increasing function.
@@ -44,11 +42,12 @@ def search(
         start: First argument to try.
         slope: Expected increase of the function per unit of its argument, above 0.
         ends: Smallest and largest argument to try.
-        least: Minimum width of the interval that is searched. The search gives up when the interval is narrower.
+        least: Minimum width of the interval that is searched, below which the search gives up.
 
     Returns:
-        The argument that was found, with which the function was called last; None if none was found.
+        The argument of the last call of the function; None if none was found.
     """
+    # There are at most `TRIALS` calls.
     low, high, at = *ends, min(max(start, ends[0]), ends[1])
     below: tuple[float, float] | None = None
     above: tuple[float, float] | None = None

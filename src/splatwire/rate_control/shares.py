@@ -23,9 +23,10 @@ def search_share(tune: Callable[[float], float], aim: Interval, start: float, sl
         slope: Expected increase of the value per unit of the logarithm of the share, above 0.
 
     Returns:
-        Index of the best fine-tuning, counted from 0: the smallest share that reaches the range or exceeds it. If all
-        values are below the range, the one with the largest value.
+        Index of the best fine-tuning, counted from 0.
     """
+    # The best one has the smallest share that reaches the range or exceeds it. If all values are below the range,
+    # it is the one with the largest value.
     logs, values, at = [], [], math.log(start)
     while True:
         logs.append(at)

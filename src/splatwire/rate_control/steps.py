@@ -1,7 +1,4 @@
-"""Distribution of precision over the attributes of Gaussians, measured for one scene.
-
-The fixed ratios of quantisation steps in `splatwire.codec.gaussians.quality` suit an average scene.
-"""
+"""Distribution of precision over the attributes of Gaussians, measured for one scene."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -47,10 +44,6 @@ def measured_precision(
 ) -> tuple[float, ...]:
     """Chooses the precision of each attribute, so that pictures of equal PSNR take as few bytes as possible.
 
-    For each attribute, two things are measured: the image error if only this attribute is rounded, and the bytes that
-    one octave of its precision takes. An octave divides the error by 4. Bytes are fewest if the error of each attribute
-    is proportional to its bytes per octave. The sum of the errors stays the same.
-
     Args:
         scene: The Gaussians.
         classes: Precision class of each Gaussian.
@@ -60,9 +53,11 @@ def measured_precision(
         progress: Called with the finished share of the work.
 
     Returns:
-        The additional precision of each quantity in `STEPS`, octaves (`Quality.precision`). It replaces that of
-        `quality`.
+        The additional precision of each quantity in `STEPS`, octaves (`Quality.precision`).
     """
+    # For each attribute, two things are measured: the image error if only this attribute is rounded, and the bytes
+    # that one octave of its precision takes. An octave divides the error by 4. Bytes are fewest if the error of
+    # each attribute is proportional to its bytes per octave. The sum of the errors stays the same.
     latents, precision = Latents.of(scene.splats), np.array(quality.precision)
     exact = latents.splats()
     offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, quality, classes)))
@@ -99,7 +94,8 @@ def _only(offsets: Offsets, name: str) -> Offsets:
 
 
 def _sample(scene: SplatScene) -> Int64[np.ndarray, "M"]:
-    """Returns the indices of a few spatially compact groups of Gaussians, ascending; those of a small scene are all."""
+    """Returns the indices of a few spatially compact groups of Gaussians, ascending."""
+    # All Gaussians of a small scene.
     count = scene.num_elements
     if count <= _RUNS * _RUN:
         return np.arange(count)

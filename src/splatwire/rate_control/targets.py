@@ -20,7 +20,7 @@ class Target:
     Attributes:
         size: Maximum number of bytes of the stream as one file.
         psnr: Mean PSNR against renders of the source, decibels.
-        quality: Quality setting, which determines quantisation steps and, with pruning, the share of Gaussians kept.
+        quality: Quality setting, which determines quantisation steps and pruning.
 
     Raises:
         InvalidValueError: If not exactly one attribute is set, or one is out of range.

@@ -1,4 +1,4 @@
-"""Fine-tuning of Gaussians for a stream of a given size or PSNR: its options, and the views that it fits."""
+"""Fine-tuning of Gaussians for a stream of a given size or PSNR."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -37,15 +37,15 @@ class Tuning:
     Attributes:
         iterations: Number of iterations of each fine-tuning, each with one view, 1 to 100,000.
         num_views: Number of fitted views, 2 to 10,000.
-        size: Maximum width and height of fitted pictures, pixels, 16 to 4096. All pictures together have at most
-            `MAX_PIXELS`.
-        loss: Loss model of the channel. Every second iteration drops packets of the scene with this model. None for no
-            losses.
+        size: Maximum width and height of fitted pictures, pixels, 16 to 4096.
+        loss: Loss model of the channel, used in every second iteration; None for no packet losses.
         seed: Random seed of the order of views, of losses and of moved cameras, 0 to 2^63 - 1.
 
     Raises:
         InvalidValueError: If a value is out of range, or the pictures are too large together.
     """
+
+    # All pictures together have at most `MAX_PIXELS`.
 
     iterations: int = 600
     num_views: int = VIEWS
@@ -125,17 +125,16 @@ def tuned_to_pictures(
 
 
 def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:
-    """Chooses the views for fine-tuning, which compares pictures of the Gaussians with reference pictures.
-
-    If cameras are given, all are used except the held-out ones, which only measure the final PSNR. If they are too few,
-    randomly moved copies are added, so that Gaussians are also fitted to the views between them.
+    """Chooses the views for fine-tuning; the views for the final PSNR are never among them.
 
     Args:
         scene: The scene.
-        cameras: Cameras at typical viewing positions. If None or fewer than `LEAST_CAMERAS`, cameras are placed around
-            the scene.
+        cameras: Cameras at typical viewing positions; None for views around the scene.
         tuning: Number of views, image size and seed.
     """
+    # If cameras are given, all are used except the held-out ones. If they are too few, randomly moved copies are
+    # added, so that Gaussians are also fitted to the views between them. With fewer than `LEAST_CAMERAS`, cameras
+    # are placed around the scene.
     if cameras is None or cameras.num_views < LEAST_CAMERAS:
         return fitting_cameras(scene, tuning.num_views, tuning.size)
     given = not_held_out(cameras.relative_to(origin_of(scene)), tuning.num_views)

@@ -1,4 +1,4 @@
-"""Choice of the views in which an encoder measures Gaussians, compares trial encodings, and reports the PSNR."""
+"""Choice of views for an encoder with a target size or PSNR."""
 
 import functools
 import math
@@ -35,8 +35,7 @@ class ViewSets:
     Attributes:
         measured: Views in which the effect of each Gaussian is measured; None for views around the scene.
         search: Views in which encoded scenes are compared with the source while the quantisation is chosen.
-        held_out: Views for the reported PSNR. Gaussians are neither measured nor fitted in them. They only serve to
-            compare finished streams.
+        held_out: Views for the reported PSNR.
     """
 
     measured: Cameras | None
@@ -45,15 +44,14 @@ class ViewSets:
 
     @staticmethod
     def of(scene: Scene, cameras: Cameras | None = None) -> "ViewSets":
-        """Chooses the three sets of views for a scene.
+        """Chooses views for measuring, for searching and for the final PSNR.
 
         Args:
             scene: The scene.
-            cameras: Cameras at typical viewing positions, which are divided evenly among the three sets. If there are
-                fewer
-                than `LEAST_CAMERAS`, they are only used to measure Gaussians. None for views around the scene in all
-                sets.
+            cameras: Cameras at typical viewing positions; None for views around the scene.
         """
+        # Cameras are divided evenly among the three sets. If there are fewer than `LEAST_CAMERAS`, they are
+        # only used to measure Gaussians.
         if cameras is None or cameras.num_views < LEAST_CAMERAS:
             return ViewSets(
                 None if cameras is None else cameras.relative_to(origin_of(scene)),
@@ -72,26 +70,24 @@ class ViewSets:
 def not_held_out(cameras: Cameras, count: int) -> Cameras:
     """Selects cameras for fine-tuning, evenly spread, without those that are reserved for the reported PSNR.
 
-    `ViewSets.of` reserves a third of the cameras.
-
     Args:
         cameras: At least `LEAST_CAMERAS` cameras.
         count: Maximum number of cameras to return.
     """
+    # `ViewSets.of` reserves a third of the cameras.
     views = [view for view in range(cameras.num_views) if view % 3 != _HELD_OUT]
     return cameras.select([views[place] for place in spread(len(views), count)])
 
 
 def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
-    """Returns at most `count` of the given views, evenly spread, for measuring.
-
-    Images with a side of more than `MOST_SIZE` pixels are scaled down to this size.
+    """Returns at most `count` of the given views, evenly spread, with images of limited size.
 
     Args:
         cameras: All cameras.
         views: Indices of the views to choose from.
         count: Maximum number of views.
     """
+    # Images with a side of more than `MOST_SIZE` pixels are scaled down to this size.
     chosen = cameras.select([views[place] for place in spread(len(views), count)])
     return chosen.scaled(min(1.0, MOST_SIZE / max(chosen.width, chosen.height)))
 
@@ -99,8 +95,6 @@ def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
 @dataclass(frozen=True, eq=False)
 class SourcePictures:
     """Renderings of the original scene, as references for the PSNR of encoded scenes.
-
-    They are rendered when they are first needed.
 
     Attributes:
         scene: The original scene.
@@ -119,11 +113,7 @@ class SourcePictures:
         return images
 
     def mean_psnr(self, scene: Scene) -> float:
-        """Returns the mean PSNR of a scene over all views, decibels.
-
-        Views without any difference have infinite PSNR and are left out. The result is infinite if there is no other
-        view.
-        """
+        """Returns the mean PSNR of a scene, decibels, over all views with a difference; infinite without such views."""
         finite = [value for value in self.psnr(scene).tolist() if math.isfinite(value)]
         return statistics.fmean(finite) if finite else math.inf
 

@@ -1,7 +1,6 @@
-"""Rendering of Gaussians: a common protocol, a compiled CPU renderer, a simple reference, and gsplat on GPUs.
+"""Rendering of Gaussians: a common protocol, a compiled CPU renderer, a simple reference, and gsplat on GPUs."""
 
-The names of `__all__` are imported on first use, so that importing the package compiles nothing.
-"""
+# The names of `__all__` are imported on first use, so that importing the package compiles nothing.
 
 from splatwire.lazy_names import lazy_names
 

@@ -1,9 +1,8 @@
-"""Compiled gradient of the tile rasteriser (`_cpu_kernels`).
+"""Compiled gradient of the tile rasteriser."""
 
-The backward pass blends the Gaussians of each tile a second time, nearest first, and sums the gradients of each
-Gaussian over the pixels. The sums of a Gaussian in one tile are stored as a separate array row. Rows are added in a
-fixed order, so the gradient does not depend on the number of threads.
-"""
+# The backward pass blends the Gaussians of each tile a second time, nearest first, and sums the gradients of each
+# Gaussian over the pixels. The sums of a Gaussian in one tile are stored as a separate array row. Rows are added in a
+# fixed order, so the gradient does not depend on the number of threads.
 
 from typing import no_type_check
 
@@ -56,8 +55,6 @@ _AHEAD_ROWS = 16
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
     """Computes the gradient of the loss with respect to one Gaussian, from some pixel rows of one tile of the image.
 
-    The caller passes the Gaussians of the tile one after another in drawing order.
-
     Args:
         buf: Pixel buffer of the tile; changed in place.
         low: First pixel row.
@@ -74,6 +71,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
         out: Output: gradient sums, one row for each pair of Gaussian and tile.
         row: Row of `out` to write.
     """
+    # The caller passes the Gaussians of the tile one after another in drawing order.
     # The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
     # column, and multiplied at the end by dx, the column's distance from the centre.
     dx = load(buf, COLUMN) - x
@@ -141,21 +139,20 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
     """Computes the gradient of the loss with respect to each projected Gaussian, in some tiles of the image.
 
-    A Gaussian has one row of the result for each tile that it covers, with sums over the pixels of this tile.
-
     Args:
         splats: Projected Gaussians.
-        starts: Start of each tile's list, from `fill_tiles`.
-        ids: Lists of the Gaussians of each tile, from `fill_tiles`.
-        spans: Pixel rows that the Gaussian of each list entry covers, from `fill_tiles`.
+        starts: Start of each tile's list of Gaussians.
+        ids: Lists of the Gaussians of each tile.
+        spans: Pixel rows that the Gaussian of each list entry covers.
         grid_x: Number of tile columns.
         first_row: First row of tiles.
         image: The rendered image.
         d_image: Gradient of the loss with respect to the image.
-        rows_of_sums: Output: gradient sums, one row for each pair; zero before.
+        rows_of_sums: Output: gradient sums of each pair of Gaussian and tile.
         first: Index of the first tile.
         last: End of the tiles (exclusive).
     """
+    # `starts`, `ids` and `spans` are from `fill_tiles`. `rows_of_sums` must be zero before.
     for t in range(first, last):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
         _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
@@ -164,15 +161,17 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
-    """Adds the gradients of each Gaussian in all its tiles to `sums`, in the order of the tiles.
+    """Adds the gradients of each Gaussian in all its tiles to `sums`.
 
     Args:
-        rows_of_sums: Gradient sums of each pair of Gaussian and tile, from `draw_tiles_back`.
+        rows_of_sums: Gradient sums of each pair of Gaussian and tile.
         members: Indices of the Gaussians.
-        places: Rows of `rows_of_sums`, Gaussian after Gaussian, from `fill_tiles`.
-        place_starts: Start of each Gaussian's entries in `places`, and the end of the last, from `fill_tiles`.
+        places: Rows of `rows_of_sums`, Gaussian after Gaussian.
+        place_starts: Start of each Gaussian's entries in `places`, and the end of the last.
         sums: Sums of each Gaussian, changed in place.
     """
+    # The sums are from `draw_tiles_back`, `places` and `place_starts` from `fill_tiles`. The order of addition is
+    # that of the tiles.
     for k in range(members.shape[0]):
         first = np.int64(members[k]) * SUMS
         added = load(sums, first)

@@ -1,9 +1,8 @@
-"""Compiled tile rasteriser, with the same results as the simple renderer `splatwire.neural.render.reference`.
+"""Compiled tile rasteriser; the simple reference is `splatwire.neural.render.reference`."""
 
-Its speed has two reasons. A pixel row of a tile is one SIMD vector (`ops.lanes`). The pixels of a tile stay in the
-cache while its Gaussians are read, and each Gaussian is prefetched before use. Tiles are independent, so results do not
-depend on the number of threads.
-"""
+# Its speed has two reasons. A pixel row of a tile is one SIMD vector (`ops.lanes`). The pixels of a tile stay in the
+# cache while its Gaussians are read, and each Gaussian is prefetched before use. Tiles are independent, so results do
+# not depend on the number of threads.
 
 from typing import no_type_check
 
@@ -30,9 +29,6 @@ ZERO, ONE = np.float32(0), np.float32(1)
 def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
     """Blends one Gaussian over some pixel rows of a tile.
 
-    If the Gaussian would reduce the transmittance of a pixel below the minimum, the pixel is finished. The
-    transmittance of a finished pixel is stored with a negative sign, and later Gaussians do not change the pixel.
-
     Args:
         buf: Pixel buffer of the tile; changed in place.
         low: First pixel row.
@@ -47,6 +43,8 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
         green: Colour of the Gaussian.
         blue: Colour of the Gaussian.
     """
+    # If the Gaussian would reduce the transmittance of a pixel below the minimum, the pixel is finished. The
+    # transmittance of a finished pixel is stored with a negative sign, and later Gaussians do not change the pixel.
     dx = load(buf, COLUMN) - x
     still, slope = dx * dx * A + level, dx * B
     dy = spread(np.float32(low) - y)
@@ -68,10 +66,9 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
 @njit()
 @no_type_check
 def new_buffer(columns, rows):
-    """Returns the pixel buffer of a tile, initialised with column numbers and transmittance 1 (0 outside the image).
-
-    Pixel rows are aligned to cache lines.
-    """
+    """Returns a new pixel buffer for a tile."""
+    # It is initialised with column numbers and transmittance 1 (0 outside the image). Pixel rows are aligned to
+    # cache lines.
     size = COLUMN + TILE
     whole = np.zeros(size + TILE, np.float32)
     first = -whole.ctypes.data % 64 // 4
@@ -87,7 +84,7 @@ def new_buffer(columns, rows):
 @njit(borrows=True, fastmath=True)
 @no_type_check
 def finished(buf):
-    """True if no pixel of a tile has transmittance left, so that further Gaussians are invisible."""
+    """True if no pixel of a tile has transmittance left."""
     live = np.float32(0)
     for i in range(LIVE, LIVE + PIXELS):
         live = max(live, buf[i])
@@ -97,10 +94,8 @@ def finished(buf):
 @njit(inline="always")
 @no_type_check
 def prefetch_splat(splats, ids, k):
-    """Loads a projected Gaussian that will be drawn soon into the processor's cache.
-
-    `ids[k]` is its index; the Gaussians of a tile are scattered in memory.
-    """
+    """Loads the projected Gaussian `ids[k]`, which will be drawn soon, into the processor's cache."""
+    # The Gaussians of a tile are scattered in memory.
     if k < ids.shape[0]:
         prefetch(splats, np.int64(ids[k]) * SPLAT)
 
@@ -157,7 +152,8 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
 @njit()
 @no_type_check
 def tile_order(num_tiles, grid_x):
-    """Returns the drawing order of tiles, in square blocks, because neighbouring tiles share Gaussians in the cache."""
+    """Returns the drawing order of tiles, in square blocks."""
+    # Neighbouring tiles share Gaussians in the cache.
     grid_y, at = num_tiles // grid_x, 0
     order = np.empty(num_tiles, np.int64)
     for first_y in range(0, grid_y, _BLOCK):
@@ -176,15 +172,16 @@ def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image,
 
     Args:
         splats: Projected Gaussians.
-        starts: Start of each tile's list, from `fill_tiles`.
-        ids: Lists of the Gaussians of each tile, from `fill_tiles`.
-        spans: Pixel rows that the Gaussian of each list entry covers, from `fill_tiles`.
+        starts: Start of each tile's list of Gaussians.
+        ids: Lists of the Gaussians of each tile.
+        spans: Pixel rows that the Gaussian of each list entry covers.
         grid_x: Number of tile columns.
         first_row: First row of tiles.
         background: RGB of the background.
         image: Output: RGB of the pixels.
         left_over: Output: remaining transmittance of the pixels.
     """
+    # `starts`, `ids` and `spans` are from `fill_tiles`.
     for t in tile_order(starts.shape[0] - 1, grid_x):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
         _draw_tile(splats, ids, spans, starts[t], starts[t + 1], left, top, background, image, left_over)

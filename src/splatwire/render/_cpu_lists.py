@@ -1,9 +1,8 @@
-"""Compiled lists of the Gaussians in each tile, with the same results as `splatwire.neural.render.reference`.
+"""Compiled lists of the Gaussians in each tile, with the pixel rows that each Gaussian covers."""
 
-A Gaussian is listed in the tiles that contain a pixel of its ellipse of alpha >= 1/255, with the pixel rows that the
-ellipse covers there. This is computed per column of tiles, which is tighter than the bounding box: a slanted Gaussian
-misses many tiles of its box.
-"""
+# A Gaussian is listed in the tiles that contain a pixel of its ellipse of alpha >= 1/255. This is computed per column
+# of tiles, which is tighter than the bounding box: a slanted Gaussian misses many tiles of its box. Results are the
+# same as with `splatwire.neural.render.reference`.
 
 from typing import no_type_check
 
@@ -40,7 +39,7 @@ def row_entries(tiles, grid_y):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def depth_order(splats, tiles, first_row, last_row):
-    """Sorts the Gaussians in some rows of tiles by depth, nearest first, with a stable radix sort.
+    """Sorts the Gaussians in some rows of tiles by depth, nearest first.
 
     Args:
         splats: Projected Gaussians.
@@ -80,10 +79,6 @@ def depth_order(splats, tiles, first_row, last_row):
 def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
     """Computes the pixel rows that a Gaussian covers in each column of tiles, and writes them to `strips`.
 
-    A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. The rows range from the highest to the lowest
-    such pixel in the column. In a single column, the full height of the ellipse is used, which is faster and adds few
-    rows.
-
     Args:
         splats: Projected Gaussians.
         g: Index of the Gaussian.
@@ -94,6 +89,9 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
         strips: Output: first row and end of the rows (exclusive) for each column.
         strip: Row of `strips` for the first column.
     """
+    # A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. The rows range from the highest to the
+    # lowest such pixel in the column. In a single column, the full height of the ellipse is used, which is faster
+    # and adds few rows.
     y, first_row, end_row = np.float64(splats[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
         half = np.float64(splats[g, HALF_HEIGHT])
@@ -121,11 +119,7 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
 @njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
-    """Clips a range of pixel rows to the rows from `top` to `bottom` (exclusive).
-
-    Returns:
-        First row, and end of the rows (exclusive), int32 each.
-    """
+    """Clips a range of pixel rows to the rows from `top` to `bottom` (exclusive)."""
     first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
     return np.int32(first), np.int32(last) + np.int32(1)
 
@@ -138,7 +132,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Args:
         splats: Projected Gaussians.
         order: Indices of the Gaussians to list, nearest first.
-        num_columns: Total number of tile columns that the Gaussians overlap, from `depth_order`.
+        num_columns: Total number of tile columns that the Gaussians overlap.
         grid_x: Number of tile columns of the image.
         first_row: First row of tiles.
         last_row: End of the rows of tiles (exclusive).
@@ -184,7 +178,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
 @njit(inline="always", error_model="numpy")
 @no_type_check
 def _build_tile_lists(order, corners, strips, starts, grid_x):
-    """Lists the Gaussians in each tile, given the pixel rows that each Gaussian covers (see `fill_tiles`).
+    """Lists the Gaussians in each tile, given the pixel rows that each Gaussian covers.
 
     Args:
         order: Indices of the Gaussians, nearest first.
@@ -194,7 +188,7 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
         grid_x: Number of tile columns of the image.
 
     Returns:
-        The lists of Gaussians, the pixel rows of each list entry, and the indices of the list entries of each Gaussian.
+        The lists of Gaussians, the pixel rows of each list entry, and the list entries of each Gaussian.
     """
     num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)

@@ -1,7 +1,6 @@
-"""Compiled projection of Gaussians to the image, and its gradient; the reference is `splatwire.anchors.projection`.
+"""Compiled projection of Gaussians to the image, and its gradient; the reference is `splatwire.anchors.projection`."""
 
-No fast-math here: comparisons must reject NaN.
-"""
+# No fast-math here: comparisons must reject NaN.
 
 import math
 from typing import no_type_check
@@ -54,11 +53,10 @@ def _clamped(value, focal, center, size, margin):
 @njit(borrows=True, error_model="numpy", fastmath={"nsz", "arcp", "contract"})
 @no_type_check
 def _project_chunk(work, pose, intrinsics, width, height, constants):
-    """Projects `CHUNK` Gaussians to the image, in a loop without branches, which the compiler vectorises.
-
-    The buffer `work` contains the input and receives the result. It has `CHUNK` numbers for each quantity; constants
-    such as `QUAT` and `OUT` are the index of the first number of a quantity.
-    """
+    """Projects `CHUNK` Gaussians, whose values are in the buffer `work`, to the image."""
+    # The loop has no branches, so that the compiler vectorises it. The buffer contains the input and receives the
+    # result. It has `CHUNK` numbers for each quantity; constants such as `QUAT` and `OUT` are the index of the
+    # first number of a quantity.
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants
     grid_x, grid_y, per_pixel = np.ceil(width / side), np.ceil(height / side), 1 / side  # exact: a power of two
@@ -100,9 +98,6 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
 def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
     """Projects Gaussians to the image, and finds the tiles that each of them overlaps.
 
-    The range of tiles covers the square of three standard deviations, as in 3DGS. Tiles outside the ellipse of alpha >=
-    1/255 are left out, because the Gaussian is not drawn there.
-
     Args:
         means: Centres, world coordinates.
         quats: Unit quaternions, (w, x, y, z).
@@ -117,6 +112,8 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         splats: Output: projected Gaussians, one row each.
         tiles: Output: range of tiles of each Gaussian (left, top, right, bottom); empty if it is not drawn.
     """
+    # The range of tiles covers the square of three standard deviations, as in 3DGS. Tiles outside the ellipse of
+    # alpha >= 1/255 are left out, because the Gaussian is not drawn there.
     work, num = np.zeros(ROWS * CHUNK), means.shape[0]
     for first in range(0, num, CHUNK):
         count = min(CHUNK, num - first)
@@ -146,10 +143,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
 @njit(inline="always")
 @no_type_check
 def _scaled_axis(row_x, row_y, axis, scale):
-    """Projects one principal axis of a Gaussian, scaled by its standard deviation, to the image plane.
-
-    `row_x` and `row_y` are the rows of the projection's Jacobian.
-    """
+    """Projects one principal axis of a Gaussian, scaled by its standard deviation, to the image plane."""
     along_x = row_x[0] * axis[0] + row_x[1] * axis[1] + row_x[2] * axis[2]
     along_y = row_y[0] * axis[0] + row_y[1] * axis[1] + row_y[2] * axis[2]
     return along_x * scale, along_y * scale
@@ -161,11 +155,9 @@ def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
-    """Converts gradient sums of projected Gaussians to gradients of the Gaussians' parameters.
-
-    `sums` are the gradient sums of each projected Gaussian, from `draw_tiles_back` and `add_rows`. See `project_splats`
-    for the arguments up to `tiles`. The gradients are written to the arguments whose names start with `d_`.
-    """
+    """Converts gradients of projected Gaussians to gradients of the Gaussians' parameters, `d_...`."""
+    # `sums` are the gradient sums of each projected Gaussian, from `draw_tiles_back` and `add_rows`. The arguments
+    # up to `tiles` are those of `project_splats`.
     for g in range(means.shape[0]):
         if tiles[g, 2] <= tiles[g, 0]:
             continue
@@ -204,7 +196,7 @@ def _project_back_one(
         intrinsics: Focal lengths and principal point, pixels.
         width: Width of the image, pixels.
         height: Height of the image, pixels.
-        margin: Frustum margin, see `_clamped`.
+        margin: Frustum margin, as a fraction of half the image.
         du: Gradient with respect to the first image coordinate of the projected mean.
         dv: Gradient with respect to the second image coordinate.
         dxx: Gradient with respect to entry xx of the projected covariance.

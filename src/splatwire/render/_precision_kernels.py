@@ -1,7 +1,4 @@
-"""Compiled kernel that measures how strongly pictures depend on each attribute of each Gaussian.
-
-The measure is a sum of squared gradients over pictures.
-"""
+"""Compiled kernel that measures how strongly pictures depend on each attribute of each Gaussian."""
 
 from typing import no_type_check
 
@@ -20,9 +17,6 @@ def add_squared(
 ):
     """Adds the squared gradient with respect to each attribute of each Gaussian to `sums`.
 
-    The sums measure how strongly images depend on the attributes. Rotations have two parts: spin, a rotation about the
-    axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
-
     Args:
         means: Gradients with respect to the centres.
         rotations: Gradients with respect to the quaternions.
@@ -38,6 +32,8 @@ def add_squared(
         first: Index of the first Gaussian.
         last: End of the Gaussians (exclusive).
     """
+    # The sums measure how strongly images depend on the attributes. Rotations have two parts: spin, a rotation
+    # about the axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
     for i in range(first, last):
         something = abs(opacities[i])
         for axis in range(3):

@@ -1,4 +1,4 @@
-"""Antialiasing of Gaussians smaller than a pixel, for scenes trained with it (Mip-Splatting, Yu et al. 2024)."""
+"""Antialiasing of Gaussians smaller than a pixel (Mip-Splatting, Yu et al. 2024)."""
 
 from dataclasses import replace
 

@@ -1,7 +1,7 @@
 """Renderers by name: the compiled CPU renderer, and renderers of installed packages.
 
 A package announces a renderer under the entry-point group `splatwire.renderers`; the value of the entry point is a
-function that creates the renderer. Renderers are loaded on demand.
+function that creates the renderer.
 """
 
 from importlib.metadata import entry_points

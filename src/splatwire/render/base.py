@@ -35,8 +35,8 @@ class Drawing:
 
     Attributes:
         image: RGB, not clamped; differentiable in the Gaussians.
-        centers: Tensor whose `.grad` after `backward` is the gradient with respect to the 2D centres, per pixel; zero
-            for Gaussians that are not drawn. None if not requested.
+        centers: Tensor whose `.grad` after `backward` is the gradient with respect to the 2D centres, per pixel; None
+            if not requested.
     """
 
     image: Float[Any, "H W 3"]

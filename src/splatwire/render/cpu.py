@@ -1,4 +1,4 @@
-"""The CPU renderer: compiled with numba on first use; results do not depend on the number of threads."""
+"""The CPU renderer, compiled with numba."""
 
 import functools
 import itertools
@@ -29,7 +29,7 @@ _GLIBC_LARGEST = (32 << 20) - 8192  # bytes; larger blocks do not change glibc's
 def render_cpu(
     gaussians: Gaussians, cameras: Cameras, *, background: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "C H W 3"]:
-    """Renders Gaussians with the compiled rasteriser, in float32; see `neural.render.differentiable` for gradients.
+    """Renders Gaussians with the compiled rasteriser, in float32.
 
     Args:
         gaussians: The Gaussians.
@@ -46,7 +46,7 @@ def render_cpu(
 
 
 def float_arrays(gaussians: Gaussians) -> list[np.ndarray]:
-    """Returns means, quats, scales, opacities and colors as contiguous arrays of float32."""
+    """Returns means, quats, scales, opacities and colors as contiguous float32."""
     return [np.ascontiguousarray(to_numpy(values), np.float32) for values in vars(gaussians).values()]
 
 
@@ -59,17 +59,16 @@ def each_gradient_cpu(
 ) -> None:
     """Renders a view once, and back-propagates one or more image gradients to the Gaussians.
 
-    To limit memory, gradients are computed for one range of Gaussians (slice) after another.
-
     Args:
         gaussians: The Gaussians, float32 on the CPU.
         cameras: Camera of one view.
-        d_image: Function that is called once, with the shape of the image, and yields the image gradients, float32.
-            Each is back-propagated before the next is requested.
-        use: Function that receives the results: the slice, and the gradients of means, quats, scales, opacities and
-            colors of its Gaussians. It is called for each slice of each image gradient, from several threads.
+        d_image: Function that yields the image gradients, float32, given the shape of the image.
+        use: Function that receives a range of Gaussians (slice), and the gradients of their means, quats, scales,
+            opacities and colors. It is called from several threads.
         background: RGB of the background, float32 (3); None for black.
     """
+    # To limit memory, gradients are computed for one slice after another. `d_image` is called once; each of its
+    # gradients is back-propagated before the next is requested.
     keep_freed_memory()
     arrays = float_arrays(gaussians)
     picture = Picture(arrays, cameras, 0, kept=True)
@@ -80,15 +79,13 @@ def each_gradient_cpu(
 
 @functools.cache
 def keep_freed_memory() -> None:
-    """Sets glibc to keep up to 64 MiB of freed memory, because every image needs the same memory again.
-
-    Requesting it from the system for each image would cost a tenth of the rendering time.
-    """
+    """Sets glibc to keep up to 64 MiB of freed memory for the next image."""
+    # Requesting it from the system for each image would cost a tenth of the rendering time.
     np.empty(_GLIBC_LARGEST, np.uint8)
 
 
 class _Band(NamedTuple):
-    """Consecutive rows of tiles, with the list of Gaussians in each tile (from `fill_tiles`)."""
+    """Consecutive rows of tiles, with the list of Gaussians in each tile."""
 
     first_row: int
     order: np.ndarray
@@ -102,16 +99,16 @@ class _Band(NamedTuple):
 class Picture:
     """Drawing of one view on the CPU, with the gradients of the picture; contains the projected Gaussians.
 
-    Threads divide the work by ranges of Gaussians and by bands (consecutive rows of tiles). The image does not depend
-    on this division.
-
     Args:
         arrays: Means, quats, scales, opacities, colors.
         cameras: The cameras.
         view: Index of the camera.
-        kept: True if gradients may be requested after drawing. The number of bands is then the same for any number of
-            threads, because gradients of different divisions differ by rounding errors.
+        kept: True if gradients may be requested after drawing.
     """
+
+    # Threads divide the work by ranges of Gaussians and by bands (consecutive rows of tiles). The image does not
+    # depend on this division. With `kept`, the number of bands is the same for any number of threads, because
+    # gradients of different divisions differ by rounding errors.
 
     def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:
         num = arrays[0].shape[0]
@@ -160,14 +157,13 @@ class Picture:
     def each_gradient(
         self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray, use: Callable[..., None]
     ) -> None:
-        """Computes the gradients of means, quats, scales, opacities and colors slice by slice, to save memory.
+        """Computes the gradients of means, quats, scales, opacities and colors for one slice after another.
 
         Args:
             arrays: Means, quats, scales, opacities, colors.
             image: The rendered image.
             d_image: Gradient of the loss with respect to the image.
-            use: Function called for each slice of the Gaussians, from several threads: with the slice and its five
-                gradients.
+            use: Function called with each slice of the Gaussians and its five gradients, from several threads.
         """
         sums = self._gradient_sums(image, d_image)
 
@@ -179,10 +175,7 @@ class Picture:
         share(some, _pieces(len(sums)))
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
-        """Sums gradients over the pixels of each projected Gaussian, float32 (G, SUMS).
-
-        The sums are the input of `project_back`.
-        """
+        """Sums gradients over the pixels of each projected Gaussian, float32 (G, SUMS)."""
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
@@ -221,7 +214,7 @@ class Picture:
         )
 
     def _bands(self) -> Iterator[_Band]:
-        """Yields bands of tile rows that together cover the image."""
+        """Yields groups of tile rows that together cover the image."""
         return iter(self.kept) if self.kept else (self._fill(number) for number in range(len(self.cuts)))
 
     def _fill(self, number: int) -> _Band:
@@ -231,7 +224,8 @@ class Picture:
 
 
 def _cache_lines(num: int) -> np.ndarray:
-    """Allocates the array of projected Gaussians, aligned to cache lines."""
+    """Allocates the array of projected Gaussians."""
+    # Aligned to cache lines.
     room = np.empty((num + 1) * SPLAT, np.float32)
     first = -room.ctypes.data % 64 // 4
     return room[first : first + num * SPLAT].reshape(num, SPLAT)
@@ -247,10 +241,8 @@ def _pieces(num: int) -> list[slice]:
 
 
 def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
-    """Divides the rows of tiles into bands of limited size; returns the first row of each band, and the end.
-
-    Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
-    """
+    """Divides the rows of tiles into bands of limited size; returns the first row of each band, and the end."""
+    # Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
     limit = min(MAX_ENTRIES, entries.sum() / num_bands)
     cuts, held = [0], 0.0
     for row, more in enumerate(entries):

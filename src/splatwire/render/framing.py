@@ -26,9 +26,6 @@ _ENCLOSING = 0.5
 def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     """Places cameras on a circle around a scene, slightly above it, so that the scene fills the image.
 
-    Scenes that enclose their cameras (rooms) and neural anchors use `surrounding_cameras` instead: from outside,
-    surfaces without training photos would be visible.
-
     Args:
         scene: The scene.
         num_views: Number of cameras.
@@ -37,6 +34,8 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
+    # Scenes that enclose their cameras (rooms) and neural anchors use `surrounding_cameras` instead: from outside,
+    # surfaces without training photos would be visible.
     splats = explicit_gaussians(scene)
     if splats is None or not splats.num_gaussians or not num_views:
         return surrounding_cameras(scene, num_views, size)

@@ -1,4 +1,4 @@
-"""Image area covered by each element of a scene (footprint), and default cameras for scenes without cameras."""
+"""Importance of the elements of a scene in pictures, and default cameras for scenes without cameras."""
 
 import math
 from collections.abc import Iterable
@@ -19,15 +19,14 @@ from splatwire.types.splats import Splats
 
 
 def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
-    """Computes the footprint of each element: opacity times projected area of its Gaussians, summed over all views.
-
-    The area is that of the one-sigma ellipse, at most that of the image. Occlusion is ignored: if an occluding element
-    is lost, the elements behind it become visible.
+    """Computes the importance of each element: opacity times projected area, summed over its Gaussians and all views.
 
     Args:
         scene: The complete scene.
-        cameras: Cameras; training cameras, or `surrounding_cameras`.
+        cameras: Cameras, such as the training cameras.
     """
+    # The area is that of the one-sigma ellipse, at most that of the image. Occlusion is ignored: if an occluding
+    # element is lost, the elements behind it become visible.
     cameras = cameras.relative_to(origin_of(scene))
     footprint = np.zeros(scene.num_elements)
     for view in range(cameras.num_views):
@@ -54,9 +53,6 @@ views around a scene."""
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras around a scene that comes without cameras, for measuring its appearance.
 
-    For explicit Gaussians, some cameras are near, to show details, and some are far. Near cameras look outwards if the
-    scene surrounds them. The directions are those of `cameras_around`.
-
     Args:
         scene: The scene.
         num_views: Number of cameras.
@@ -65,6 +61,8 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
+    # For explicit Gaussians, some cameras are near, to show details, and some are far. Near cameras look outwards
+    # if the scene surrounds them. The directions are those of `cameras_around`.
     splats = explicit_gaussians(scene)
     if splats is None:
         return cameras_around(scene.positions, num_views, size)
@@ -79,7 +77,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
 
 
 def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndarray, "V"]:
-    """Measures whether a scene surrounds its centre, from cameras around the centre that look outwards.
+    """Measures how much of the surroundings a scene covers, in cameras at its centre that look outwards.
 
     Args:
         splats: The Gaussians of the scene.
@@ -87,12 +85,12 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         size: Width and height of the images, pixels.
 
     Returns:
-        For each camera, the sum of the areas of all Gaussians in its image, divided by the area of the image. Above 1,
-        nearly all of the image is covered.
+        For each camera, the sum of the areas of all Gaussians in its image, divided by the area of the image.
 
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
+    # Above 1, nearly all of the image is covered.
     near = cameras_around(splats.means, num_views, size)
     outwards, step = _facing_back(near), -(-splats.num_gaussians // _MOST_MEASURED)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
@@ -113,7 +111,7 @@ _FULL = 1.0
 
 
 def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float) -> Cameras:
-    """Moves cameras towards or away from the scene's centre: multiplies their distances from it by `factor`."""
+    """Multiplies the distances of cameras from the scene's centre by a factor."""
     middle = lower_median(positions)
     poses = cameras.viewmats.copy()
     places = middle + factor * (cameras.centers - middle)
@@ -130,9 +128,6 @@ def _facing_back(cameras: Cameras) -> Cameras:
 def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras evenly on a sphere around the centre of a scene, looking inwards.
 
-    The centre is the median position, the radius twice the median distance from it. Distant background of an unbounded
-    scene therefore does not push the cameras away.
-
     Args:
         positions: Positions of the scene's anchors or Gaussians.
         num_views: Number of cameras.
@@ -141,6 +136,8 @@ def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int 
     Raises:
         InvalidValueError: If the number of views, pixels or positions is 0.
     """
+    # The centre is the median position, the radius twice the median distance from it. Distant background of an
+    # unbounded scene therefore does not push the cameras away.
     _check(num_views, size, len(positions))
     places = to_numpy(positions).astype(np.float64)
     middle = lower_median(places)

@@ -13,11 +13,12 @@ class Pictures(np.ndarray):
     """
 
     def __array_wrap__(self, array: np.ndarray, context: Any = None, return_scalar: bool = False) -> Any:
-        """Returns the result of arithmetic as a plain array or number, because it is usually not a picture."""
+        """Returns the result of arithmetic as a plain array or number."""
+        # The result is usually not a picture.
         return np.asarray(array)[()] if array.ndim == 0 else np.asarray(array)
 
     def _repr_png_(self) -> bytes | None:
-        """Returns the pictures side by side as a PNG file; None if the array has another shape or type."""
+        """Returns the pictures side by side as a PNG file; None if the array does not contain pictures."""
         if self.ndim not in (3, 4) or self.shape[-1] != 3 or self.dtype.kind != "f" or not self.size:
             return None
         from PIL import Image  # only notebooks need it

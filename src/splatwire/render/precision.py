@@ -1,10 +1,12 @@
 """Precision class of each Gaussian: a number that selects the quantisation steps of all of its attributes.
 
-A Gaussian to which images are more sensitive gets finer steps. The sensitivity to an attribute is the squared gradient
-of the image with respect to it. It varies by orders of magnitude between Gaussians, mainly with their visible area.
-After correction for the shape of a Gaussian, it is similar for all of its attributes, so one class per Gaussian
-suffices. The quantisation steps of consecutive classes differ by a factor of 2.
+A Gaussian to which images are more sensitive gets finer steps.
 """
+
+# The sensitivity to an attribute is the squared gradient of the image with respect to it. It varies by orders of
+# magnitude between Gaussians, mainly with their visible area. After correction for the shape of a Gaussian, it is
+# similar for all of its attributes, so one class per Gaussian suffices. The quantisation steps of consecutive classes
+# differ by a factor of 2.
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -71,9 +73,7 @@ _WEIGHTS = {
 def scene_precision_classes(
     scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False
 ) -> np.ndarray | None:
-    """Returns the precision class of each Gaussian of a scene, from which its quantisation steps follow.
-
-    Returns None for trained anchors and decoded Gaussians, which already have quantisation steps.
+    """Returns the precision class of each Gaussian, or None if a scene already has quantisation steps.
 
     Args:
         scene: The scene.
@@ -93,22 +93,19 @@ def precision_classes(
 ) -> np.ndarray:  # fmt: skip
     """Computes the precision class of each Gaussian from the sensitivity of images to its attributes.
 
-    A precision class selects the quantisation steps of a Gaussian. The sensitivity is estimated from gradients of sums
-    of pixels with random signs (see `splatwire.render.pruning`).
-
     Args:
         splats: The Gaussians.
-        cameras: Cameras in which the effect on images is measured; None for 12 views around the Gaussians or, with
-            several parts, 6 around each part.
-        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
-            precise estimate.
-        seed: Seed of the signs.
-        part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
+        cameras: Cameras of the images; None for views around the Gaussians.
+        probes: Number of back-propagations per view; more give a more precise estimate.
+        seed: Random seed.
+        part: Maximum number of Gaussians that are measured together, if no cameras are given.
 
     Returns:
-        Class of each Gaussian, int8 (N). The quantisation steps double with each class below 0: class -1 has twice the
-        steps of class 0. At most the 2 % most sensitive Gaussians have classes above 0.
+        Class of each Gaussian, int8 (N). The quantisation steps double with each class below 0.
     """
+    # The sensitivity is estimated from gradients of sums of pixels with random signs (see
+    # `splatwire.render.pruning`). Without cameras there are 12 views around the Gaussians or, with several parts, 6
+    # around each part. At most the 2 % most sensitive Gaussians have classes above 0.
     classes = np.empty(splats.num_gaussians, np.int8)
 
     def look(members: slice | np.ndarray, some: Splats, *, whole: bool) -> None:
@@ -124,10 +121,12 @@ class MeasuredGaussians:
     """Measurements of each Gaussian for an encoder: how finely to quantise it, and how much its removal costs.
 
     Attributes:
-        classes: Precision class of each Gaussian, which selects its quantisation steps (`precision_classes`).
-        removal: Estimated mean squared error of the pictures if the Gaussian is removed. A Gaussian with nearly the
-            colour of what is behind it is assumed to have a minimum contrast (`_HIDDEN_CONTRAST`).
+        classes: Precision class of each Gaussian, which selects its quantisation steps.
+        removal: Estimated mean squared error of the pictures if the Gaussian is removed.
     """
+
+    # A Gaussian with nearly the colour of what is behind it is assumed to have a minimum contrast
+    # (`_HIDDEN_CONTRAST`).
 
     classes: Int8[np.ndarray, "N"]
     removal: Float64[np.ndarray, "N"]
@@ -138,15 +137,13 @@ def measure_gaussians(
 ) -> MeasuredGaussians:
     """Measures for an encoder how finely to quantise each Gaussian, and how much images change without it.
 
-    Both results are estimated from gradients of the same rendered views.
-
     Args:
         scene: Gaussians that can be drawn.
-        cameras: Cameras in which the effect on images is measured; None for cameras around the scene or, with several
-            parts, around each part.
-        seed: Seed of the random signs of the pixels, from which the effects are estimated.
-        part: Maximum number of Gaussians per spatial part of the scene, if no cameras are given.
+        cameras: Cameras of the images; None for views around the scene.
+        seed: Random seed.
+        part: Maximum number of Gaussians that are measured together, if no cameras are given.
     """
+    # Both results are estimated from gradients of the same rendered views.
     splats = scene.splats
     measured = MeasuredGaussians(np.empty(splats.num_gaussians, np.int8), np.empty(splats.num_gaussians))
 
@@ -168,8 +165,9 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
         splats: All Gaussians.
         part: Maximum number of Gaussians per part.
         look: Function that is called as `look(members, splats, whole=...)`: with the indices of the part's Gaussians,
-            these Gaussians, and True if there is only one part. Several parts are processed in parallel.
+            these Gaussians, and True if there is only one part.
     """
+    # Several parts are processed in parallel.
     count = -(-splats.num_gaussians // part)
     if count < 2:
         look(slice(None), splats, whole=True)
@@ -185,19 +183,18 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 
 
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Computes how finely to quantise each Gaussian (its precision class) from the sensitivities of the pictures.
-
-    The quantisation steps of the codec already depend on area, shape and opacity. A linear model therefore removes the
-    effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the attributes.
+    """Computes the precision class of each Gaussian from the sensitivities of the pictures.
 
     Args:
         splats: The Gaussians.
-        found: Sensitivity of the images to each attribute, by attribute name, from `_sensitivities`.
+        found: Sensitivity of the images to each attribute, by attribute name.
 
     Returns:
-        Class of each Gaussian. A Gaussian of class c + 1 gets half the quantisation steps of class c. Class 0 is that
-        of the Gaussian at the quantile `FINEST_SHARE`.
+        Class of each Gaussian. A Gaussian of class c + 1 gets half the quantisation steps of class c.
     """
+    # The quantisation steps of the codec already depend on area, shape and opacity. A linear model therefore
+    # removes the effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the
+    # attributes. Class 0 is that of the Gaussian at the quantile `FINEST_SHARE`.
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
     least = np.median(high) - _MOST_SMALL
     size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MOST_THIN)
@@ -221,19 +218,16 @@ def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8
 def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> dict[str, Float64[np.ndarray, "G"]]:
     """Measures how strongly images react to changes of each attribute of each Gaussian.
 
-    The measure is the mean square of the derivatives of all pixel values with respect to the attribute. It is estimated
-    from gradients of sums of all pixels with random signs (see `splatwire.render.pruning`).
-
     Args:
         splats: The Gaussians.
         cameras: Cameras of the images.
-        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
-            precise estimate.
-        seed: Seed of the signs.
+        probes: Number of back-propagations per view; more give a more precise estimate.
+        seed: Random seed.
 
     Returns:
-        The mean squares of each attribute, by name (the keys of `_SLOPES`).
+        Mean squares of the derivatives of all pixel values with respect to each attribute, by its name.
     """
+    # Estimated from gradients of sums of all pixels with random signs (see `splatwire.render.pruning`).
     rng, num = Twister(seed), splats.num_gaussians
     order = np.argsort(-splats.scales, axis=1, kind="stable")
     low, middle, high = np.log2(np.stack(sort3(splats.scales)))

@@ -1,12 +1,13 @@
 """Pruning: removal of the elements with the least effect on images.
 
-Removing a Gaussian sets its opacity to 0. An image is an affine function of the opacity of each single Gaussian, so the
-effect of the removal follows from the gradient of the image with respect to the opacity.
-
-The squared error is the sum of the squared gradients of all pixels. To compute it exactly would take one
-back-propagation per pixel. It is estimated from the sum of all pixels, each multiplied by a random sign (-1 or 1). The
-gradient of this sum takes one back-propagation; the expected value of its square is the squared error.
+The squared image error of removing a Gaussian is the sum of the squared gradients of all pixels with respect to its
+opacity. It is estimated from the gradient of the sum of all pixels, each multiplied by a random sign (-1 or 1).
 """
+
+# Removing a Gaussian sets its opacity to 0. An image is an affine function of the opacity of each single Gaussian, so
+# the effect of the removal follows from the gradient. To compute the squared error exactly would take one
+# back-propagation per pixel. The gradient of the random sum takes one; the expected value of its square is the squared
+# error.
 
 import math
 from collections.abc import Callable, Iterator
@@ -35,9 +36,10 @@ class PrunedScene:
     Attributes:
         scene: The remaining scene.
         kept: Indices of the remaining elements in the full scene, ascending.
-        psnr: PSNR of images of the pruned scene, with images of the full scene as references, decibels, over views that
-            were not used for pruning.
+        psnr: PSNR of images of the pruned scene, with images of the full scene as references, decibels.
     """
+
+    # The PSNR is the mean over views that were not used for pruning.
 
     scene: Scene
     kept: np.ndarray
@@ -83,9 +85,8 @@ def removal_errors(
     Args:
         scene: The complete scene.
         cameras: Cameras of the images.
-        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
-            precise estimate.
-        seed: Seed of the signs.
+        probes: Number of back-propagations per view; more give a more precise estimate.
+        seed: Random seed.
         progress: Called with the finished share of views.
     """
     rng, total = Twister(seed), np.zeros(scene.num_elements)

@@ -1,12 +1,11 @@
-"""Estimates the effect of changes of anchors on the pictures four times as fast as `render_sensitivity`.
+"""Estimates the effect of changes of anchors on the pictures, faster and less precisely than `render_sensitivity`."""
 
-The first half of the views only measures the effect of removing Gaussians, which does not need the networks, and
-selects the most important anchors. The second half also measures the effect of changing the features, scalings and
-offsets of these anchors, by back-propagation through the networks.
+# The first half of the views only measures the effect of removing Gaussians, which does not need the networks, and
+# selects the most important anchors. The second half also measures the effect of changing the features, scalings and
+# offsets of these anchors, by back-propagation through the networks.
 
-With few views, the sum of these effects over all selected anchors is precise, but the values of single anchors are not.
-The sum is therefore divided among the anchors in proportion to the effect of removing them (`_distribute`).
-"""
+# With few views, the sum of these effects over all selected anchors is precise, but the values of single anchors are
+# not. The sum is therefore divided among the anchors in proportion to the effect of removing them (`_distribute`).
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -41,13 +40,11 @@ def quick_sensitivity(
     """Estimates how much the pictures change if one of the most important anchors is removed or changed.
 
     Args:
-        scene: The complete scene, not a result of loss concealment (`hints` is None), on the CPU.
+        scene: The complete scene, on the CPU; not a result of loss concealment.
         cameras: Cameras; at least two views.
-        chosen: Number of anchors with individual estimates; the removal of any other anchor is assumed to have no
-            effect.
-        probes: Number of back-propagations per view, each with other random signs of the pixels
-            (`splatwire.render.sensitivity`); more give a more precise estimate.
-        seed: Seed of the signs.
+        chosen: Number of anchors with individual estimates; removing any other anchor counts as no error.
+        probes: Number of back-propagations per view; more give a more precise estimate.
+        seed: Random seed.
         progress: Called with the finished share of views.
     """
     a, rng, behind = scene.anchors, Twister(seed), np.array(scene.background, np.float32)
@@ -87,17 +84,14 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Estimated errors in the picture of one view if attributes of the selected anchors change.
-
-    All values are sums over the selected anchors.
+    """Estimated errors in one view if attributes of the selected anchors change; sums over these anchors.
 
     Attributes:
         metric: Matrix M of the errors caused by features and logarithms of scalings: `d . M d` is the error if the
             values of an anchor change by the vector d.
-        offset: Error if one coordinate of an offset (position of a Gaussian relative to its anchor) changes by 1.
-        offset_share: Squared error of removing a Gaussian, times `_relative_size` of its anchor, summed over the
-            Gaussians. `_distribute` divides `offset` by it.
-        removal: Squared error of removing a Gaussian, summed over the Gaussians.
+        offset: Error if one coordinate of an offset changes by 1.
+        offset_share: Squared error of removing a Gaussian, times `_relative_size` of its anchor.
+        removal: Squared error of removing a Gaussian.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -115,16 +109,15 @@ def _back_propagate(
 ) -> _NetworkErrors:
     """Estimates the picture errors in one view if features, scalings or offsets of the selected anchors change.
 
-    Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
-    gradients of the sum of all pixels, each multiplied by a random sign.
-
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view, and the gradients of the sum with respect to them.
-        each: Change of the sum if a single Gaussian of a selected anchor is removed (`GatheredGradients.presence`).
+        drawn: Gaussians of the view, and gradients with respect to them.
+        each: Change of the sum of pixels if a single Gaussian of a selected anchor is removed.
     """
+    # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
+    # gradients of the sum of all pixels, each multiplied by a random sign.
     a, (seen, gradients), count = scene.anchors, drawn, scene.anchors.mask.shape[1]
     own = a.select(rows)
     again = Spawning(own, scene.heads, camera_center.astype(np.float32))
@@ -143,10 +136,9 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns for each anchor the squared ratio of its offset scale to the base size of its Gaussians.
-
-    An offset that changes by 1 moves its Gaussian by the offset scale. Scale and size are means along the three axes.
-    """
+    """Returns for each anchor the squared ratio of its offset scale to the base size of its Gaussians."""
+    # An offset that changes by 1 moves its Gaussian by the offset scale. Scale and size are means along the three
+    # axes.
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)
     return (scalings[:, :3].mean(axis=1) / scalings[:, 3:].mean(axis=1)) ** 2
 
@@ -154,17 +146,16 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture error of changing each anchor, when only the sum over all selected anchors is known.
-
-    The sum is divided among the anchors in proportion to the picture error that removing each of them causes.
+    """Estimates the picture error of changing each anchor from the sum over all selected anchors.
 
     Args:
         removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).
         offset_removal: Picture error of removing each Gaussian, (N, K).
-        relative: Square of offset scale divided by Gaussian size for each anchor (`_relative_size`), (N).
+        relative: Square of offset scale divided by Gaussian size for each anchor, (N).
         parts: Total errors in each view.
         width: Number of features and scalings per anchor, D.
     """
+    # The sum is divided among the anchors in proportion to the picture error that removing each of them causes.
     metric = sum((part.metric for part in parts), np.zeros((width, width)))
     removed, expected = sum(part.removal for part in parts), sum(part.offset_share for part in parts)
     per_removal = _TYPICAL * metric.diagonal() / max(removed, 1e-30)

@@ -33,7 +33,7 @@ def iterate_views(
     renderer: str | Renderer = "cpu",
     background: Float[np.ndarray, "3"] | Sequence[float] | None = None,
 ) -> Iterator[Float[np.ndarray, "H W 3"]]:
-    """Renders the views one after another, so that a caller need not keep all images in memory.
+    """Renders one view after another.
 
     Args:
         scene: A scene, a decoded scene without losses, or explicit Gaussians.
@@ -72,7 +72,7 @@ def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
 
 
 def _color(background: Any) -> Float[np.ndarray, "3"]:
-    """Converts a colour given by the caller to an array, after checking it."""
+    """Checks a colour and converts it to an array."""
     try:
         return array_of(background, "background", (3,), least=0, most=1).astype(np.float32)
     except InvalidValueError as error:

@@ -1,12 +1,7 @@
-"""Estimates how much the rendered pictures change if an anchor is removed or its attributes change.
+"""Estimates how much the rendered pictures change if an anchor is removed or its attributes change."""
 
-Removing a Gaussian sets its opacity to 0. A picture is an affine function of the opacity of each single Gaussian, so
-the effect of the removal follows from the gradient of the picture with respect to the opacity.
-
-The squared error is the sum of the squared gradients of all pixels. To compute it exactly would take one
-back-propagation per pixel. It is estimated from the sum of all pixels, each multiplied by a random sign (-1 or 1). The
-gradient of this sum takes one back-propagation; the expected value of its square is the squared error.
-"""
+# The estimator is the one of `splatwire.render.pruning`: the squared gradient of the sum of all pixels, each multiplied
+# by a random sign.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -25,8 +20,8 @@ from splatwire.types import AnchorScene, Cameras, Gaussians
 class Sensitivity:
     """Estimated errors in the rendered pictures if anchors of a scene are removed or changed.
 
-    All values are mean squared errors per pixel and channel, to first order. The error of changing an attribute grows
-    with the square of the change.
+    All values are mean squared errors per pixel and channel. The error of changing an attribute grows with the square
+    of the change.
 
     Attributes:
         removal: Error if an anchor is removed.
@@ -34,9 +29,10 @@ class Sensitivity:
         channels: Error if a feature, or the logarithm of a scaling, changes by 1.
         offsets: Error if a coordinate of an offset changes by 1.
         metric: Matrix M for changes of several features and logarithms of scalings at once: `d . M d` is the error,
-            summed over all anchors, if the values of each anchor change by the vector d. Its diagonal is the sum of
-            `channels` over all anchors.
+            summed over all anchors, if the values of each anchor change by the vector d.
     """
+
+    # The diagonal of `metric` is the sum of `channels` over all anchors.
 
     removal: Float64[np.ndarray, "N"]
     offset_removal: Float64[np.ndarray, "N K"]
@@ -61,12 +57,11 @@ def render_sensitivity(
         scene: The complete scene.
         cameras: Views to render.
         background: RGB of the background; None for that of the scene.
-        probes: Number of back-propagations per view, each with other random signs of the pixels; more give a more
-            precise estimate of the errors of removing anchors and Gaussians. Those of changing attributes are estimated
-            from one.
-        seed: Seed of the signs.
+        probes: Number of back-propagations per view; more give a more precise estimate of the errors of removals.
+        seed: Random seed.
         progress: Called with the finished share of views, 0 to 1.
     """
+    # Errors of changed attributes are estimated from one back-propagation.
     a, rng = scene.anchors, Twister(seed)
     (num, count), width = a.mask.shape, a.features.shape[1] + a.scalings.shape[1]
     behind = np.array(scene.background, np.float32) if background is None else background
@@ -99,7 +94,7 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Collects gradients with respect to a view's Gaussians, which are computed range by range.
+    """Collects gradients with respect to a view's Gaussians.
 
     Args:
         gaussians: The Gaussians.
@@ -119,25 +114,22 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimates how much a value changes if each Gaussian is removed, up to the sign.
-
-        It is the value whose gradients were collected. The estimate is its derivative with respect to a factor on the
-        Gaussian's opacity.
-        """
+        """Estimated change of the value whose gradients were collected if each Gaussian is removed, up to the sign."""
+        # The estimate is the derivative with respect to a factor on the Gaussian's opacity.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
     """Adds the estimated picture errors of removing each anchor and each single Gaussian to `total`.
 
-    They are estimated from gradients of one sum of all pixels, each with a random sign (see the module).
-
     Args:
         total: Errors summed over views; changed in place.
         place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Change of that sum if a Gaussian is removed (`GatheredGradients.presence`), float64 (G).
-        probes: Number of such estimates per view, over which the errors are averaged.
+        presence: Change of a sum of pixels if a Gaussian is removed, float64 (G).
+        probes: Number of such estimates per view.
     """
+    # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
+    # probes.
     shape = total.offset_removal.shape
     each = np.bincount(place, presence, shape[0] * shape[1]).reshape(shape)
     total.removal[:] += each.sum(axis=1) ** 2 / probes
@@ -149,9 +141,6 @@ def _add_changes(
 ) -> None:
     """Adds the estimated picture errors of changing features, scalings and offsets of anchors to `total`.
 
-    The estimate is from the gradients of one sum of pixels with random signs (see the description of the module). They
-    are back-propagated to the anchors, through the networks that generate the Gaussians.
-
     Args:
         total: Errors summed over views; changed in place.
         rows: Indices of the anchors in view, int64 (n).
@@ -159,6 +148,7 @@ def _add_changes(
         spawned: Gaussians of the anchors in view.
         found: Gradients with respect to these Gaussians.
     """
+    # The gradients are back-propagated to the anchors, through the networks that generate the Gaussians.
     back = spawned.gradients(found.fields)
     channels = np.concatenate([back.features, back.scalings * scalings[rows]], axis=1).astype(np.float64)
     total.channels[rows] += channels**2

@@ -25,15 +25,15 @@ objects."""
 def estimate_up_axis(scene: Scene) -> str:
     """Estimates whether the y axis of a scene points up (`y`) or down (`-y`, as in 3DGS files and scenes from photos).
 
-    Light comes from above, and photos are seldom taken from below, so the upper side of a scene is brighter. The scene
-    is rendered from far away along the y axis, from both sides, and the mean brightness of the two images is compared.
-
-    A flat scene (a ground with objects) is an exception, because no photo shows the ground from below. There, up is the
-    side on which Gaussians reach farther from the ground. Returns `-y` for neural anchors and for uncertain cases.
+    Returns `-y` for neural anchors and for uncertain cases.
 
     Args:
         scene: The scene.
     """
+    # Light comes from above, and photos are seldom taken from below, so the upper side of a scene is brighter. The
+    # scene is rendered from far away along the y axis, from both sides, and the mean brightness of the two images
+    # is compared. A flat scene (a ground with objects) is an exception, because no photo shows the ground from
+    # below. There, up is the side on which Gaussians reach farther from the ground.
     splats = explicit_gaussians(scene)
     if splats is None or splats.num_gaussians == 0:
         return "-y"
@@ -54,7 +54,7 @@ def estimate_up_axis(scene: Scene) -> str:
 
 
 def _brightness(scene: Scene, middle: np.ndarray, radius: float, down: float) -> float:
-    """Returns the mean luminance of a scene seen along the y axis; 0 if nothing is visible.
+    """Returns the mean luminance of a scene seen along the y axis.
 
     Args:
         scene: The scene.

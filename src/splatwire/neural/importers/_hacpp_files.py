@@ -43,7 +43,7 @@ def newest_iteration(model_dir: Path) -> Path:
 
 
 def anchor_ply(iteration: Path) -> Path:
-    """Returns the path of `point_cloud.ply`, or of `point_cloud.ply.xz`, in the folder of an iteration.
+    """Returns the path of the PLY file, possibly compressed (`.ply.xz`), in the folder of an iteration.
 
     Raises:
         DatasetError: If neither file exists.
@@ -84,6 +84,7 @@ def load_bounds(model_dir: Path) -> tuple[Tensor, Tensor]:
         DatasetError: If a file is missing or does not contain three finite numbers, or if the box is empty. HAC++
             fixes the box in the middle of training, so it cannot be computed from the final anchors.
     """
+    # HAC++ fixes the box in the middle of training, so it cannot be computed from the final anchors.
     corners = []
     for name in ("x_bound_min.pkl", "x_bound_max.pkl"):
         path = model_dir / "bitstreams" / name
@@ -97,15 +98,15 @@ def load_bounds(model_dir: Path) -> tuple[Tensor, Tensor]:
 
 
 def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
-    """Reads the voxel size from `bitstreams/xyz_gpcc.npz`, else from `metrics.json`, else from `cfg_args`.
+    """Reads the voxel size from the files of a model folder.
 
     Returns:
-        The voxel size in world units and the name of the file that contains it, or None if no file has a positive
-        value. (A `voxel_size` of 0 on HAC++'s command line means that HAC++ estimates the voxel size from the data.)
+        The voxel size in world units and the path of the file that contains it, or None if no file has one.
 
     Raises:
         DatasetError: If one of these files is damaged, or its value is negative or not finite.
     """
+    # A `voxel_size` of 0 on HAC++'s command line means that HAC++ estimates the voxel size from the data.
     for name, read in (
         ("bitstreams/xyz_gpcc.npz", _voxel_size_of_npz),
         ("metrics.json", _voxel_size_of_json),
@@ -137,13 +138,13 @@ def load_background(model_dir: Path) -> Background:
 
 
 def infer_voxel_size(positions: np.ndarray) -> float:
-    """Estimates the voxel size: the smallest gap between coordinates, refined by a fit to all coordinates.
+    """Estimates the voxel size from the smallest gap between coordinates.
 
     Args:
         positions: Positions of the anchors, float32 (N, 3).
 
     Returns:
-        The estimate in world units. The caller must check that all positions are integer multiples of this value.
+        The estimate in world units. The caller must check that the positions are multiples of it.
 
     Raises:
         DatasetError: If all coordinates are equal, so that there is no gap.

@@ -50,8 +50,7 @@ def two_layer_network(
 def channel_networks(state: Mapping[str, Tensor]) -> tuple[tuple[Mlp, ...], tuple[int, ...]]:
     """Builds the networks that predict feature channels (HAC++'s channel context) from the tensors of a checkpoint.
 
-    Each network predicts one group of channels from the previous groups and the output of the prior network. HAC++'s
-    small variant has smaller networks without some of these inputs; they are extended with zero weights.
+    Each network predicts one group of channels from the previous groups and the output of the prior network.
 
     Returns:
         One network per feature group, and the number of channels of each group.
@@ -59,6 +58,7 @@ def channel_networks(state: Mapping[str, Tensor]) -> tuple[tuple[Mlp, ...], tupl
     Raises:
         ValueError: If the sizes of the networks are inconsistent.
     """
+    # HAC++'s small variant has smaller networks without some of these inputs; they are extended with zero weights.
     count = len({match[1] for name in state if (match := re.match(r"MLP_d(\d+)\b", name))})
     if not count:
         raise ValueError("'deform_mlp' has no networks MLP_d0, MLP_d1, ...")
@@ -89,7 +89,7 @@ def channel_networks(state: Mapping[str, Tensor]) -> tuple[tuple[Mlp, ...], tupl
 
 
 def hash_grid(state: Mapping[str, Tensor], bounds_min: Tensor, bounds_max: Tensor) -> tuple[HashGrid, HashGridConfig]:
-    """Builds the binary hash grid from the signs of the checkpoint's parameters; the sign of zero is +1.
+    """Builds the binary hash grid from the signs of the checkpoint's parameters.
 
     Raises:
         ValueError: If a table is missing, or its number of rows does not fit its resolutions.
@@ -129,10 +129,7 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network that returns constants for every input, in place of a network for the first feature group.
-
-    The small variant of HAC++ has such constants.
-    """
+    """Builds a network that returns constants, as the small variant of HAC++ uses for the first feature group."""
     bias = values.detach().float().flatten()
     nothing = Linear(torch.zeros(1, num_prior), torch.zeros(1))
     return Mlp(nothing, Linear(torch.zeros(len(bias), 1), bias), _LEAKY_SLOPE)

@@ -14,10 +14,8 @@ from splatwire.types.validity import validity_of_anchors
 
 
 def offsets_of(vertices: PlyElement, num_offsets: int) -> np.ndarray:
-    """Returns the offsets of the anchors of a PLY file, (N, K, 3).
-
-    The file stores the offsets of an anchor coordinate-major: all x, then all y, then all z.
-    """
+    """Returns the offsets of the anchors of a PLY file, (N, K, 3)."""
+    # The file stores the offsets of an anchor coordinate-major: all x, then all y, then all z.
     return vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
 
 
@@ -56,7 +54,7 @@ def anchors_on_grid(
 
 
 def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:
-    """Removes anchors without offsets and anchors that cannot be rendered, and logs the numbers of removed anchors.
+    """Removes anchors that cannot be rendered.
 
     Args:
         anchors: The anchors, in the order of the file.

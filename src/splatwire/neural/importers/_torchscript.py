@@ -1,8 +1,7 @@
 """Reader of the weights in a TorchScript archive; nothing in the archive is executed or unpickled.
 
 The archive is a zip file. The member `data.pkl` describes a tree of modules and their tensors; the values of each
-tensor are in a separate member. `data.pkl` is a pickle, that is, a program for a stack machine. This module only lists
-the instructions of this program and interprets the few that describe tensors and names. Other instructions are errors.
+tensor are in a separate member.
 """
 
 from dataclasses import dataclass
@@ -94,10 +93,9 @@ def _collect(root: Any) -> dict[str, Tensor]:
 
 
 def _follow(tensors: "_Tensors", description: bytes) -> Any:
-    """Interprets a pickle that describes a tree of modules and their tensors; returns the root module.
-
-    Only the instructions that such a description needs are accepted.
-    """
+    """Interprets a pickle that describes a tree of modules and their tensors; returns the root module."""
+    # `data.pkl` is a program for a stack machine. Only the few instructions that describe tensors and names are
+    # interpreted; others are errors.
     stack: list[Any] = []
     memory: dict[int, Any] = {}
     for count, (code, argument, _) in enumerate(genops(description)):
@@ -128,7 +126,7 @@ def _key(argument: Any) -> int:
 
 
 def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
-    """Executes the pickle instruction `name`, which builds a tuple, list, dictionary, module or tensor on the stack."""
+    """Executes one instruction of the pickle, which builds a tuple, list, dictionary, module or tensor on the stack."""
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
     elif name == "TUPLE":
@@ -164,16 +162,14 @@ def _is_dictionary(function: str, arguments: tuple[Any, ...]) -> bool:
 
 
 class _Tensors:
-    """Reader of the tensors in an archive; a storage that several tensors share is read only once."""
+    """Reader of the tensors in an archive."""
 
     def __init__(self, archive: Archive, folder: str) -> None:
         self._archive, self._folder = archive, folder
         self._storages: dict[str, np.ndarray] = {}
 
     def storage(self, reference: tuple[Any, ...]) -> np.ndarray:
-        """Returns the values of a storage as float32.
-
-        A storage is a flat array in the archive; the tensors of the archive are views of storages.
+        """Returns the values of a storage (a flat array in the archive, of which tensors are views) as float32.
 
         Raises:
             ValueError: If the storage is not float32, has another size than stated, or has non-finite numbers.

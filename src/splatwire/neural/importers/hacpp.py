@@ -41,19 +41,9 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
 
     Reads the newest `point_cloud/iteration_*` (`point_cloud.ply` or `point_cloud.ply.xz`, `checkpoint.pth`) and the
     bounds `bitstreams/x_bound_{min,max}.pkl`. The voxel size is read from `bitstreams/xyz_gpcc.npz`, `metrics.json` or
-    `cfg_args`, otherwise inferred from the positions.
+    `cfg_args`, otherwise inferred from the positions. PLY files may be from before or after HAC++'s encoding.
 
-    HAC++ writes two kinds of PLY files with the same header:
-
-    * After decoding: linear scalings, and masks of 0 or 1. Recognised by masks that are all 0 or 1 and no negative
-      scaling.
-    * Before encoding: logarithms and logits, converted by `scaling = exp(value)` and `mask = sigmoid(value) > 0.01`.
-
-    Anchors without offsets and anchors that cannot be rendered are removed; masked-out offsets become zero. The anchors
-    keep the order of the PLY file. Positions become the float32 nearest to `index * voxel_size`.
-
-    HAC++'s variant for Synthetic-NeRF has smaller channel-context networks, which are extended with zero weights. These
-    networks affect only the bit rate, not decoded values.
+    Anchors that cannot be rendered are removed. The others keep the order of the PLY file.
 
     Args:
         model_dir: The folder that HAC++ calls its model path.
@@ -65,6 +55,9 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
         DatasetError: If a file is missing, damaged or of the wrong shape, a network is not finite, or no anchor can
             be rendered. The message names the file.
     """
+    # HAC++ writes two kinds of PLY files with the same header. After decoding: linear scalings, and masks of 0 or
+    # 1; recognised by masks that are all 0 or 1 and no negative scaling. Before encoding: logarithms and logits,
+    # converted by `scaling = exp(value)` and `mask = sigmoid(value) > 0.01`.
     model_dir = path_of(model_dir, "a model folder")
     iteration = newest_iteration(model_dir)
     checkpoint_path = iteration / "checkpoint.pth"

@@ -27,15 +27,13 @@ _GROUPS = 5
 
 @checked
 def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> AnchorScene:
-    """Reads an official Scaffold-GS model folder.
+    """Reads an official Scaffold-GS model folder. Nothing in the files is executed.
 
     Reads `point_cloud.ply` of the newest `point_cloud/iteration_*`, and its networks: `opacity_mlp.pt`, `cov_mlp.pt`
     and `color_mlp.pt`, or all in `checkpoints.pth`. The networks may be TorchScript, as the official code saves them,
-    or plain state dictionaries. Nothing in the files is executed. The voxel size is read from `cfg_args`, otherwise
-    inferred from the positions.
+    or plain state dictionaries. The voxel size is read from `cfg_args`, otherwise inferred from the positions.
 
-    Scaffold-GS has no context model. The scene gets a context model that predicts the same distributions for every
-    anchor (`_plain_context`).
+    Scaffold-GS has no context model, so the scene gets one that predicts the same distributions for every anchor.
 
     Args:
         model_dir: The folder that Scaffold-GS calls its model path.
@@ -105,10 +103,6 @@ def _head(
 ) -> Mlp:
     """Converts a network of Scaffold-GS to a network that generates the Gaussians of an anchor scene.
 
-    The inputs of the result are the anchor's feature, the viewing direction and the distance. If the network of
-    Scaffold-GS does not use the distance, its weights are 0. An appearance embedding becomes a constant, its value for
-    one training camera.
-
     Args:
         iteration: Folder of the model's iteration, for messages.
         states: Tensors of each network, and of the appearance embedding if there is one.
@@ -120,6 +114,8 @@ def _head(
     Raises:
         DatasetError: If the network is missing or has other shapes, or `appearance` does not fit the model.
     """
+    # The inputs of the result are the anchor's feature, the viewing direction and the distance. If the network of
+    # Scaffold-GS does not use the distance, its weights are 0. An appearance embedding becomes a constant.
     if key not in states:
         raise DatasetError(f"{iteration}: the network {key} is missing")
     state = states[key]

@@ -1,4 +1,4 @@
-"""Generation of a view's Gaussians from neural anchors, in torch and differentiable (HAC++, decoding of a view)."""
+"""Generation of a view's Gaussians from neural anchors, in torch and differentiable."""
 
 from typing import Any
 
@@ -14,11 +14,10 @@ from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
 
 
 def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
-    """Generates the Gaussians that camera `view` sees from the anchors of a scene; differentiable, no side effects.
+    """Generates the Gaussians that camera `view` sees from the anchors of a scene; differentiable.
 
     Args:
-        scene: The scene. If losses were concealed, the concealer may have hidden anchors and changed sizes and
-            opacities of Gaussians, but not their positions.
+        scene: The scene.
         cameras: The cameras.
         view: Index of the camera.
 
@@ -43,11 +42,10 @@ def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> Spawned
 
 @torch.no_grad()
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
-    """Returns the mask of the anchors that camera `view` may see (HAC++'s pre-filter), bool (N).
-
-    An anchor is projected as an unrotated Gaussian, with its first three scalings as sizes. It is kept if its depth is
-    above 0.2 world units, and the square of three standard deviations around it intersects a tile of the image.
-    """
+    """Returns the mask of the anchors that camera `view` may see (HAC++'s pre-filter), bool (N)."""
+    # An anchor is projected as an unrotated Gaussian, with its first three scalings as sizes. It is kept if its
+    # depth is above 0.2 world units, and the square of three standard deviations around it intersects a tile of the
+    # image.
     projected = project_tensors(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)
 
@@ -62,9 +60,7 @@ def spawn_gaussians(
     opacity_gain: Float[Tensor, "N"] | None = None,
     mask_weight: Float[Tensor, "N K"] | None = None,
 ) -> SpawnedGaussians:
-    """Generates the Gaussians of the visible anchors with the head networks; differentiable.
-
-    This is the decoding of a view in HAC++.
+    """Generates the Gaussians of the visible anchors with the head networks (HAC++); differentiable.
 
     Args:
         anchors: All anchors.
@@ -72,11 +68,11 @@ def spawn_gaussians(
         camera_center: Camera position, world units.
         visible: Mask of the anchors to use; they must not coincide with the camera centre.
         size_gain: Factor per anchor on the scales of its Gaussians; None for 1.
-        opacity_gain: Factor per anchor on the opacities of its Gaussians, clamped to 1 afterwards; None for 1.
-        mask_weight: Factor per offset on opacity and scale (in training, the straight-through mask); None for 1.
+        opacity_gain: Factor per anchor on the opacities of its Gaussians; None for 1.
+        mask_weight: Factor per offset on opacity and scale; None for 1.
 
     Returns:
-        The Gaussians of existing offsets (`anchors.mask`) for which the opacity network returns a positive value.
+        The Gaussians with positive opacity.
     """
     index = visible.nonzero()[:, 0]
     num_offsets = anchors.mask.shape[1]

@@ -1,7 +1,4 @@
-"""Binary hash grid in floating point, for training.
-
-Positions are interpolated between grid points; this module finds the table rows of these points and their weights.
-"""
+"""Binary hash grid in floating point, for training."""
 
 import torch
 from jaxtyping import Float, Int64
@@ -13,27 +10,25 @@ _PRIMES = (1, 2654435761, 805459861)
 
 
 def unit_coordinates(grid: HashGrid, positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N 3"]:
-    """Maps world coordinates to coordinates in the bounding box of the grid, which are in [0, 1] inside the box."""
+    """Maps world coordinates to [0, 1] in the bounding box of the grid; outside the box, they exceed this range."""
     return (positions - grid.bounds_min) / (grid.bounds_max - grid.bounds_min)
 
 
 def corner_rows(
     unit: Float[Tensor, "N dims"], resolution: int, num_rows: int
 ) -> tuple[Int64[Tensor, "N corners"], Float[Tensor, "N corners"]]:
-    """Finds the grid points around each position on one level of the hash grid, for interpolation.
-
-    Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all weights are
-    0.
+    """Finds the grid points around each position on one level of the hash grid, and their interpolation weights.
 
     Args:
-        unit: Positions in coordinates of the bounding box, [0, 1] per axis inside the box.
+        unit: Positions relative to the bounding box, [0, 1] per axis inside the box.
         resolution: Number of grid points of the level per axis.
         num_rows: Number of table rows of the level.
 
     Returns:
-        Row indices within the level, and weights, for each corner of the grid cell. The corners are ordered so that the
-        first axis varies fastest.
+        Row indices within the level, and weights, for each corner of the grid cell; first axis fastest.
     """
+    # Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all
+    # weights are 0.
     inside = ((unit >= 0) & (unit <= 1)).all(dim=1, keepdim=True)
     place = torch.where(inside, unit, 0.5) * (resolution - 2) + 0.5
     cell = place.floor()
@@ -61,19 +56,9 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes the terms from which the row index of a grid point in a hash table is combined, one term for each axis.
-
-    If the table has a row for every grid point, the index is the sum of the terms. Otherwise it is a hash: the XOR of
-    the terms, modulo the number of rows.
-
-    Args:
-        at: Coordinates of the lower and the upper neighbouring grid point along each axis.
-        resolution: Number of grid points of the level per axis.
-        num_rows: Number of table rows of the level.
-
-    Returns:
-        One term for each of these coordinates.
-    """
+    """Computes the terms from which the table row of a grid point is combined, one for each axis."""
+    # `at` has the coordinates of the lower and the upper neighbour along each axis. If the table has a row for
+    # every grid point, the index is the sum of the terms. Otherwise it is their XOR, modulo the number of rows.
     dims = at.shape[1]
     strides = [resolution**d for d in range(dims)]
     factors = strides if _is_dense(resolution, dims, num_rows) else list(_PRIMES[:dims])

@@ -1,4 +1,4 @@
-"""Outputs of HAC++'s prior network, which predicts the distributions of an anchor's attributes from its position."""
+"""Outputs of HAC++'s prior network, which predicts the distributions of anchor attributes."""
 
 from dataclasses import dataclass
 
@@ -13,13 +13,12 @@ from splatwire.types.anchor_config import ModelConfig
 class PriorOutputs:
     """Outputs of the prior network, which predicts the distributions of an anchor's attributes from its position.
 
-    There is one row per anchor. Values are neither clamped nor activated.
+    There is one row per anchor.
 
     Attributes:
         feature_mean: Mean of each feature channel.
         feature_scale: Standard deviation of each feature channel, unclamped.
-        feature_weight: Logit of the weight with which the coder mixes this prediction of a feature channel with the
-            prediction from the previous channels (channel context).
+        feature_weight: Logit of the weight of this prediction of a feature channel, relative to the channel context.
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.
         offset_mean: Mean of each offset coordinate, offset-major.
@@ -42,8 +41,6 @@ class PriorOutputs:
 def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> PriorOutputs:
     """Splits the output columns of the prior network into means, standard deviations, weights and step logits.
 
-    The result shares memory with `outputs`.
-
     Args:
         outputs: Output of the network `ContextModel.prior`, with `ModelConfig.prior_dim` columns.
         config: Shapes of anchors and networks.
@@ -55,12 +52,11 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
     """Returns a typical standard deviation of each channel of an attribute after rounding.
 
-    It combines the median of the predicted standard deviations with the rounding error, whose variance is `step**2 /
-    12`.
-
     Args:
         scale: Predicted standard deviations of the channels of some anchors.
         step: Base quantisation step of the attribute.
     """
+    # Combines the median of the predicted standard deviations with the rounding error, whose variance is `step**2 /
+    # 12`.
     typical = scale.clamp(min=step * 1e-3).median(dim=0).values
     return (typical**2 + step**2 / 12).sqrt()

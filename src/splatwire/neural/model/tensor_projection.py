@@ -61,10 +61,11 @@ def project_tensors(
         view: Index of the camera.
 
     Returns:
-        The projected Gaussians. The covariance is J W S W^T J^T + 0.3 I, with the world covariance S and the rotation W
-        of the camera. The Jacobian J of the projection is evaluated at the centre, clamped to 1.3 times the half field
-        of view (HAC++, decoding of a view).
+        The projected Gaussians. The covariance is J W S W^T J^T + 0.3 I, with the world covariance S, the rotation W of
+        the camera and the Jacobian J of the projection.
     """
+    # The Jacobian is evaluated at the centre, clamped to 1.3 times the half field of view (HAC++, decoding of a
+    # view).
     pose, K = (torch.as_tensor(values[view]).to(means) for values in (cameras.viewmats, cameras.Ks))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     local = means @ pose[:3, :3].T + pose[:3, 3]
@@ -91,12 +92,11 @@ def project_tensors(
 def _radii(covs2d: Float[Tensor, "N 3"], near: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
     """Returns three standard deviations along the longest axis of each projected Gaussian, rounded up to pixels.
 
-    As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
-
     Args:
         covs2d: Entries xx, xy, yy of the covariances, square pixels.
         near: Mask of the Gaussians closer than the near plane, whose result is 0.
     """
+    # As in 3DGS, the square root in the formula for the longest axis is taken of at least 0.1.
     xx, xy, yy = covs2d.unbind(dim=1)
     middle = (xx + yy) / 2
     longest = middle + torch.sqrt((middle * middle - (xx * yy - xy * xy)).clamp(min=0.1))

@@ -14,12 +14,11 @@ from splatwire.types.networks import Mlp
 
 
 def to_tensors(value: Any, device: torch.device | str | None = None) -> Any:
-    """Replaces numpy arrays by torch tensors; `splatwire.ops.arrays.to_arrays` is the inverse.
+    """Replaces numpy arrays by torch tensors.
 
     Args:
-        value: An array or tensor, or a tuple, dictionary or dataclass that contains arrays or tensors at any depth. Any
-            other value is returned unchanged.
-        device: Torch device of the tensors in the result; None keeps each tensor on its current device.
+        value: An array or tensor, or a tuple, dictionary or dataclass with arrays or tensors at any depth.
+        device: Torch device of the result; None keeps tensors on their current device.
     """
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in "biuf":
@@ -55,8 +54,6 @@ def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: st
 
 def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
     """Checks that tensors have the names and shapes of a network's parameters and buffers, and finite values.
-
-    The network may be on the device `meta`, that is, without memory for its parameters.
 
     Raises:
         BitstreamError: If a tensor is missing, unknown, of another shape, or not finite.

@@ -25,8 +25,8 @@ def render_differentiable(
         gaussians: The Gaussians to render.
         cameras: Cameras of one or more views.
         background: RGB of the background.
-        probe: Tensor of zeros that collects the gradients with respect to the Gaussians' 2D centres: after `backward`,
-            `probe.grad` contains them, per pixel. It does not affect the pictures. None if they are not needed.
+        probe: Zeros that collect the gradients with respect to the Gaussians' 2D centres, per pixel, in `probe.grad`;
+            None if they are not needed.
 
     Returns:
         RGB pictures, not clamped, on the device of the Gaussians.
@@ -49,17 +49,17 @@ def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor
         gaussians: The Gaussians to render.
         cameras: Camera of the view.
         background: RGB of the background.
-        watched: True to collect the gradients with respect to the 2D centres, too.
+        watched: True to compute the gradients with respect to the 2D centres, too.
     """
     probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
     return Drawing(render_differentiable(gaussians, cameras, background=background, probe=probe)[0], probe)
 
 
 class _Rasterize(torch.autograd.Function):
-    """Autograd function that renders one view.
+    """Autograd function that renders one view."""
 
-    Its tensor inputs are `probe` (see `render_differentiable`), means, quats, scales, opacities, colors and background.
-    """
+    # Its tensor inputs are `probe` (see `render_differentiable`), means, quats, scales, opacities, colors and
+    # background.
 
     @staticmethod
     def forward(ctx: Any, cameras: Cameras, view: int, probe: Tensor | None, *inputs: Tensor) -> Tensor:

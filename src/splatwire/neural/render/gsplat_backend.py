@@ -18,14 +18,16 @@ _HOW = "install splatwire with its GPU extra (pip install 'splatwire[gpu]') on a
 class GsplatRenderer:
     """Renders Gaussians with gsplat's CUDA kernels; differentiable.
 
-    Pictures are close to those of the CPU renderer, not equal bit for bit, because gsplat differs from 3DGS in two
-    ways. It limits alpha to 0.999 instead of 0.99. It assigns a Gaussian to the tiles within 3.33 standard deviations
-    along each axis, instead of 3 along the longest axis. Pixel coordinates of gsplat have the centre of the top-left
-    pixel at (0.5, 0.5), as `Cameras.Ks`; elsewhere in this package it is at (0, 0). Derivatives are not affected.
+    Pictures are close to those of the CPU renderer, not equal bit for bit.
 
     Raises:
         BackendUnavailableError: gsplat is not installed, or there is no CUDA device.
     """
+
+    # gsplat differs from 3DGS in two ways. It limits alpha to 0.999 instead of 0.99. It assigns a Gaussian to the
+    # tiles within 3.33 standard deviations along each axis, instead of 3 along the longest axis. Pixel coordinates
+    # of gsplat have the centre of the top-left pixel at (0.5, 0.5), as `Cameras.Ks`; elsewhere in this package it
+    # is at (0, 0).
 
     def __init__(self) -> None:
         try:
@@ -50,7 +52,7 @@ class GsplatRenderer:
             gaussians: The Gaussians to render.
             cameras: Camera of the view.
             background: RGB of the background.
-            watched: True to collect the gradients with respect to the 2D centres, too.
+            watched: True to compute the gradients with respect to the 2D centres, too.
         """
         images, centers = self._rasterize(gaussians, cameras, background)
         if watched:
@@ -60,11 +62,7 @@ class GsplatRenderer:
     def _rasterize(
         self, gaussians: Gaussians, cameras: Cameras, background: Float[Tensor, "3"]
     ) -> tuple[Float[Tensor, "C H W 3"], Float[Tensor, "C G 2"]]:
-        """Renders on the device of the Gaussians; returns the pictures and the projected 2D centres.
-
-        The centres are in pixels, and are part of the autograd graph. Their gradient is zero for Gaussians outside the
-        image.
-        """
+        """Renders on the device of the Gaussians; returns the pictures and the projected 2D centres in pixels."""
         if not gaussians.num_gaussians:
             return _nothing(gaussians, cameras, background)
         means = gaussians.means
@@ -90,10 +88,8 @@ class GsplatRenderer:
 def _nothing(
     gaussians: Gaussians, cameras: Cameras, background: Float[Tensor, "3"]
 ) -> tuple[Float[Tensor, "C H W 3"], Float[Tensor, "C 0 2"]]:
-    """Returns the result for a scene without Gaussians: pictures of the background, and an empty tensor of 2D centres.
-
-    The pictures are part of the autograd graph, so that training can call `backward`.
-    """
+    """Returns the result for a scene without Gaussians: pictures of the background, and no 2D centres."""
+    # The pictures are part of the autograd graph, so that training can call `backward`.
     centers = gaussians.means.new_zeros(cameras.num_views, 0, 2, requires_grad=True)
     zero = torch.stack([value.sum() for value in (centers, *vars(gaussians).values())]).sum()
     shape = (cameras.num_views, cameras.height, cameras.width, 3)

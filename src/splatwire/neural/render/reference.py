@@ -1,4 +1,4 @@
-"""Reference renderer in plain torch, written for readability and tests of the fast renderers; for small pictures."""
+"""Reference renderer in plain torch, for tests of the fast renderers."""
 
 import torch
 from jaxtyping import Float
@@ -18,9 +18,7 @@ _ROWS_AT_A_TIME = 8
 def render_reference(
     gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"]
 ) -> Float[Tensor, "C H W 3"]:
-    """Renders Gaussians with torch operations only; differentiable, with the floating-point type of the Gaussians.
-
-    Memory is proportional to the number of Gaussians times the image width.
+    """Renders Gaussians with torch operations only; differentiable. For small pictures.
 
     Args:
         gaussians: The Gaussians to render.
@@ -52,7 +50,7 @@ def render_projected(
     cameras: Cameras,
     background: Float[Tensor, "3"],
 ) -> Float[Tensor, "H W 3"]:
-    """Draws Gaussians that are already projected to the image; only the image size of `cameras` is used."""
+    """Draws Gaussians that are already projected to the image."""
     order = torch.argsort(flat.depths.detach(), stable=True)
     order = order[flat.touches_image(cameras.width, cameras.height)[order]]
     flat = ProjectedTensors(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])
@@ -73,17 +71,7 @@ def _render_rows(
     top: int,
     bottom: int,
 ) -> Float[Tensor, "rows W 3"]:
-    """Blends all Gaussians, nearest first, into the pixels of rows `top` to `bottom` (exclusive).
-
-    Args:
-        flat: The projected Gaussians.
-        opacities: Opacities.
-        colors: RGB colours.
-        background: RGB of the background.
-        cameras: Camera of the view, for the width of the image.
-        top: First row.
-        bottom: End of the rows (exclusive).
-    """
+    """Blends all Gaussians, nearest first, into the pixels of rows `top` to `bottom` (exclusive)."""
     rows = torch.arange(top, bottom, dtype=colors.dtype, device=colors.device)
     columns = torch.arange(cameras.width, dtype=colors.dtype, device=colors.device)
     y, x = torch.meshgrid(rows, columns, indexing="ij")

@@ -1,4 +1,4 @@
-"""Factories of torch renderers: by name, for training on a device, and with numpy arrays as inputs and outputs."""
+"""Factories of torch renderers."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,8 +1,4 @@
-"""Training of neural anchors: from photos with camera poses to a scene that the codec can encode.
-
-A training consists of a configuration (`TrainConfig`, immutable), a state (`TrainState`, plain tensors) and a function
-that performs one iteration (`TrainingStep`). `train_scene` repeats the iterations and reports to a listener.
-"""
+"""Training of neural anchors: from photos with camera poses to a scene that the codec can encode."""
 
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import TrainConfig

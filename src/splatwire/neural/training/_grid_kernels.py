@@ -1,4 +1,4 @@
-"""Compiled interpolation in the binary hash grid, and its gradient; called by `splatwire.neural.training.grid`."""
+"""Compiled interpolation in the binary hash grid, and its gradient."""
 
 from typing import no_type_check
 
@@ -21,10 +21,7 @@ def signs(values, out):
 @njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
-    """Sets the gradient to zero where the trained value is outside [-1, 1], in place (straight-through gradient).
-
-    The hash grid uses only the signs of the trained values.
-    """
+    """Sets the gradient to zero where the trained value is outside [-1, 1], in place (straight-through gradient)."""
     for i in prange(values.shape[0]):
         if not (-1 <= values[i] <= 1):
             gradient[i] = 0
@@ -59,8 +56,6 @@ def _gather_chunk(table, rows, weights, index, begin, end, column, out):
 def interpolate(table, rows3, weights3, rows2, weights2, index, out):
     """Interpolates the tables of the hash grid at some positions.
 
-    Positions are processed in chunks whose data stays in the CPU cache.
-
     Args:
         table: Tables of the hash grid.
         rows3: Table rows of the corners on the 3D levels, for all positions.
@@ -70,6 +65,7 @@ def interpolate(table, rows3, weights3, rows2, weights2, index, out):
         index: Indices of the positions at which to interpolate.
         out: Output, the features at the positions `index`.
     """
+    # Positions are processed in chunks whose data stays in the CPU cache.
     depth, levels3 = table.shape[1], rows3.shape[0]
     for c in prange((index.shape[0] + _CHUNK - 1) // _CHUNK):
         begin, end = c * _CHUNK, min((c + 1) * _CHUNK, index.shape[0])

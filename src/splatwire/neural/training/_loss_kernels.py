@@ -1,8 +1,4 @@
-"""Compiled kernels of the photometric loss; called by `splatwire.neural.training.losses`.
-
-The loops over a row are separate functions so that the compiler vectorises them. The compiler option fast-math is off,
-so that trainings with the same seed give equal results.
-"""
+"""Compiled kernels of the photometric loss."""
 
 from typing import no_type_check
 
@@ -44,7 +40,7 @@ def blur(planes, taps, out):
 @njit(parallel=True)
 @no_type_check
 def products(x, y, out):
-    """Computes x, x * x and x * y, which are then blurred for SSIM; writes them to `out` (3, n)."""
+    """Computes x, x * x and x * y for SSIM; writes them to `out` (3, n)."""
     for i in prange(x.shape[0]):
         out[0, i], out[1, i], out[2, i] = x[i], x[i] * x[i], x[i] * y[i]
 

@@ -1,4 +1,4 @@
-"""The Adam optimiser with one loop over the values of each parameter (fused)."""
+"""The Adam optimiser, compiled."""
 
 import math
 from collections.abc import Sequence

@@ -11,13 +11,12 @@ from splatwire.neural.training.state import TrainState
 def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
     """Returns the iteration after which the averaging of parameters begins.
 
-    Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of the
-    fine-tuning. Iterations in which anchors are added and removed are excluded.
-
     Args:
         config: The configuration.
-        iteration: Current iteration, which selects one of the two averages.
+        iteration: Current iteration.
     """
+    # Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of
+    # the fine-tuning. Iterations in which anchors are added and removed are excluded.
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
         return max(milestones.iterations - 2 * config.averaged, milestones.fine_tuning_start)
@@ -28,12 +27,11 @@ def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
 def gather_mean(state: TrainState, config: TrainConfig) -> None:
     """Updates the running means of the parameters after an iteration.
 
-    The first `TrainConfig.averaged` iterations have equal weights; later, the mean is exponential.
-
     Args:
         state: State of the training; the means are changed in place.
         config: The configuration.
     """
+    # The first `TrainConfig.averaged` iterations have equal weights; later, the mean is exponential.
     count = state.iteration - start_of_mean(config, state.iteration)
     if count < 1 or not config.averaged:
         return

@@ -1,8 +1,4 @@
-"""The causal context model (each attribute is predicted from those coded before it) while it is trained.
-
-In place of rounding, uniform noise as wide as a quantisation step is added to the attributes. The quantisation steps
-are trained, too. The bit rate is estimated from a random sample of anchors.
-"""
+"""The causal context model (each attribute is predicted from those coded before it) while it is trained."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -35,7 +31,7 @@ NARROW = 0.5
 
 
 class TrainedCausal:
-    """The causal context model while it is trained; implements `splatwire.neural.training.models.TrainedModel`.
+    """The causal context model while it is trained.
 
     Args:
         config: The configuration.
@@ -50,36 +46,28 @@ class TrainedCausal:
         self._inputs: Tensor | None = None
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration whose loss includes the bit rate (context phase).
-
-        Does nothing before all other iterations.
-        """
+        """Initialises the networks before the first iteration whose loss includes the bit rate."""
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)
             self._key = None
             calibrate_causal(state, self._config, self.place(state))
 
     def place(self, state: TrainState) -> Float[Tensor, "N P"]:
-        """Returns the inputs of the model's first network (position network) for all anchors.
-
-        They depend on the anchors' positions only, so they are cached until anchors are added or removed.
-        """
+        """Returns the inputs of the model's first network, which encode the positions of all anchors."""
         if self._inputs is None or self._key is not state.voxels:
             self._key, self._inputs = state.voxels, position_inputs_of(state)
         return self._inputs
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
-
-        The rate is part of the loss only in the context phase of the training.
+        """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
-            offset masks. The estimated bits of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample, None while the loss excludes the bit rate.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         masks = straight_through_masks(state, config, visible)[0]
@@ -120,10 +108,7 @@ class TrainedCausal:
 
 
 def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
-    """Computes the inputs of the position network for all anchors: positions and their positional encoding.
-
-    The position network is the first network of the causal model and predicts from an anchor's position.
-    """
+    """Computes the inputs of the position network for all anchors: positions and their positional encoding."""
     middle, spread = (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2
     return position_inputs((state.voxels - middle) / spread, torch.cat)
 
@@ -147,15 +132,14 @@ def noisy_numbers(
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 4"], Float[Tensor, "M O"]]:
     """Returns features, logarithms of scale and sizes, and offsets of anchors, with noise in place of rounding.
 
-    The noise is uniform and as wide as the quantisation steps. Offsets are multiplied by the anchor's scale, so they
-    are first corrected for the noise of the scale. An encoder does the same with the rounded scale.
-
     Args:
         state: State of the training.
         index: Indices of the anchors.
         steps: Quantisation steps (`channel_steps`).
         uniform: Draws the random numbers.
     """
+    # The noise is uniform and as wide as the quantisation steps. Offsets are multiplied by the anchor's scale, so
+    # they are first corrected for the noise of the scale. An encoder does the same with the rounded scale.
 
     def noisy(values: Tensor, step: Tensor) -> Tensor:
         return values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
@@ -177,7 +161,7 @@ def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict
 
 
 def _functions(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
-    """Wraps each network as a function of its inputs, by name."""
+    """Returns the networks as functions, by name."""
     return {name: partial(run_network, network) for name, network in networks.items()}
 
 
@@ -236,7 +220,7 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns how many bits the mask of each offset takes: first if the offset exists, then if it does not.
+    """Returns how many bits the mask of each offset takes, if the offset exists and if it does not.
 
     Args:
         predicted: Predictions of the causal model.
@@ -263,9 +247,7 @@ def number_bits(
 
 @torch.no_grad()
 def calibrate_causal(state: TrainState, config: TrainConfig, place: Float[Tensor, "N P"]) -> None:
-    """Initialises the networks of the causal model, so that they begin with a plausible prediction.
-
-    For every anchor, they predict the same mean and standard deviation of each attribute: those of all present anchors.
+    """Initialises the networks of the causal model with the mean and standard deviation of each attribute.
 
     Args:
         state: State of the training; the networks are changed in place.

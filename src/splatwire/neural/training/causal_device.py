@@ -1,8 +1,4 @@
-"""The causal context model while it is trained on a GPU; same results as `splatwire.neural.training.causal`.
-
-The code needs fewer GPU operations. Visible and sampled anchors are processed together, and all networks are packed
-into one.
-"""
+"""The causal context model while it is trained on a GPU."""
 
 import math
 from dataclasses import dataclass
@@ -29,20 +25,21 @@ _CHUNK = 1 << 16
 
 
 class DeviceCausal(TrainedCausal):
-    """The causal context model while it is trained on a GPU; see `TrainedCausal` for the arguments."""
+    """The causal context model while it is trained on a GPU; the arguments are those of `TrainedCausal`."""
+
+    # Needs fewer GPU operations than `TrainedCausal`, with the same results: visible and sampled anchors are
+    # processed together, and all networks are packed into one.
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
-
-        The rate is part of the loss only in the context phase of the training.
+        """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
-            offset masks. The estimated bits of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample, None while the loss excludes the bit rate.
         """
         config, phase, layout = self._config, phase_of(self._config.milestones, state.iteration), self._model.layout
         widths = (layout.feature_dim, FORM, 3 * layout.num_offsets)
@@ -101,7 +98,8 @@ class DeviceCausal(TrainedCausal):
 
     @torch.no_grad()
     def estimate_bytes(self, state: TrainState) -> float:
-        """Estimates the bytes of all anchors in the stream, with noise of a fixed seed in place of rounding."""
+        """Estimates the bytes of all anchors in the stream."""
+        # Noise in place of rounding, with a fixed seed.
         generator, config, parameters = torch.Generator().manual_seed(0), self._config, state.parameters
         steps, total = column_steps(parameters["steps"], self._model), list[Tensor]()
         widths = (self._model.layout.feature_dim, FORM, 3 * self._model.layout.num_offsets)
@@ -146,7 +144,7 @@ def sample_bits(
     values: Float[Tensor, "M D"],
     offset_mask: Float[Tensor, "M K"],
 ) -> Float[Tensor, "M"]:
-    """Estimates the bits of each anchor: attribute values, offset mask and approximate bits of the position.
+    """Estimates the bits of each anchor: attribute values, offset mask and position.
 
     Args:
         networks: The networks by name.
@@ -203,7 +201,7 @@ class _OutputOrder:
     """Order of the packed networks' outputs: all means, then all standard deviations, then the logits of offset masks.
 
     Attributes:
-        outputs: For each output in this order, its index when the outputs of the networks are simply concatenated.
+        outputs: For each output in this order, its index in the concatenated outputs of the networks.
         numbers: Number of attribute values per anchor; each has a mean and a standard deviation.
     """
 

@@ -1,7 +1,7 @@
 """Checkpoints: the whole state of a training as one file of tensors (safetensors) with a JSON header.
 
-Files are written atomically; reading rejects files with unknown, missing or invalid entries. On the same machine with
-the same number of threads, a resumed training gives bit for bit the result of an uninterrupted training.
+On the same machine with the same number of threads, a resumed training gives bit for bit the result of an uninterrupted
+training.
 """
 
 import dataclasses
@@ -65,7 +65,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
 
 @checked
 def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
-    """Reads state and configuration from a file of `save_checkpoint`; tensors are on the CPU and equal bit for bit.
+    """Reads the state and the configuration of a training from a checkpoint file; tensors are on the CPU.
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.
@@ -127,10 +127,7 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
 
 
 def _steering_values(steering: Steering) -> list[float | None]:
-    """Returns the state of the stream size control as numbers by name, for a checkpoint.
-
-    The field `ratio` is left out if it is None.
-    """
+    """Returns the state of the stream size control as numbers by name, for a checkpoint."""
     values = [steering.log_rate, steering.miss]
     return values if steering.ratio is None else [*values, steering.ratio]
 

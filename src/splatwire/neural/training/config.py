@@ -24,8 +24,7 @@ class LearningRate:
     Attributes:
         initial: Learning rate in the first iteration.
         final: Learning rate after the last iteration.
-        late: Factor on the learning rate in the iterations after the last change of the set of anchors
-            (`Milestones.growth_end`).
+        late: Factor on the learning rate after the last change of the set of anchors (`Milestones.growth_end`).
     """
 
     initial: float
@@ -115,21 +114,18 @@ class GrowthRules:
     """Rules for adding and removing anchors.
 
     Attributes:
-        gradient_threshold: Threshold on the mean length of the gradient of a Gaussian's 2D centre, in coordinates
-            relative to half of the image size. An anchor is added near a Gaussian above the threshold. This value is
-            for the coarsest grid; the threshold doubles for each finer grid.
+        gradient_threshold: An anchor is added near a Gaussian if the mean gradient of its 2D centre is longer than
+            this, in coordinates relative to half of the image size; doubled for each finer grid.
         seen_share: Minimum share of the iterations between two changes in which an anchor must be visible to be
-            removed. Half of this share is the minimum for an offset near which an anchor is added.
-        min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, on average
-            over the views that saw it.
-        levels: Number of grids whose cells receive new anchors, from coarse to fine. At each change, a cell without an
-            anchor gets at most one.
+            removed.
+        min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
+            over views.
+        levels: Number of grids, from coarse to fine, whose cells receive new anchors.
         coarsest_cell: Cell size of the coarsest grid, in voxels.
-        cell_ratio: Ratio of the cell sizes of consecutive grids; grids with cells below one voxel are skipped.
+        cell_ratio: Ratio of the cell sizes of consecutive grids.
         max_log_size: Upper bound on the logarithm of an anchor's base size, world units.
         max_anchors: Maximum number of anchors.
-        first_pruning: First iteration in which anchors may be removed, for any length of the run. Random initial points
-            are mostly transparent until the networks are trained.
+        first_pruning: First iteration in which anchors may be removed.
     """
 
     gradient_threshold: float = 0.0002
@@ -177,16 +173,17 @@ class RefineConfig:
     Attributes:
         steps: Number of Adam steps; 0 disables the refinement.
         batch: Number of anchors per Adam step.
-        network_rate: Initial learning rate of the networks. Network outputs are scaled by the predicted standard
-            deviations, so that one learning rate suits all outputs.
+        network_rate: Initial learning rate of the networks.
         grid_rate: Initial learning rate of the real numbers whose signs are the entries of the hash grid.
         latent: Initial magnitude of these real numbers.
-        step_weight: Penalty in bits per squared change of a quantisation step's logit. Without a penalty, steps would
-            become coarser, which saves bits but changes the scene.
-        grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors. It is above 1 because the grid
-            also needs bytes for protection against loss.
+        step_weight: Penalty in bits per squared change of a quantisation step's logit.
+        grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors.
         seed: Seed of the random choice of anchors.
     """
+
+    # Network outputs are scaled by the predicted standard deviations, so that one learning rate suits all. Without
+    # the penalty `step_weight`, quantisation steps would become coarser, which saves bits but changes the scene.
+    # `grid_weight` is above 1 because the grid also needs bytes for protection against loss.
 
     steps: int = 600
     batch: int = 4000
@@ -209,15 +206,11 @@ class LossTraining:
     """Simulated packet loss in training (`neural.training.packet_loss`).
 
     Attributes:
-        models: Loss models in the syntax of `splatwire.channel.parse_loss`. An iteration with packet loss uses one of
-            them at random. Empty for no packet loss.
-        first: Shares of the anchors that are received, the most important ones, while all others are lost. This
-            simulates receivers with only the first quality tiers of a stream. An iteration with packet loss uses one of
-            these shares or one of `models` at random.
-        packets: Names of packetizations (`packetization_named`); an iteration with packet loss uses one of them at
-            random.
-        share: Share of iterations with packet loss, in the fine-tuning. Without fine-tuning, in the iterations after
-            the phase in which anchors are added and removed.
+        models: Loss models in the syntax of `splatwire.channel.parse_loss`; empty for no packet loss.
+        first: Shares of the anchors, most important ones first, that arrive if only the first quality tiers of a stream
+            are received.
+        packets: Names of packetizations (`packetization_named`), chosen at random.
+        share: Share of the iterations with packet loss, once the set of anchors is fixed.
     """
 
     models: tuple[str, ...] = ()
@@ -240,8 +233,7 @@ class TrainConfig(CheckedFields):
         preset: Name of the preset that the configuration is based on.
         model: Shapes of anchors and of the context model; the type of this object selects the context model.
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
-        hidden: Hidden units of the rendering networks, the prior network and the channel networks. The networks of the
-            causal model are as wide as the channel networks.
+        hidden: Hidden units of the rendering networks, the prior network and the channel networks.
         milestones: Schedule of the training.
         rates: Learning rates.
         growth: Rules for adding and removing anchors.
@@ -251,11 +243,13 @@ class TrainConfig(CheckedFields):
         averaged: Number of last iterations over which parameters are averaged (`splatwire.neural.training.averaging`);
             0 for no averaging.
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
-        random_points: Number of random initial points if the data has none; at most one per four pixels of a view.
+        random_points: Maximum number of random initial points if the data has none.
         background: RGB of the background.
         test_views: Rule that selects the test views.
         seed: Seed of all random numbers.
     """
+
+    # The networks of the causal model are as wide as the channel networks.
 
     preset: str = "mipnerf360"
     model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)

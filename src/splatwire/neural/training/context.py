@@ -1,4 +1,4 @@
-"""The HAC++ context model in training: chooses quantisation steps for visible anchors, and estimates the rate."""
+"""The HAC++ context model in training."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class AttributeBits:
     Attributes:
         features: Bits of each feature channel.
         scalings: Bits of each scaling.
-        offsets: Bits of each offset coordinate, offset-major, as if all offsets existed.
+        offsets: Bits of each offset coordinate, offset-major, including masked-out offsets.
     """
 
     features: Float[Tensor, "M F"]
@@ -56,7 +56,9 @@ class AttributeBits:
 
 
 class AnchorCache:
-    """Cache of data derived from anchor positions, valid until anchors or the bounding box of the hash grid change."""
+    """Cache of data derived from anchor positions."""
+
+    # Valid until anchors or the bounding box of the hash grid change.
 
     def __init__(self, config: TrainConfig) -> None:
         self._config = config
@@ -82,7 +84,7 @@ class AnchorCache:
 
 
 class TrainedContext:
-    """The HAC++ context model while it is trained; implements `splatwire.neural.training.models.TrainedModel`.
+    """The HAC++ context model while it is trained.
 
     Args:
         config: The configuration.
@@ -94,10 +96,7 @@ class TrainedContext:
         self._config, self._kernels, self._cache = config, kernels, cache
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration whose loss includes the bit rate (context phase).
-
-        Does nothing before all other iterations.
-        """
+        """Initialises the networks before the first iteration whose loss includes the bit rate."""
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
             calibrate_prior(state, self._config)
@@ -110,8 +109,8 @@ class TrainedContext:
             visible: Indices of the visible anchors.
 
         Returns:
-            Quantisation steps; None in the first phase of the training, which has no noise. Estimated bits of the
-            sample; None unless the loss includes the bit rate (context phase).
+            Quantisation steps, None in the first phase of the training; and estimated bits of the sample, None while
+            the loss excludes the bit rate.
         """
         config, phase = self._config, phase_of(self._config.milestones, state.iteration)
         if phase is Phase.PLAIN:
@@ -127,17 +126,15 @@ class TrainedContext:
         return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
-
-        The rate is part of the loss only in the context phase of the training.
+        """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
-            offset masks. The estimated bits of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample, None while the loss excludes the bit rate.
         """
         steps, rate = self.quantise(state, visible)
         drawn = (
@@ -161,11 +158,9 @@ class TrainedContext:
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
     def bits_per_parameter(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Estimates the mean bits per attribute value of the whole scene; this is the rate in the training's loss.
-
-        The bits of the attributes are estimated from a sample of anchors. The bits of the hash grid's signs are added,
-        divided by the number of attribute values of all anchors.
-        """
+        """Estimates the mean bits per attribute value of the whole scene, including those of the hash grid."""
+        # The bits of the attributes are estimated from a sample of anchors. The bits of the hash grid's signs
+        # are added, divided by the number of attribute values of all anchors.
         layout = self._config.model.layout
         per_anchor = layout.feature_dim + 6 + 3 * layout.num_offsets
         grid = sign_bits(state.parameters["grid.volume"], state.parameters["grid.planes"])
@@ -175,19 +170,15 @@ class TrainedContext:
 def straight_through_masks(
     state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Returns the masks of offsets and of anchors as 0 or 1, with a gradient that can train them (HAC++).
-
-    In the gradient, the mask of an offset is replaced by the sigmoid of its logit, and the mask of an anchor by the
-    mean of these sigmoids over its offsets (straight-through gradient).
-    """
+    """Returns the masks of offsets and of anchors as 0 or 1, with straight-through gradients (HAC++)."""
+    # In the gradient, the mask of an offset is replaced by the sigmoid of its logit, and the mask of an anchor by
+    # the mean of these sigmoids over its offsets.
     return straight_through(state.parameters["mask_logits"][index], config.mask_threshold)
 
 
 def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Returns the masks of offsets and of anchors for given mask logits, with straight-through gradients.
-
-    An offset exists if the sigmoid of its logit is above `threshold`, an anchor if one of its offsets does.
-    """
+    """Returns the masks of offsets and of anchors for given mask logits, with straight-through gradients."""
+    # An offset exists if the sigmoid of its logit is above `threshold`, an anchor if one of its offsets does.
     share = torch.sigmoid(logits)
     hard = (share > threshold).to(share)
     offsets = share + (hard - share).detach()
@@ -196,15 +187,12 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
 
 
 def step_columns(prior: Mlp) -> Mlp:
-    """Returns a part of the prior network: only its last three outputs, from which the quantisation steps follow."""
+    """Returns the part of the prior network that predicts the quantisation steps."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 
 def adaptive_steps(step_logits: Float[Tensor, "N 3"], config: ModelConfig) -> Float[Tensor, "N 3"]:
-    """Returns the quantisation steps of features, scalings and offsets, `base * (1 + tanh(logit))` (HAC++).
-
-    The base steps are those of the configuration.
-    """
+    """Returns the quantisation steps of features, scalings and offsets, `base * (1 + tanh(logit))` (HAC++)."""
     return step_logits.new_tensor(config.base_steps) * (1 + torch.tanh(step_logits))
 
 
@@ -219,10 +207,7 @@ def grid_features(
 def noisy_attributes(
     state: TrainState, index: Int64[Tensor, "M"], steps: Steps, uniform: Uniform = uniform_from_host
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]]:
-    """Returns features, scalings and flat offsets of some anchors, with noise in place of rounding.
-
-    The noise is uniform and as wide as the quantisation steps.
-    """
+    """Returns features, scalings and flat offsets of some anchors, with uniform noise in place of rounding."""
     feature, scaling, offset = (
         values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
         for values, step in zip(state.attributes(index), steps, strict=True)
@@ -238,7 +223,7 @@ def sample_rate(
     mask: tuple[Float[Tensor, "M K"], Float[Tensor, "M"]],
     uniform: Uniform = uniform_from_host,
 ) -> SampleBits:
-    """Estimates the bits of a sample of anchors, with uniform noise in place of rounding.
+    """Estimates the bits of a sample of anchors.
 
     Args:
         state: State of the training.
@@ -273,7 +258,7 @@ def attribute_bits(
         channels: Channel networks, one per group.
         groups: Sizes of the groups of feature channels.
         steps: Quantisation steps of features, scalings and offsets.
-        values: Features, scalings and offsets, rounded to their steps or with noise in place of rounding.
+        values: Features, scalings and offsets, rounded or with noise in place of rounding.
     """
     feature_step, scaling_step, offset_step = steps.split(1, dim=1)
     feature, scaling, offset = values
@@ -296,8 +281,6 @@ def _channel_likelihood(
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
     """Returns the probability of each feature as predicted by the channel networks.
 
-    Each network predicts a group of feature channels from the previous groups and the output of the prior network.
-
     Args:
         channels: Channel networks, one per group.
         groups: Sizes of the groups of feature channels.
@@ -306,9 +289,10 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        Probability of each feature, and the logit of its weight. The coder mixes it with the probability that the prior
-        network predicts.
+        Probability of each feature, and the logit of its weight relative to the prior network's probability.
     """
+    # Each network predicts a group of feature channels from the previous groups and the output of the prior
+    # network.
     shared = torch.cat([outputs.feature_mean, outputs.feature_scale, outputs.feature_weight], dim=1)
     parts, before = [], 0
     for mlp, size in zip(channels, groups, strict=True):
@@ -320,10 +304,7 @@ def _channel_likelihood(
 
 @torch.no_grad()
 def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
-    """Initialises the context networks so that they predict the present mean and standard deviation of each attribute.
-
-    From random outputs, training would improve the predictions only slowly.
-    """
+    """Initialises the context networks with the present mean and standard deviation of each attribute."""
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:
         return

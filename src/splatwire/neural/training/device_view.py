@@ -1,7 +1,4 @@
-"""Visible anchors of a view, their Gaussians and growth statistics, computed on a GPU with little synchronisation.
-
-All offsets of visible anchors become Gaussians. Those of offsets that do not exist have opacity 0 and are not drawn.
-"""
+"""Visible anchors of a view, their Gaussians and growth statistics, computed on a GPU."""
 
 from dataclasses import dataclass
 
@@ -26,7 +23,7 @@ class ViewConstants:
         centers: Camera centres, world units.
         focals: Focal lengths, pixels.
         middles: Principal points, pixels; the centre of the top-left pixel is (0.5, 0.5).
-        lowest: Lower limits of x / depth and y / depth in the linearisation of the projection.
+        lowest: Lower limits of x / depth and y / depth in the Jacobian of the projection.
         highest: Upper limits of x / depth and y / depth.
         size: Width and height of the image, pixels.
         tiled: Width and height of the image, rounded up to whole tiles, pixels.
@@ -44,7 +41,7 @@ class ViewConstants:
 
     @staticmethod
     def of(cameras: Cameras) -> "ViewConstants":
-        """Computes the constants of `cameras`, whose fields must be tensors, on the device of these tensors."""
+        """Computes the parameters of `cameras`, on the device of its tensors."""
         sides = (cameras.width, cameras.height)
         size, tiled = (cameras.Ks.new_tensor(values) for values in (sides, [-(-side // TILE) * TILE for side in sides]))
         focals, middles = cameras.Ks.diagonal(dim1=1, dim2=2)[:, :2].contiguous(), cameras.Ks[:, :2, 2].contiguous()
@@ -58,8 +55,9 @@ class ViewConstants:
         """Transforms points to the coordinate system of camera `view`.
 
         Returns:
-            x / depth and y / depth, depths clamped to the near plane, and the mask of the points beyond the near plane.
+            x / depth and y / depth, the depths, and the mask of the points beyond the near plane.
         """
+        # Depths are clamped to the near plane.
         local = torch.addmm(self.translations[view], points, self.rotations[view].T)
         depth = local[:, 2:].clamp(min=NEAR_DEPTH)
         return local[:, :2] / depth, depth, local[:, 2] > NEAR_DEPTH
@@ -67,13 +65,14 @@ class ViewConstants:
 
 @dataclass(frozen=True, eq=False)
 class AllGaussians:
-    """Gaussians of all offsets of some anchors, also of offsets that do not exist.
+    """Gaussians of all offsets of some anchors, including masked-out offsets.
 
     Attributes:
-        gaussians: Gaussians in the order of anchors, then offsets; opacity 0 for offsets that do not exist.
-            Quaternions are not normalised, because GPU renderers normalise them.
+        gaussians: Gaussians in the order of anchors, then offsets; opacity 0 for masked-out offsets.
         exists: Mask of the Gaussians that are drawn.
     """
+
+    # Quaternions are not normalised, because GPU renderers normalise them.
 
     gaussians: Gaussians
     exists: Bool[Tensor, "G"]
@@ -89,8 +88,6 @@ def visible_anchors(
     views: ViewConstants, view: int, positions: Float[Tensor, "N 3"], sizes: Float[Tensor, "N S"]
 ) -> Bool[Tensor, "N"]:
     """Returns the mask of the anchors that a view may see.
-
-    The result is that of `neural.model.gaussian_heads.visible_anchors`.
 
     Args:
         views: The cameras.
@@ -113,10 +110,7 @@ def visible_anchors(
 
 @torch.no_grad()
 def on_image(views: ViewConstants, view: int, gaussians: Gaussians) -> Bool[Tensor, "G"]:
-    """Returns the mask of the Gaussians that may intersect the image.
-
-    The result is that of `neural.training.growth.on_image`.
-    """
+    """Returns the mask of the Gaussians that may intersect the image."""
     ratio, depth, is_far = views.local(gaussians.means, view)
     focal = views.focals[view]
     center = torch.addcmul(views.middles[view], ratio, focal)
@@ -132,13 +126,13 @@ def spawn_all(
     mask_weight: Float[Tensor, "M K"],
     size_gain: Float[Tensor, "M"] | None = None,
 ) -> AllGaussians:
-    """Generates a Gaussian for every offset of every given anchor, including offsets that do not exist.
+    """Generates a Gaussian for every offset of every given anchor, including masked-out offsets.
 
     Args:
         anchors: Visible anchors.
         heads: The networks that predict opacity, covariance and colour of Gaussians.
         camera_center: Centre of the camera, world units.
-        mask_weight: Factor on opacity and scale per offset; 0 for offsets that do not exist.
+        mask_weight: Factor on opacity and scale per offset; 0 for masked-out offsets.
         size_gain: Factor per anchor on the scales of its Gaussians; None for 1.
     """
     num, num_offsets = mask_weight.shape
@@ -171,8 +165,6 @@ def gather_statistics(
     view: int,
 ) -> None:
     """Adds the opacities and gradients of one view to the statistics for adding and removing anchors.
-
-    The results are equal to the results of `splatwire.neural.training.growth.gather_statistics`.
 
     Args:
         state: State of the training; the statistics are changed in place.

@@ -82,6 +82,7 @@ def _signs(values: Tensor) -> Tensor:
 
 @torch.no_grad()
 def copied_mlp(mlp: Mlp) -> Mlp:
-    """Copies a network, so that a snapshot of the scene does not change when the training continues."""
+    """Returns a copy of a network."""
+    # A snapshot of the scene must not change when the training continues.
     hidden, output = (Linear(layer.weight.clone(), layer.bias.clone()) for layer in (mlp.hidden, mlp.output))
     return Mlp(hidden, output, mlp.negative_slope)

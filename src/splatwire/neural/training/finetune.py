@@ -34,8 +34,6 @@ def model_of(scene: Scene) -> str | None:
 def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
     """Converts a configuration for a new scene to one for fine-tuning a finished scene.
 
-    Parameters are averaged over the last iterations only with the causal model.
-
     Args:
         config: Configuration for a new scene; its length, loss weights and packet losses are kept.
         scene: The scene; sets shapes and voxel size.
@@ -120,11 +118,9 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
-    """Returns lower and upper end of the range by which a scene's context model normalises anchor positions.
-
-    It is the bounding box of the hash grid; with the causal model, the middle of the anchors minus and plus their
-    spread.
-    """
+    """Returns lower and upper end of the range by which a scene's context model normalises anchor positions."""
+    # The bounding box of the hash grid; with the causal model, the middle of the anchors minus and plus their
+    # spread.
     if isinstance(coding, CausalCoding):
         return coding.middle - coding.spread, coding.middle + coding.spread
     return coding.context.grid.bounds_min, coding.context.grid.bounds_max

@@ -1,7 +1,4 @@
-"""Training of the binary hash grid: signs in the forward pass, straight-through gradients (HAC++, hash grid).
-
-Table rows and interpolation weights depend only on the positions, so they are computed once per set of anchors.
-"""
+"""Training of the binary hash grid: signs in the forward pass, straight-through gradients (HAC++, hash grid)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +39,7 @@ class GridCorners:
 def find_corners(unit: Float[Tensor, "N 3"], config: HashGridConfig) -> GridCorners:
     """Computes the table rows and weights for interpolating the hash grid at given positions.
 
-    Positions are in coordinates of the grid's bounding box: [0, 1] inside the box.
+    Positions are relative to the grid's bounding box, [0, 1] per axis inside the box.
     """
     volume, planes = [], []
     start = 0
@@ -68,9 +65,7 @@ def interpolate_signs(
     corners: GridCorners,
     index: Int64[Tensor, "M"],
 ) -> Float[Tensor, "M H"]:
-    """Interpolates the hash grid at positions, with the signs of the trained tables as entries; compiled, on the CPU.
-
-    Gradients are straight-through: the sign function counts as the identity within [-1, 1] and as constant outside.
+    """Interpolates the signs of the trained tables at positions; compiled, on the CPU. Gradients are straight-through.
 
     Args:
         volume: The trained 3D table, all levels.
@@ -97,12 +92,11 @@ def hard_sign(values: Tensor) -> Tensor:
 def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D"]) -> Float[Tensor, ""]:
     """Estimates the bits of all signs of the hash grid in the stream, with a straight-through gradient.
 
-    This is the entropy, given the share of +1 among all signs.
-
     Args:
         volume: The trained 3D table, whose signs are coded.
         planes: The trained tables of the planes xy, xz and yz.
     """
+    # This is the entropy, given the share of +1 among all signs.
     count = volume.numel() + planes.numel()
     signs = (straight_through_sign(volume).sum() + straight_through_sign(planes).sum()) / count
     share = ((1 + signs) / 2).clamp(1e-6, 1 - 1e-6)
@@ -110,10 +104,9 @@ def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D
 
 
 class _InterpolateSigns(torch.autograd.Function):
-    """Autograd function that interpolates the hash grid of signs with compiled kernels.
+    """Autograd function that interpolates the hash grid of signs with compiled kernels."""
 
-    Gradients are summed in a fixed order, so results are reproducible.
-    """
+    # Gradients are summed in a fixed order, so results are reproducible.
 
     @staticmethod
     def forward(ctx: Any, tables: Tensor, corners: GridCorners, index: Tensor) -> Tensor:

@@ -52,10 +52,8 @@ def gather_statistics(
 
 
 def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, "G"]:
-    """Returns the mask of the Gaussians that may intersect the image, bool (G).
-
-    The test uses a bounding sphere of three standard deviations along the longest axis.
-    """
+    """Returns the mask of the Gaussians that may intersect the image, bool (G)."""
+    # Tests a bounding sphere of three standard deviations along the longest axis.
     pose, K = (torch.as_tensor(values[view]).to(gaussians.means) for values in (cameras.viewmats, cameras.Ks))
     local = gaussians.means @ pose[:3, :3].T + pose[:3, 3]
     z = local[:, 2].clamp(min=NEAR_DEPTH)
@@ -70,9 +68,9 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     """Adds anchors near Gaussians with large gradients, and removes transparent anchors.
 
     Args:
-        state: State of the training; changed in place, including Adam's moments, running means and statistics.
+        state: State of the training; changed in place.
         config: The configuration.
-        uniform: Draws the random numbers that select a share of the candidate Gaussians.
+        uniform: Draws random numbers.
 
     Returns:
         The numbers of added and of removed anchors.
@@ -114,7 +112,7 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
         state: State of the training; changed in place.
         config: The configuration.
         gradients: Mean gradient length of each offset's 2D centre; negative for offsets drawn in too few views.
-        uniform: Draws random numbers, by which a random share of the candidates is skipped.
+        uniform: Draws random numbers.
     """
     rules, first = config.growth, state.num_anchors
     for level in range(rules.levels):
@@ -133,8 +131,7 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     Args:
         state: State of the training; changed in place.
         config: The configuration.
-        chosen: Mask of the chosen Gaussians, by anchor and offset, for the M anchors that existed before this round of
-            additions.
+        chosen: Mask of the chosen Gaussians, by anchor and offset.
         cell: Cell size in voxels.
     """
     anchor_index, offset_index = chosen.nonzero().unbind(dim=1)
@@ -163,13 +160,13 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
 
 
 def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
-    """Combines the three indices of each grid cell in one 64-bit integer, different for different cells."""
+    """Combines the three indices of each grid cell in one 64-bit integer."""
     shifted = cells + (1 << (_KEY_BITS - 1))
     return (shifted[:, 0] << (2 * _KEY_BITS)) | (shifted[:, 1] << _KEY_BITS) | shifted[:, 2]
 
 
 def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
-    """Splits 64-bit cell numbers into the three indices of each grid cell; the inverse of `_keys`."""
+    """Splits 64-bit cell numbers into the three indices of each grid cell."""
     low = (1 << _KEY_BITS) - 1
     parts = [keys >> (2 * _KEY_BITS), (keys >> _KEY_BITS) & low, keys & low]
     return torch.stack(parts, dim=1) - (1 << (_KEY_BITS - 1))

@@ -1,4 +1,4 @@
-"""Initial state of a training: anchors at the dataset's sparse points, random network weights (HAC++)."""
+"""Initial state of a training: anchors at the dataset's sparse points, random network weights."""
 
 import math
 from pathlib import Path
@@ -81,13 +81,12 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
 
 
 def points_of(scene: Scene) -> SparsePoints:
-    """Converts explicit Gaussians to initial points of a training, with centres and view-independent colours.
-
-    Gaussians with an opacity of 1/255 or less are skipped as invisible.
+    """Converts explicit Gaussians to initial points of a training: visible centres with their colours.
 
     Raises:
         InvalidValueError: If no Gaussian is left, or the scene has no explicit Gaussians.
     """
+    # Gaussians with an opacity of 1/255 or less are skipped as invisible.
     splats = explicit_gaussians(scene)
     if splats is None:
         raise InvalidValueError(f"a scene of {scene.ELEMENTS} has no Gaussians to start from")
@@ -105,11 +104,9 @@ def camera_extent(cameras: Cameras) -> float:
 
 
 def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
-    """Returns the bounding box of the hash grid, which is larger than the bounding box of the anchors.
-
-    As in HAC++, each face is moved outwards by 20 % of the absolute value of its coordinate. Along an axis where all
-    anchors have the same coordinate, the box extends by 0.5 on both sides, so that it is never flat.
-    """
+    """Returns the bounding box of the hash grid, which is larger than the bounding box of the anchors (HAC++)."""
+    # Each face is moved outwards by 20 % of the absolute value of its coordinate. Along an axis where all anchors
+    # have the same coordinate, the box extends by 0.5 on both sides, so that it is never flat.
     low, high = positions.amin(dim=0), positions.amax(dim=0)
     low, high = low - _BOUNDS_MARGIN * low.abs(), high + _BOUNDS_MARGIN * high.abs()
     flat = high - low < 1e-6
@@ -119,8 +116,7 @@ def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Fl
 def position_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
     """Returns the range of positions, in voxels, that the causal model uses to normalise its inputs.
 
-    The range is the median position minus and plus twice the median absolute deviation, rounded up to whole voxels.
-    Most anchors are inside it.
+    The range is the median position minus and plus twice the median absolute deviation.
     """
     middle = voxels.median(dim=0).values.float()
     spread = (voxels - middle).abs().median(dim=0).values.clamp(min=1).ceil() * 2
@@ -130,13 +126,12 @@ def position_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], F
 def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: TrainConfig) -> dict[str, Tensor]:
     """Returns the initial parameters of anchors.
 
-    Sizes are set to the distance to the nearest anchors; all other parameters are constants.
-
     Args:
         voxels: Positions of the anchors in voxels.
         voxel_size: World units per voxel.
         config: The configuration.
     """
+    # Sizes are set to the distance to the nearest anchors; all other parameters are constants.
     layout = config.model.layout
     squared = mean_squared_distance(torch.from_numpy(voxel_positions(voxels, voxel_size))).clamp(
         min=_MIN_SQUARED_DISTANCE
@@ -150,7 +145,7 @@ def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: T
 
 
 def _folder(dataset: Dataset) -> Path:
-    """Returns the folder with the photos of a dataset, for error messages."""
+    """Returns the folder with the photos of a dataset."""
     return dataset.image_paths[0].parent if dataset.image_paths else Path()
 
 
@@ -176,7 +171,7 @@ def initial_points(
 
     Args:
         dataset: Training views and points.
-        random_points: Number of random points; at most one per `_PIXELS_PER_POINT` pixels of a view.
+        random_points: Maximum number of random points.
         generator: Random generator, on the CPU.
 
     Returns:
@@ -223,10 +218,9 @@ def _voxels(points: Float[Tensor, "P 3"], voxel_size: float) -> Int64[Tensor, "N
 
 
 def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
-    """Derives a voxel size from the spacing of points: the median of the mean squared distance to three neighbours.
-
-    As in HAC++, the squared distance is used as a length, without a square root.
-    """
+    """Derives a voxel size from the spacing of points."""
+    # The median of the mean squared distance to three neighbours; as in HAC++, it is used as a length, without a
+    # square root.
     size = float(mean_squared_distance(torch.unique(points, dim=0)).median())
     if not (math.isfinite(size) and size > 0):
         raise DatasetError("the points give no voxel size: name one")
@@ -234,7 +228,8 @@ def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
 
 
 def mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
-    """Returns the mean squared distance of each position to the three nearest others; 0.01 for a single position."""
+    """Returns the mean squared distance of each position to the three nearest others."""
+    # 0.01 for a single position.
     points = positions.double().numpy()
     neighbours = min(3, len(points) - 1)
     if neighbours < 1:
@@ -244,7 +239,7 @@ def mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]
 
 
 def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
-    """Checks that at least half of the cameras see an anchor; if not, poses and points do not fit together.
+    """Checks that at least half of the cameras see an anchor.
 
     Raises:
         DatasetError: If more than half of the cameras see no anchor.
@@ -287,10 +282,8 @@ def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[i
 
 
 def log_scalings_dim(config: TrainConfig) -> int:
-    """Returns the number of scalings per anchor.
-
-    The HAC++ model has 6 scalings. The causal model has 4: one scale for all offset axes, and three sizes of Gaussians.
-    """
+    """Returns the number of scalings per anchor: 6 with the HAC++ model, 4 with the causal model."""
+    # The causal model has one scale for all offset axes, and three sizes of Gaussians.
     return FORM if isinstance(config.model, CausalConfig) else 6
 
 
@@ -315,10 +308,8 @@ def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
 
 
 def _networks(config: TrainConfig, generator: torch.Generator) -> dict[str, Tensor]:
-    """Returns random initial values of all networks and of the hash grid, by name.
-
-    Weights and biases are uniform within 1 / sqrt(number of inputs of the layer). Values of the grid tables are small.
-    """
+    """Returns random initial values of all networks and of the hash grid, by name."""
+    # Weights and biases are uniform within 1 / sqrt(number of inputs of the layer).
     parameters = {}
     fan_in = 1
     for name, shape in parameter_shapes(config, 0).items():

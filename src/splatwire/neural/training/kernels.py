@@ -27,16 +27,14 @@ Uniform = Callable[[torch.Size, torch.Generator, torch.device], Tensor]
 
 
 def uniform_from_host(shape: torch.Size, generator: torch.Generator, device: torch.device) -> Float[Tensor, "*shape"]:
-    """Draws uniform random numbers in [0, 1) on the CPU and copies them to a device; equal for every device."""
+    """Draws uniform random numbers in [0, 1) on the CPU and copies them to a device."""
     return torch.rand(shape, generator=generator).to(device)
 
 
 def uniform_on_device(shape: torch.Size, generator: torch.Generator, device: torch.device) -> Float[Tensor, "*shape"]:
-    """Draws uniform random numbers in [0, 1) on a device, with a seed drawn on the CPU.
-
-    The numbers are reproducible on a device, but differ from those of the CPU. An iteration needs tens of millions of
-    random numbers. Drawing them on the CPU takes longer than the rest of the iteration on a GPU.
-    """
+    """Draws uniform random numbers in [0, 1) on a device; reproducible, but different on each kind of device."""
+    # The seed is drawn on the CPU. An iteration needs tens of millions of random numbers; drawing them on the CPU
+    # takes longer than the rest of the iteration on a GPU.
     return torch.rand(shape, generator=_seeded(generator, device), device=device)
 
 
@@ -45,11 +43,9 @@ def noise_from_host(
 ) -> Float[Tensor, "rows width"]:
     """Draws a matrix of uniform random numbers in [0, 1) on the CPU and copies it to a device.
 
-    Each group of columns equals the result of a separate call of `uniform_from_host`.
-
     Args:
         rows: Number of rows.
-        widths: Number of columns of each group.
+        widths: Numbers of columns that are drawn together.
         generator: Random generator, on the CPU.
         device: Device of the result.
     """
@@ -63,7 +59,7 @@ def noise_on_device(
 
     Args:
         rows: Number of rows.
-        widths: Numbers of columns of consecutive groups of columns; only their sum matters here.
+        widths: Numbers of columns; only their sum matters.
         generator: Random generator, on the CPU, that gives the seed.
         device: Device of the result.
     """
@@ -73,16 +69,14 @@ def noise_on_device(
 def sample_from_host(num: int, share: float, generator: torch.Generator, device: torch.device) -> Int64[Tensor, "M"]:
     """Draws a random subset of the indices below `num` on the CPU, each index with probability `share`.
 
-    The indices are ascending and are copied to the device.
+    The result is ascending, on the given device.
     """
     return (torch.rand(num, generator=generator) <= share).nonzero()[:, 0].to(device)
 
 
 def sample_on_device(num: int, share: float, generator: torch.Generator, device: torch.device) -> Int64[Tensor, "M"]:
-    """Draws `num * share` random indices below `num` on a device, with replacement.
-
-    The number of indices is fixed, which avoids a synchronisation with the device.
-    """
+    """Draws `num * share` random indices below `num` on a device, with replacement."""
+    # The number of indices is fixed, which avoids a synchronisation with the device.
     count = round(num * share)
     return torch.randint(num, (count,), generator=_seeded(generator, device), device=device)
 
@@ -97,9 +91,9 @@ class Randomness:
 
     Attributes:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
-        noise: Draws a matrix of uniform random numbers in [0, 1). Its arguments are the number of rows, and the numbers
-            of columns of consecutive groups of columns (`noise_from_host`).
-        sample: Selects a random subset of anchors, given their number and the share to select; returns indices.
+        noise: Draws a matrix of uniform random numbers in [0, 1) from the numbers of rows and of columns
+            (`noise_from_host`).
+        sample: Selects a random subset of a number of anchors; returns indices.
     """
 
     uniform: Uniform
@@ -124,10 +118,12 @@ class Kernels:
         photometric_loss: Compares a rendered picture with a photo (`neural.training.losses`).
         adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
         random: Functions that draw random numbers.
-        asynchronous: True if the host queues operations for a GPU. Few large operations are then faster, even if they
-            compute unused values.
-        report_interval: Number of iterations between two readings of the loss by the host, which waits for the device.
+        asynchronous: True if the host queues operations for a GPU.
+        report_interval: Number of iterations between two readings of the loss by the host.
     """
+
+    # On an asynchronous device few large operations are faster, even if they compute unused values. Reading the
+    # loss waits for the device.
 
     draw: TrainingRenderer
     interpolate_signs: Callable[[Tensor, Tensor, GridCorners, Tensor], Tensor]
@@ -146,7 +142,7 @@ COMPILED = Kernels(
 
 
 def plain_kernels(draw: TrainingRenderer, random: Randomness = DEVICE_RANDOMNESS) -> Kernels:
-    """Returns implementations of the expensive training operations in plain torch, for any device.
+    """Returns the expensive training operations in plain torch, for any device.
 
     Args:
         draw: Renderer for tensors on that device.

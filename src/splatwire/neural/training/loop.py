@@ -1,4 +1,4 @@
-"""The training loop of all models: views in random order, tests, checkpoints, progress reports."""
+"""The training loop of all models."""
 
 import time
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class RunOptions(CheckedFields):
 
 @runtime_checkable
 class ModelState(Protocol):
-    """Protocol of the state of a training, as the loop uses it.
+    """Protocol of the state of a training.
 
     Attributes:
         iteration: Number of completed iterations.
@@ -61,7 +61,7 @@ class ModelState(Protocol):
 
 @runtime_checkable
 class ModelTraining(Protocol):
-    """Protocol of a model in training, as the loop uses it.
+    """Protocol of a model in training.
 
     Attributes:
         state: State of the training.
@@ -80,7 +80,7 @@ class ModelTraining(Protocol):
         """Writes a checkpoint."""
 
     def scene(self, device: torch.device) -> Scene:
-        """Returns the scene of the present state, on the CPU; it is computed on `device`."""
+        """Returns the scene of the present state, on the CPU."""
 
 
 def training_device(name: str) -> torch.device:
@@ -164,7 +164,7 @@ class TrainingLoop:
         return False
 
     def test(self, scene: Scene, iteration: int, num_views: int) -> QualityReport | None:
-        """Measures the quality of test views and reports it to the listener; returns None without test views."""
+        """Measures the quality of test views and reports it to the listener."""
         if self.test_views is None:
             return None
         renderer = create_renderer("cpu" if self.device.type == "cpu" else "gsplat")

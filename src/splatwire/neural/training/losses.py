@@ -1,7 +1,4 @@
-"""Photometric loss: difference of a rendered picture from a photo, by default 0.8 L1 + 0.2 (1 - SSIM) (HAC++).
-
-The gradient is computed together with the loss, in the forward pass.
-"""
+"""Photometric loss: difference of a rendered picture from a photo, by default 0.8 L1 + 0.2 (1 - SSIM) (HAC++)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,10 +20,11 @@ class Photo:
 
     Attributes:
         image: RGB in [0, 1].
-        moments: Blurred values and blurred squares. None for a photo with a mask, whose masked pixels are later
-            replaced by the rendered picture.
+        moments: Blurred values and blurred squares; None for a photo with a mask.
         mask: True for pixels that are compared; None if all pixels are compared.
     """
+
+    # Masked pixels are later replaced by the rendered picture, so their moments cannot be computed in advance.
 
     image: Float[Tensor, "H W 3"]
     moments: Float[Tensor, "2 H W 3"] | None
@@ -63,7 +61,7 @@ def photometric_loss(
 
 
 class _PhotometricLoss(torch.autograd.Function):
-    """Autograd function of the photometric loss that computes its gradient in the forward pass."""
+    """Autograd function of the photometric loss."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, photo: Photo, dssim: float) -> tuple[Tensor, Tensor]:

@@ -19,24 +19,18 @@ class TrainedModel(Protocol):
     """Protocol of a context model in training, which adds noise in place of quantisation and estimates the rate."""
 
     def begin(self, state: TrainState) -> None:
-        """Prepares the model before an iteration.
-
-        An implementation initialises its networks before the first iteration whose loss includes the bit rate (context
-        phase).
-        """
+        """Prepares the model before an iteration."""
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
-        """Prepares the visible anchors for rendering, and estimates the rate (bits) of a random sample of all anchors.
-
-        The rate is part of the loss only in the context phase of the training.
+        """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
 
         Args:
             state: State of the training.
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding (without noise in the first phase). Their
-            offset masks. The estimated bits of the sample, None before the context phase.
+            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
+            bits of the sample, None while the loss excludes the bit rate.
         """
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:

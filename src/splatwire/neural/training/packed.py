@@ -1,8 +1,9 @@
-"""Packing of several small networks into one network, evaluated with two matrix products and one (leaky) ReLU.
+"""Packing of several small networks into one network, which a GPU evaluates faster.
 
-A GPU spends more time on launching an operation than on a network of 32 hidden units. The hidden layers are stacked,
-the output layers form a block-diagonal matrix, and all other weights are zero.
+The hidden layers are stacked, the output layers form a block-diagonal matrix.
 """
+
+# A GPU spends more time on launching an operation than on a network of 32 hidden units.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,11 +46,11 @@ class PackedNetworks:
 
 
 def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetworks:
-    """Combines several two-layer networks into one, which a GPU evaluates faster; differentiable in weights and biases.
+    """Combines several two-layer networks into one; differentiable in weights and biases.
 
     Args:
-        networks: The networks; all have the same slope for negative inputs of the (leaky) ReLU.
-        order: Order of the outputs of the combined network, as indices into the concatenated outputs of all networks.
+        networks: The networks, all with the same negative slope of their (leaky) ReLU.
+        order: Order of the outputs, as indices into the concatenated outputs of all networks.
     """
     tensors = [
         tensor
@@ -74,18 +75,17 @@ def _copy_indices(
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
     """Computes for each weight of a combined network from which separate network it is copied, and the reverse.
 
-    All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to no
-    network are copies of this zero.
-
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
-        order: Order of the combined network's outputs, see `pack_networks`.
+        order: Order of the combined network's outputs.
         device: Device of the results.
 
     Returns:
         For each weight of the combined network, its index in the list; for each weight in the list, its index in the
         combined network; and the zero.
     """
+    # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
+    # no network are copies of this zero.
     numbers = sum(hidden * (inputs + 1 + outputs) + outputs for inputs, hidden, outputs in shapes)
     num_hidden, num_outputs = sum(shape[1] for shape in shapes), sum(shape[2] for shape in shapes)
     weight = torch.full((num_hidden, max(shape[0] for shape in shapes)), numbers)
@@ -109,10 +109,9 @@ def _copy_indices(
 
 
 class _Packed(torch.autograd.Function):
-    """Autograd function that copies the weights of several networks to their places in one combined tensor.
+    """Autograd function that copies the weights of several networks into one combined tensor."""
 
-    Each weight is used once, so its gradient is copied back by index.
-    """
+    # Each weight is used once, so its gradient is copied back by index.
 
     @staticmethod
     def forward(ctx: Any, source: Tensor, place: Tensor, zero: Tensor, *tensors: Tensor) -> Tensor:

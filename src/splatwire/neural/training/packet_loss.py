@@ -1,7 +1,7 @@
 """Simulated packet loss in training: an iteration drops the anchors of lost packets and conceals the loss.
 
-Anchors are divided into packets as an encoder would divide them. The loss models of `splatwire.channel` decide which
-packets are lost. The concealer `grow` enlarges received anchors to cover the gaps, as at a receiver.
+Anchors are divided into packets as an encoder would divide them, and received anchors are enlarged to cover the gaps,
+as at a receiver.
 """
 
 from dataclasses import dataclass
@@ -59,8 +59,7 @@ class Loss:
             seen: Attributes and offset masks of the visible anchors.
 
         Returns:
-            Indices, attributes and masks of the selected anchors, and the factor by which concealment enlarges their
-            Gaussians.
+            Indices, attributes and masks of the selected anchors, and the factor by which their Gaussians are enlarged.
         """
         kept = self.known[visible]
         (features, scalings, offsets), masks = seen
@@ -85,16 +84,14 @@ class PacketLosses:
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
-        """True if packet losses may be simulated in the next iteration; the first iterations have none."""
+        """True if packet losses may be simulated in the next iteration."""
         return bool(self._choices) and state.iteration > self._last_lossless
 
     @property
     def _last_lossless(self) -> int:
-        """Last iteration before packet losses are simulated.
-
-        They are simulated in the fine-tuning only or, without fine-tuning, once the set of anchors is fixed. With
-        `LossTraining.first`, they always start when the set of anchors is fixed.
-        """
+        """Last iteration before packet losses are simulated."""
+        # They are simulated in the fine-tuning only or, without fine-tuning, once the set of anchors is fixed.
+        # With `LossTraining.first`, they always start when the set of anchors is fixed.
         # Earlier packet loss reduces the quality of short trainings, measured with and without packet loss (lego, 600
         # iterations). With `LossTraining.first`, the order of anchors by importance still changes after the growth.
         milestones = self._config.milestones
@@ -109,15 +106,14 @@ class PacketLosses:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Prepares the state of a training for an iteration with packet loss, at fixed intervals because it takes time.
-
-        Removes anchors without offsets, which no packet contains. If only the most important anchors are received in
-        some iterations (`LossTraining.first`), also sorts the anchors by importance.
+        """Prepares the state of a training for an iteration with packet loss; removes anchors without offsets.
 
         Args:
             state: State of the training before an iteration; changed in place.
             cameras: The training cameras, in which the importance of anchors is measured.
         """
+        # Done at fixed intervals because it takes time. If only the most important anchors are received in some
+        # iterations (`LossTraining.first`), also sorts the anchors by importance.
         since = state.iteration - self._last_lossless
         if not self.active(state) or since % _TIDY_INTERVAL != 1:
             return
@@ -133,7 +129,7 @@ class PacketLosses:
 
         Args:
             state: State of the training; its random generator is used.
-            rate: Estimated bits of the anchors, which determine the number of anchors per datagram.
+            rate: Estimated bits of the anchors, which determine the number of anchors per packet.
         """
         if not self.active(state) or float(torch.rand((), generator=state.generator)) >= self._config.losses.share:
             return None
@@ -148,11 +144,11 @@ class PacketLosses:
 
     @torch.no_grad()
     def keep_first(self, state: TrainState, share: float) -> Loss | None:
-        """Simulates that only the most important anchors are received, a given share of all anchors.
+        """Simulates that only the most important anchors are received.
 
         Args:
-            state: State of the training, with anchors sorted by importance (`begin`).
-            share: Share of the anchors, 0 to 1.
+            state: State of the training, with anchors sorted by importance.
+            share: Share of the anchors that are received, 0 to 1.
         """
         self._update_order(state)
         return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
@@ -168,12 +164,10 @@ class PacketLosses:
             packetization: Rule by which anchors are split into packets.
             model: The loss model.
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
-            packet_anchors: Number of anchors per packet; only used if the packetization distributes anchors to packets
-                by a hash.
+            packet_anchors: Number of anchors per packet; only used if the packetization distributes anchors by a hash.
 
         Returns:
-            Received anchors, and factors by which their Gaussians are enlarged to cover gaps. None if all or no anchors
-            are received.
+            Received anchors, and factors by which their Gaussians are enlarged; None if all or no anchors are received.
         """
         self._update_order(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
@@ -186,10 +180,7 @@ class PacketLosses:
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
-            cut_off: True if exactly the most important anchors, the first quality tier, are received.
-
-        Returns:
-            Received anchors and enlargement factors, in the order of the state.
+            cut_off: True if only the first quality tier (most important anchors) is received.
         """
         if bool(known.all()) or not bool(known.any()):
             return None
@@ -211,23 +202,22 @@ class PacketLosses:
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
         """Returns the typical anchor size of each anchor's quality tier, from which a receiver conceals lost anchors.
 
-        A receiver does not know the size of each lost anchor, so it uses one size per tier. Here the received anchors
-        are the first tier, and the lost anchors the second.
-
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
 
         Returns:
-            Typical size for each anchor in coding order, above 0. The larger of the two sizes is 1.
+            Typical size for each anchor in coding order, above 0.
         """
+        # A receiver does not know the size of each lost anchor, so it uses one size per tier. Here the received
+        # anchors are the first tier, and the lost anchors the second. The larger of the two sizes is 1.
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
         gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
     def _update_order(self, state: TrainState) -> None:
-        """Recomputes the coding order of the anchors and their nearest neighbours, if anchors were added or removed."""
+        """Recomputes coding order and nearest neighbours of the anchors after the set of anchors has changed."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")
@@ -239,19 +229,17 @@ class PacketLosses:
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
-    """Returns the index of each anchor's packet, for anchors in coding order.
-
-    Packets are numbered in sending order. Consecutive packets contain different parts of the scene.
+    """Returns the index of each anchor's packet, in sending order, for anchors in coding order.
 
     Args:
         packetization: Rule by which anchors are split into packets.
         num_anchors: Number of anchors, N.
-        packet_anchors: Estimated number of anchors per packet; only used with hashed grouping, where packets are filled
-            up to a size in bytes.
+        packet_anchors: Estimated number of anchors per packet; only used if packets are filled up to a size in bytes.
 
     Returns:
         Packet indices, int64 (N).
     """
+    # Consecutive packets contain different parts of the scene.
     plan = PacketPlan(packetization, num_anchors)
     if packetization.hashed:
         ranks, starts = plan.groups()
@@ -266,11 +254,8 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
 
 
 def _anchors_per_packet(packetization: Packetization, rate: SampleBits | None) -> int:
-    """Estimates how many anchors a packet contains, from the estimated bits per anchor.
-
-    Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number. Returns 1 for all
-    others, or if the rate is None.
-    """
+    """Estimates how many anchors a packet contains, from the estimated bits per anchor."""
+    # Only packetizations with hashed grouping (packets filled up to a size in bytes) need this number.
     if rate is None or not packetization.hashed:
         return 1
     anchor_bytes = float(rate.bits.detach()) / 8 / max(rate.num_anchors, 1) + _MASK_BYTES

@@ -1,4 +1,4 @@
-"""Store of the training photos, which are read once before training and kept in memory."""
+"""Store of the training photos, which are kept in memory."""
 
 from collections.abc import Callable
 
@@ -20,12 +20,12 @@ DEVICE_BYTES = 4 << 30
 
 
 class PhotoStore:
-    """Photos of a dataset, with the terms of the loss that depend only on the photo, computed on first use.
+    """Photos of a dataset, with the terms of the loss that depend only on the photo.
 
     Args:
         dataset: The dataset.
         device: The training device.
-        prepare: Function that computes these terms of the loss (`Kernels.prepare_photo`).
+        prepare: Function that computes these terms (`Kernels.prepare_photo`).
         device_bytes: Maximum bytes of photos on the device.
 
     Raises:
@@ -56,7 +56,7 @@ class PhotoStore:
         self._room = room // (3 * pixels * 3 * 4)
 
     def photo(self, view: int) -> Photo:
-        """Returns the photo of a view, with those terms of the loss that depend on the photo only."""
+        """Returns the photo of a view."""
         if view in self._prepared:
             return self._prepared[view]
         mask = self._masks[view]

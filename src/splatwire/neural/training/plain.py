@@ -1,8 +1,7 @@
-"""The expensive operations of training in plain torch, for any device; same results as the compiled functions.
+"""The expensive operations of training in plain torch, for any device; optimised for GPUs."""
 
-The code is optimised for GPUs: few operations, no synchronisation with the device, no sorting. No operation uses the
-reduced precision TensorFloat-32.
-"""
+# Few operations, no synchronisation with the device, no sorting. No operation uses the reduced precision
+# TensorFloat-32.
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -26,11 +25,10 @@ def interpolate_signs_plain(
     corners: GridCorners,
     index: Int64[Tensor, "M"],
 ) -> Float[Tensor, "M H"]:
-    """Interpolates the binary hash grid; arguments and gradient as in `neural.training.grid.interpolate_signs`.
-
-    Levels are processed one after another, so that memory is proportional to the number of positions, not to positions
-    times levels. On a GPU the order of the gradient's sums is not fixed, so rounding may differ between calls.
-    """
+    """Interpolates the binary hash grid; arguments and gradient as in `neural.training.grid.interpolate_signs`."""
+    # Levels are processed one after another, so that memory is proportional to the number of positions, not to
+    # positions times levels. On a GPU the order of the gradient's sums is not fixed, so rounding may differ between
+    # calls.
     features: Tensor = _InterpolateSigns.apply(torch.cat([volume, planes.flatten(0, 1)]), corners, index)
     return features
 
@@ -61,7 +59,7 @@ class _InterpolateSigns(torch.autograd.Function):
 def _levels(
     corners: GridCorners, index: Int64[Tensor, "M"]
 ) -> Iterator[tuple[Int32[Tensor, "M corners"], Float[Tensor, "M corners"]]]:
-    """Yields the table rows and weights of the positions `index`, for one level of the hash grid after another."""
+    """Yields the table rows and weights of the positions `index` on each level of the hash grid."""
     for rows, weights in (
         (corners.volume_rows, corners.volume_weights),
         (corners.plane_rows, corners.plane_weights),
@@ -71,7 +69,7 @@ def _levels(
 
 
 def prepare_photo_plain(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
-    """Precomputes the terms of the loss that depend only on the photo, on the device of the photo."""
+    """Precomputes the terms of the loss that depend only on the photo."""
     if mask is not None:
         return Photo(image, None, mask)
     planes = image.permute(2, 0, 1)
@@ -80,11 +78,10 @@ def prepare_photo_plain(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"]
 
 
 def blur(planes: Float[Tensor, "P H W"]) -> Float[Tensor, "P H W"]:
-    """Blurs image planes with the Gaussian window of SSIM, along columns and then rows; zero beyond the border.
-
-    cuDNN is disabled because it rounds to TensorFloat-32 on some GPUs. That is too imprecise for the variances of SSIM,
-    which are differences of nearly equal numbers. Torch's own convolution of separate planes has float32 precision.
-    """
+    """Blurs image planes with the Gaussian window of SSIM; zero beyond the border."""
+    # cuDNN is disabled because it rounds to TensorFloat-32 on some GPUs. That is too imprecise for the variances of
+    # SSIM, which are differences of nearly equal numbers. Torch's own convolution of separate planes has float32
+    # precision.
     count, half = len(planes), WINDOW // 2
     down, across = _windows(count, planes.device)
     with torch.backends.cudnn.flags(enabled=False):
@@ -110,10 +107,10 @@ def photometric_loss_plain(
 
 
 class _PhotometricLoss(torch.autograd.Function):
-    """Photometric loss (L1 and D-SSIM) as an autograd function with an explicit gradient.
+    """Photometric loss (L1 and D-SSIM) as an autograd function with an explicit gradient."""
 
-    The gradient is computed in the forward pass. It needs fewer blurred images than automatic differentiation of SSIM.
-    """
+    # The gradient is computed in the forward pass. It needs fewer blurred images than automatic differentiation of
+    # SSIM.
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, photo: Photo, dssim: float) -> tuple[Tensor, Tensor]:
@@ -163,11 +160,9 @@ def _similarity(
 
 @torch.no_grad()
 def adam_update_plain(updates: Sequence[AdamUpdate]) -> None:
-    """Updates parameters and moments in place (see `splatwire.neural.training.adam.adam_update`).
-
-    All tensors with the same learning rate and the same number of updates are updated by one call of torch's fused
-    Adam.
-    """
+    """Updates parameters and moments with Adam, in place."""
+    # All tensors with the same learning rate and the same number of updates are updated by one call of torch's
+    # fused Adam.
     groups: dict[tuple[float, int], list[tuple[Tensor, ...]]] = defaultdict(list)
     for parameter, gradient, moments, rate in updates:
         moments.steps += 1

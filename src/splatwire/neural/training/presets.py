@@ -113,13 +113,11 @@ def create_config(
         model: Name of the context model, one of `MODELS`.
         lmbda: Weight of the rate in the loss; None for the preset's default.
         size: Target size of the stream in bytes; 0 for a constant weight of the rate.
-        iterations: Number of iterations; all phases of the schedule are scaled to this number.
+        iterations: Number of iterations, to which the schedule is scaled.
         voxel_size: Spacing of anchor positions, world units; 0 to derive it from the points, None for the preset's
             default.
-        growth_interval: Number of iterations between two changes of the set of anchors; None to scale the default, with
-            a minimum of 50.
-        refine_steps: Number of Adam steps of the final refinement of the context model; None for a quarter of the
-            iterations, limited to the default of `RefineConfig.steps`.
+        growth_interval: Number of iterations between two changes of the set of anchors; None for the default.
+        refine_steps: Number of Adam steps of the final refinement of the context model; None for the default.
         losses: Packet losses to train for, in the syntax of `loss_training`; empty for no packet loss.
         loss_share: Share of fine-tuning iterations with packet loss.
         background: RGB of the background.
@@ -129,6 +127,8 @@ def create_config(
         UnknownNameError: If no preset, model or loss model has that name.
         InvalidValueError: If a value is out of range.
     """
+    # The default of `growth_interval` is scaled with `iterations`, at least 50. The default of `refine_steps` is a
+    # quarter of the iterations, limited to the default of `RefineConfig.steps`.
     if model not in MODELS:
         raise UnknownNameError("model", model, MODELS)
     if preset not in PRESETS:
@@ -159,12 +159,11 @@ def create_config(
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
     """Adapts learning rates for a long training to a shorter one, by higher final rates.
 
-    With the published final rates, the Gaussians of a short training do not converge.
-
     Args:
         rates: Learning rates for a training of `FULL_ITERATIONS` iterations.
         iterations: Number of iterations of the training.
     """
+    # With the published final rates, the Gaussians of a short training do not converge.
     # Figures for lego, 2,400 iterations, one training each. The final rates chosen here are 30 times those published.
     # PSNR is 1.1 dB lower with the published rates, 0.3 dB lower with 12 times these rates, and 0.1 dB lower with
     # constant rates for opacity and colour. Higher final rates for hash grid and context networks make the stream three
@@ -178,10 +177,8 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Raises the causal model's learning rates for the last phase of a training, when the set of anchors is fixed.
-
-    The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.
-    """
+    """Raises the causal model's learning rates for the last phase of a training."""
+    # The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.
     share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LENGTH)
     power = min(max(share, 0.0), 1.0)
     late = {name: dataclasses.replace(getattr(rates, name), late=most**power) for name, most in CAUSAL_LATE.items()}
@@ -189,7 +186,7 @@ def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _causal(config: TrainConfig) -> TrainConfig:
-    """Replaces the HAC++ context model of a configuration by the causal one, with the settings that suit it."""
+    """Replaces the HAC++ context model of a configuration by the causal one, with suitable settings."""
     return dataclasses.replace(
         config,
         model=CausalConfig(),
@@ -204,7 +201,7 @@ def _causal(config: TrainConfig) -> TrainConfig:
 
 
 def _with_fine_tuning(config: TrainConfig) -> TrainConfig:
-    """Appends fine-tuning iterations if a configuration simulates packet loss; otherwise returns it unchanged."""
+    """Appends fine-tuning iterations if a configuration simulates packet loss."""
     if not (config.losses.models or config.losses.first):
         return config
     milestones, more = config.milestones, round(TUNING_SHARE * config.milestones.iterations)
@@ -235,8 +232,8 @@ def loss_training(losses: tuple[str, ...], share: float = LossTraining.share) ->
     """Parses the packet losses to train for.
 
     Args:
-        losses: Loss models in the syntax of `splatwire.channel.parse_loss`, or `first:SHARE` if only the most important
-            share of the anchors arrives. `none` or an empty tuple for no packet loss.
+        losses: Loss models in the syntax of `splatwire.channel.parse_loss`; `first:SHARE` if only the most important
+            anchors arrive; `none` or an empty tuple for no packet loss.
         share: Share of fine-tuning iterations with packet loss.
 
     Raises:

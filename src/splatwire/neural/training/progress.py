@@ -1,4 +1,4 @@
-"""Progress reports of a training, and the listener that receives the reports."""
+"""Progress reports of a training."""
 
 from collections import deque
 from collections.abc import Callable
@@ -37,7 +37,7 @@ class Progress:
         num_elements: Number of anchors or Gaussians.
         estimated_bytes: Estimated size of the encoded scene; None until the loss includes the bit rate.
         seconds: Seconds since this training was started or resumed.
-        iterations_per_second: Speed, from the median duration of the last iterations; None in the first iterations.
+        iterations_per_second: Speed, from the median duration of the last iterations; None if unknown.
         elements: Name of the elements in messages.
     """
 
@@ -62,9 +62,9 @@ class Listener(CheckedFields):
     Attributes:
         progress: Called after every iteration with the progress.
         tested: Called after every test with the quality of the test views.
-        should_stop: Called after every iteration; the result True ends the training with a checkpoint.
+        should_stop: Called after every iteration; True ends the training with a checkpoint.
         refining: Called during the refinement at the end with the completed share, 0 to 1.
-        iterated: Called after every iteration with a function that returns the scene of the present state, on the CPU.
+        iterated: Called after every iteration with a function that returns the present scene, on the CPU.
     """
 
     progress: Callable[[Progress], None] = lambda progress: None
@@ -80,15 +80,14 @@ class RunningMeans:
 
     Attributes:
         iterations: Number of iterations of the training.
-        interval: Number of iterations between two updates of the means. An update reads all reports since the previous
-            update.
-        estimate: Function that estimates the bytes of the encoded scene from the state and the bits per element; None
-            if the bits are unknown.
+        interval: Number of iterations between two updates of the means.
+        estimate: Function that estimates the bytes of the scene from the state and the bits per element; None if
+            unavailable.
         elements: Name of the elements in messages.
         means: The running means by name.
         recent: Durations of the last iterations, seconds.
         unread: Reports of the iterations since the last update.
-        size: Estimated bytes of the encoded scene at the last update; None until the loss includes the bit rate.
+        size: Estimated bytes of the encoded scene; None until the loss includes the bit rate.
     """
 
     iterations: int
@@ -128,10 +127,8 @@ class RunningMeans:
         )
 
     def _read_reports(self, state: Any) -> None:
-        """Adds all new reports to the running means.
-
-        The reports are copied from the device at once, because each copy waits for the device.
-        """
+        """Adds all new reports to the running means."""
+        # The reports are copied from the device at once, because each copy waits for the device.
         columns = torch.stack([
             torch.stack([r.total, r.absolute_error, r.total if r.sample_bits is None else r.sample_bits]).double()
             for r in self.unread

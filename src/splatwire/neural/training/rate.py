@@ -13,14 +13,13 @@ def gaussian_likelihood(
 ) -> Float[Tensor, "N D"]:
     """Returns the probability of each quantised value under its normal distribution.
 
-    It is the probability of an interval of width `step`, centred on the value.
-
     Args:
         values: Rounded values, or values with noise in place of rounding.
         mean: Mean of each value.
         scale: Standard deviation of each value, positive.
         step: Quantisation step.
     """
+    # It is the probability of an interval of width `step`, centred on the value.
     # mirror both bounds to below the mean, where differences of tiny probabilities are precise
     distance = (values - mean).abs()
     return torch.special.ndtr((0.5 * step - distance) / scale) - torch.special.ndtr((-0.5 * step - distance) / scale)
@@ -35,7 +34,7 @@ def mixture_likelihood(
 
 
 def bits(likelihood: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
-    """Returns the code length in bits, `-log2`, of likelihoods, which are clamped to at least `MIN_LIKELIHOOD`."""
+    """Returns the code length in bits, `-log2`, of likelihoods."""
     return -torch.log2(likelihood.clamp(min=MIN_LIKELIHOOD))
 
 

@@ -1,9 +1,6 @@
 """Refines the context model of a finished scene, so that the same attributes take fewer bits.
 
-During training, the attributes change in every iteration, and the rate is estimated from a twentieth of the anchors.
-Here the attributes are fixed and no picture is rendered, so that the networks converge within a minute. The loss is the
-bits of all attributes under the coder's distributions (HAC++, rate), plus the bits of the hash grid's signs. The
-rendered scene hardly changes, because quantisation steps hardly change.
+The attributes are fixed, and no picture is rendered.
 """
 
 import dataclasses
@@ -72,7 +69,9 @@ class _ConstantData:
 
 
 class _ScaledMlp:
-    """A network in training. Its outputs are divided by typical values, so that one learning rate suits all outputs."""
+    """A network in training whose outputs are divided by typical values."""
+
+    # Scaled outputs need only one learning rate.
 
     def __init__(self, mlp: Mlp, unit: Float[Tensor, "out"]) -> None:
         self._slope, self._unit = mlp.negative_slope, unit
@@ -87,10 +86,7 @@ class _ScaledMlp:
 
 
 class _BinaryGrid:
-    """Hash grid in training, whose entries are the signs (+1 or -1) of real numbers.
-
-    The real numbers are optimised by gradient descent, and the code length of the signs is estimated.
-    """
+    """Hash grid in training, whose entries are the signs (+1 or -1) of real numbers."""
 
     def __init__(self, grid: HashGrid, config: HashGridConfig, corners: GridCorners, latent: float) -> None:
         self.volume = (grid.volume.float() * latent).requires_grad_()
@@ -100,11 +96,9 @@ class _BinaryGrid:
         self._read[torch.cat([corners.volume_rows.flatten(), corners.plane_rows.flatten()]).long()] = 1
 
     def bits(self) -> Float[Tensor, ""]:
-        """Estimates the bits of the grid's signs in the stream; signs that no anchor reads are not counted.
-
-        The estimate is the ideal code length if the coder knows the share of +1 in each level and feature channel. It
-        is differentiable in the trained real numbers.
-        """
+        """Estimates the bits of the grid's signs in the stream; differentiable."""
+        # The estimate is the ideal code length if the coder knows the share of +1 in each level and feature
+        # channel. Signs that no anchor reads are not counted.
         signs = torch.cat([straight_through_sign(self.volume), straight_through_sign(self.planes).flatten(0, 1)])
         with torch.no_grad():
             levels = int(self._level.max()) + 1
@@ -177,10 +171,7 @@ def _loss(
     index: Int64[Tensor, "M"],
     config: RefineConfig,
 ) -> Float[Tensor, ""]:
-    """Returns the loss of the refinement, in which networks are trained again for fixed anchors.
-
-    The loss is the estimated number of bits per anchor. A penalty is added if the networks change quantisation steps,
-    because the fixed anchors were rounded with the previous ones.
+    """Returns the loss of the refinement: bits per anchor, plus a penalty on changed quantisation steps.
 
     Args:
         fixed: Data of the scene that does not change.
@@ -190,6 +181,7 @@ def _loss(
         index: Indices of the sampled anchors.
         config: Weights of the penalty and of the grid's bits.
     """
+    # The penalty is needed because the fixed anchors were rounded with the previous steps.
     outputs = split_prior_outputs(
         run_network(prior.mlp(), interpolate_signs(signs.volume, signs.planes, fixed.corners, index)), fixed.config
     )
@@ -235,11 +227,9 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns the magnitude of each network output, by which outputs are divided so that one learning rate suits all.
-
-    It is the typical predicted standard deviation of the attribute channel. The first list entry is for the prior
-    network, the others are for the channel networks.
-    """
+    """Returns the typical magnitude of each output of the prior network and of the channel networks."""
+    # It is the typical predicted standard deviation of the attribute channel. Outputs are divided by it so that one
+    # learning rate suits all.
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (
         typical_spread(scale, step) for scale, step in zip(scales, config.base_steps, strict=True)
@@ -252,6 +242,7 @@ def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[T
 
 
 def _level_of_row(config: HashGridConfig) -> Int64[Tensor, "rows"]:
-    """Returns the grid level of each row of the concatenated hash-grid tables: the 3D table, then planes xy, xz, yz."""
+    """Returns the grid level of each row of the concatenated hash-grid tables."""
+    # Order: the 3D table, then planes xy, xz, yz.
     sizes = [*config.rows(3), *(rows for _ in range(3) for rows in config.rows(2))]
     return torch.arange(len(sizes)).repeat_interleave(torch.tensor(sizes))

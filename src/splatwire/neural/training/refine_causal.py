@@ -60,11 +60,10 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
     Args:
         scene: The scene.
         coding: Context model of the scene, whose networks are refined.
-        alive: Anchors to use: those that have at least one offset.
+        alive: Anchors to use.
 
     Returns:
-        Three values: inputs of the position network; attributes of the anchors in quantisation steps (features,
-        logarithms of base scale and sizes, offsets); and offset masks, 0 or 1.
+        Inputs of the position network, attributes of the anchors in quantisation steps, and offset masks, 0 or 1.
     """
     anchors = scene.anchors.select(alive)
     feature, form, offset = channel_steps(coding.steps.log(), coding.config)

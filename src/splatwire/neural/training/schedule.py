@@ -10,11 +10,9 @@ SCALED_BY_EXTENT = ("offsets", "mask_logits")
 
 
 class Phase(enum.Enum):
-    """Phases of a training (HAC++), by the treatment of quantisation.
+    """Phases of a training (HAC++): no noise, noise of fixed width, context phase.
 
-    In the first phase, attributes have no noise. In the second, noise as wide as fixed quantisation steps is added to
-    them. In the third (context phase), the context model determines the quantisation steps, and the loss includes the
-    rate.
+    In the context phase, the context model determines the quantisation steps, and the loss includes the rate.
     """
 
     PLAIN = "plain"
@@ -23,14 +21,14 @@ class Phase(enum.Enum):
 
 
 def phase_of(milestones: Milestones, iteration: int) -> Phase:
-    """Returns the phase of `iteration`, counted from 1."""
+    """Returns the phase of an iteration; the first iteration is 1."""
     if iteration > milestones.context_start:
         return Phase.CONTEXT
     return Phase.NOISE if iteration > milestones.noise_start else Phase.PLAIN
 
 
 def gathers_statistics(milestones: Milestones, iteration: int) -> bool:
-    """True if gradients and opacities of an iteration are gathered for adding and removing anchors."""
+    """True if the statistics for adding and removing anchors are gathered in an iteration."""
     return milestones.statistics_start < iteration < milestones.growth_end
 
 
@@ -42,13 +40,13 @@ def changes_anchors(milestones: Milestones, iteration: int) -> bool:
 
 
 def learning_rate_at(rate: LearningRate, share: float) -> float:
-    """Returns the learning rate after a share (0 to 1) of the training: log-linear from `initial` to `final`."""
+    """Returns the learning rate after a share (0 to 1) of the training; it changes log-linearly."""
     share = min(max(share, 0.0), 1.0)
     return math.exp((1 - share) * math.log(rate.initial) + share * math.log(rate.final))
 
 
 def half_cosine(share: float) -> float:
-    """Returns the value of a half cosine that falls from 1 at `share` 0 to 0 at `share` 1."""
+    """Returns the value of a half cosine, which falls from 1 at `share` 0 to 0 at `share` 1."""
     return 0.5 + 0.5 * math.cos(math.pi * share)
 
 
@@ -56,7 +54,7 @@ def second_half(rates: LearningRates) -> LearningRates:
     """Returns learning rates for fine-tuning: those that HAC++ uses in the second half of a training.
 
     Args:
-        rates: Learning rates of the training; only the rate of the masks is used.
+        rates: Learning rates of the training.
     """
     published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)
     halves = {name: LearningRate(math.sqrt(r.initial * r.final), r.final) for name, r in vars(published).items()}
@@ -68,7 +66,7 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
 
     Args:
         config: The configuration.
-        iteration: Iteration, counted from 1.
+        iteration: Iteration, the first is 1.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
     """
     milestones = config.milestones

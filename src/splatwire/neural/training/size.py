@@ -1,4 +1,4 @@
-"""Rate control in training: adjusts lambda, the weight of the rate, so that the stream reaches a target size."""
+"""Rate control in training, so that the stream reaches a target size."""
 
 import math
 from collections.abc import Callable
@@ -33,17 +33,18 @@ Encoding 270,000 anchors takes seconds, as long as hundreds of iterations on a G
 
 
 def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None = None) -> None:
-    """Adjusts lambda, the weight of the rate, towards the target size; does nothing if no measurement is due.
+    """Adjusts lambda, the weight of the rate, towards the target size.
 
     Args:
         state: State of the training after an iteration; the field `steering` is replaced.
         config: The configuration.
-        estimate: Function that estimates the bytes of the stream up to a constant factor; None to encode the scene at
-            every measurement.
+        estimate: Function that estimates the bytes of the stream up to a constant factor; None to encode the scene
+            instead.
 
     Raises:
         InvalidValueError: If no anchor is left.
     """
+    # Does nothing if no measurement is due.
     if config.weights.size and is_time(config.milestones, state.iteration):
         aim = config.weights.size * (1 + headroom(config.milestones, state.iteration))
         size, ratio = _measure_size(state, config, estimate)
@@ -55,17 +56,16 @@ def _measure_size(
 ) -> tuple[float, float | None]:
     """Measures the size in bytes of the stream that a training would give if it ended now.
 
-    Encoding is expensive, so with `estimate` the scene is encoded only every few measurements. The other measurements
-    scale the estimate by the last ratio of encoded to estimated size.
-
     Args:
         state: State of the training.
         config: The configuration.
-        estimate: Function that estimates the size; None to encode the scene at every measurement.
+        estimate: Function that estimates the size; None to encode the scene instead.
 
     Returns:
         Size in bytes, and the ratio of encoded to estimated size; the ratio is None if `estimate` is None.
     """
+    # Encoding is expensive, so with `estimate` the scene is encoded only every few measurements. The other
+    # measurements scale the estimate by the last ratio of encoded to estimated size.
     if estimate is None:
         return float(stream_bytes(export_scene(state, config))), None
     estimated, ratio = estimate(state), state.steering.ratio
@@ -75,10 +75,8 @@ def _measure_size(
 
 
 def first_measured(milestones: Milestones) -> int:
-    """Returns the iteration after which the size of the stream is measured at regular intervals.
-
-    It is midway between the start of the context phase and the end of the phase in which anchors are added and removed.
-    """
+    """Returns the iteration after which the size of the stream is measured at regular intervals."""
+    # Midway between the start of the context phase and the end of the phase in which anchors are added and removed.
     return (milestones.context_start + max(milestones.growth_end, milestones.context_start)) // 2
 
 
@@ -89,7 +87,7 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns the number of measurements of the stream's size up to an iteration, inclusive."""
+    """Returns the number of measurements of the stream's size up to and including an iteration."""
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 
@@ -98,21 +96,17 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns by which share of the target size the stream may exceed it after an iteration.
-
-    The share falls linearly during the training, from `HEADROOM` to `LAST`.
-    """
+    """Returns by which share of the target size the stream may exceed it after an iteration."""
+    # The share falls linearly during the training, from `HEADROOM` to `LAST`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
 
 
 def steered(before: Steering, miss: float) -> Steering:
-    """Computes the next state of the size controller after a measurement of the stream's size.
-
-    The controller adjusts lambda, the weight of the bit rate in the loss, so that the stream reaches its target size.
+    """Adjusts lambda, the weight of the bit rate in the loss, after a measurement of the stream's size.
 
     Args:
-        before: State before the measurement.
+        before: State of the size controller before the measurement.
         miss: Natural logarithm of the ratio of measured size to target size.
     """
     change = INTEGRAL * miss + PROPORTIONAL * (miss - (miss if before.miss is None else before.miss))

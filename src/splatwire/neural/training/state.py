@@ -39,13 +39,10 @@ class Moments:
 class GrowthStatistics:
     """Statistics of anchors and offsets that decide which anchors are removed, and where anchors are added.
 
-    They are gathered from one change of the set of anchors to the next.
-
     Attributes:
         opacity_sum: Sum of the opacities of an anchor's Gaussians, over the views that saw the anchor.
         visits: Number of views that saw the anchor.
-        gradient_sum: Sum over views of the length of the loss gradient with respect to the 2D centre of an offset's
-            Gaussian.
+        gradient_sum: Sum over views of the length of the gradient of an offset's 2D centre.
         gradient_count: Number of views that drew the offset's Gaussian.
     """
 
@@ -65,7 +62,7 @@ class GrowthStatistics:
 
 @dataclass(frozen=True, eq=False)
 class Networks:
-    """The networks in training, except those of the causal model (`causal_networks`).
+    """The networks in training, except those of the causal model.
 
     Attributes:
         heads: The rendering networks.
@@ -80,13 +77,13 @@ class Networks:
 
     @property
     def context_prior(self) -> Mlp:
-        """The prior network of the HAC++ model; the causal model has no such network."""
+        """The prior network of the HAC++ model."""
         assert self.prior is not None
         return self.prior
 
     @staticmethod
     def of(parameters: dict[str, Tensor]) -> "Networks":
-        """Builds the networks from trained tensors, whose names begin with `heads.`, `prior.` or `channel.`."""
+        """Builds the networks from trained tensors."""
 
         def mlp(prefix: str, negative_slope: float = 0.0) -> Mlp:
             layers = (f"{prefix}.{layer}" for layer in ("hidden", "output"))
@@ -101,9 +98,7 @@ class Networks:
 
 @dataclass(frozen=True)
 class Steering:
-    """State of the controller that adapts the weight of the rate (lambda) during a training, to reach a target size.
-
-    The controller is in `splatwire.neural.training.size`.
+    """State of the controller that adapts the weight of the rate (lambda), so that the stream reaches a target size.
 
     Attributes:
         log_rate: Natural logarithm of the factor on lambda.
@@ -125,19 +120,17 @@ class TrainState:
         iteration: Number of completed iterations.
         voxels: Anchor positions in voxels.
         voxel_size: World units per voxel.
-        parameters: Trained tensors by name: those of `ANCHOR_PARAMETERS`, `heads.*`, `grid.*`, `prior.*`,
-            `channel.*`.
+        parameters: Trained tensors by name.
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         statistics: Statistics for adding and removing anchors.
-        bounds_min: Lower end of the range by which the context model normalises positions. A corner of the hash grid's
-            bounding box; with the causal model, the middle of the anchors minus their spread, in voxels.
+        bounds_min: Lower end of the range by which the context model normalises positions, in voxels or world units.
         bounds_max: Upper end of this range.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
         steering: State of the size controller.
-        means: Running means by parameter name, once averaging has started (`splatwire.neural.training.averaging`).
-        networks: The networks made of the tensors of `parameters`, which training changes in place.
+        means: Running means by parameter name, once averaging has started.
+        networks: The networks made of the tensors of `parameters`.
     """
 
     iteration: int
@@ -187,7 +180,8 @@ class TrainState:
         return self.voxels.device
 
     def scalings(self, index: Tensor | slice = slice(None)) -> Float[Tensor, "M 6"]:
-        """Returns the scalings of some anchors, world units. The trained parameters are their logarithms."""
+        """Returns the scalings of some anchors, world units."""
+        # The trained parameters are their logarithms.
         return expanded_scalings(self.parameters["log_scalings"][index].exp())
 
     def attributes(self, index: Tensor) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M O"]]:
@@ -207,7 +201,7 @@ def expanded_scalings(scalings: Float[Tensor, "M S"]) -> Float[Tensor, "M 6"]:
 
 
 def move_state(state: TrainState, device: torch.device) -> TrainState:
-    """Moves a state to a device; returns `state` itself if already there, otherwise a copy with the same generator."""
+    """Moves a state to a device; returns `state` itself if already there, otherwise a copy."""
     if state.device == device:
         return state
     statistics = {name: rows.to(device) for name, rows in vars(state.statistics).items()}
@@ -233,7 +227,7 @@ def group_of(name: str) -> str:
 
 
 def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"] | Int64[Tensor, "M"]) -> None:
-    """Removes all anchors of a state except those given by a mask or by indices; changes `state`."""
+    """Removes all anchors of a state except those given by a mask or by indices, in place."""
     _map_rows(state, lambda _, rows: rows[keep])
     state.voxels = state.voxels[keep]
 
@@ -256,15 +250,9 @@ def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: 
 
 
 def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
-    """Replaces every tensor of a state that has one row per anchor by the result of a function.
-
-    Used to remove or append rows, that is, anchors.
-
-    Args:
-        state: State of the training; changed in place.
-        change: Function of two arguments. The first is the name of a trained tensor, or None for Adam's moments and
-            statistics; the second is the tensor.
-    """
+    """Replaces every tensor of a state that has one row per anchor by the result of a function."""
+    # The first argument of `change` is the name of a trained tensor, or None for Adam's moments and statistics; the
+    # second is the tensor.
     for name in state.means.keys() & set(ANCHOR_PARAMETERS):
         state.means[name] = change(name, state.means[name])
     for name in ANCHOR_PARAMETERS:

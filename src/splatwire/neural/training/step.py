@@ -34,16 +34,15 @@ from splatwire.types import Anchors, Cameras, Gaussians
 class StepReport:
     """Results of a training iteration, as tensors on the training device.
 
-    The properties return Python numbers; reading a property makes the host wait for the device.
-
     Attributes:
         total: The total loss.
         absolute_error: Mean absolute error of the rendered picture.
-        sample_bits: Estimated bits of the features, scalings and offsets of a random sample of anchors; None before the
-            context phase, in which the rate is part of the loss.
+        sample_bits: Estimated bits of a random sample of anchors; None while the rate is not part of the loss.
         num_sampled: Number of anchors in the sample.
         drawn: Number of Gaussians drawn.
     """
+
+    # The properties return Python numbers; reading a property makes the host wait for the device.
 
     total: Float[Tensor, ""]
     absolute_error: Float[Tensor, ""]
@@ -146,7 +145,7 @@ class TrainingStep:
 
     @torch.no_grad()
     def _visible(self, state: TrainState, view: int) -> Int64[Tensor, "M"]:
-        """Returns the indices of the anchors that a view may see (HAC++, decoding of a view)."""
+        """Returns the indices of the anchors that a view may see."""
         positions = self._cache.positions(state)
         if self._views is not None:
             logs = state.parameters["log_scalings"]
@@ -204,7 +203,7 @@ class TrainingStep:
         Args:
             picture: Photometric loss of the rendered picture.
             state: State of the training.
-            spawned: Gaussians of the view, whose volume is a term of the loss.
+            spawned: Gaussians of the view.
             drawn: Number of Gaussians drawn.
             rate: Estimated bits of a sample of anchors; None to leave out the rate.
         """

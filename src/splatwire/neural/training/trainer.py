@@ -30,12 +30,14 @@ class TrainResult:
     """Result of a training.
 
     Attributes:
-        scene: The trained scene, on the CPU. The context model is refined unless the training was stopped.
+        scene: The trained scene, on the CPU.
         state: The final state, on the training device.
         test: Quality in the last test; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
         seconds: Duration of the training loop in seconds, without tests.
     """
+
+    # The context model is refined unless the training was stopped.
 
     scene: AnchorScene
     state: TrainState
@@ -93,12 +95,12 @@ def train_scene(
 
 
 class _AnchorTraining:
-    """Training of anchors, as the loop uses it (`loop.ModelTraining`).
+    """Training of anchors, for the training loop.
 
     Args:
         state: State of the training, on the training device; changed in place.
         config: The configuration.
-        cameras: The training cameras. They are copied to the device once, not in every iteration.
+        cameras: The training cameras.
         kernels: Implementations of the expensive operations for that device.
     """
 
@@ -112,7 +114,7 @@ class _AnchorTraining:
         )
 
     def step(self, view: int, photo: Photo) -> StepReport:
-        """Performs one iteration; also adjusts the weight of the bit rate towards the target size of the stream."""
+        """Performs one iteration; also adjusts the weight of the bit rate."""
         report = self._step(self.state, view, photo)
         steer(self.state, self._config, self._step.size_estimate)
         return report

@@ -1,4 +1,4 @@
-"""Prepares the last phase of a training, which adapts anchors to lost packets (results in `docs/training.md`)."""
+"""Prepares the last phase of a training, which adapts anchors to lost packets."""
 
 import torch
 
@@ -12,14 +12,13 @@ MASK_LOGITS = (-8.0, 0.0)
 
 @torch.no_grad()
 def start_fine_tuning(state: TrainState, config: TrainConfig) -> None:
-    """Converts the state of a training to the initial state of the fine-tuning at its end.
-
-    Replaces the parameters by their running means, removes anchors without offsets, and resets Adam's moments.
+    """Converts the state of a training to the initial state of its fine-tuning.
 
     Args:
         state: Changed in place.
         config: The configuration.
     """
+    # Replaces the parameters by their running means, removes anchors without offsets, and resets Adam's moments.
     for name, mean in averaged(state).parameters.items():
         state.parameters[name].copy_(mean)
     mask = state.masks(config.mask_threshold)

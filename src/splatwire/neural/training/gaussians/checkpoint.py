@@ -1,8 +1,4 @@
-"""Checkpoints of a training of explicit Gaussians: the whole state as one file of tensors with a JSON header.
-
-On the same machine with the same number of threads, a resumed training gives bit for bit the result of an uninterrupted
-training.
-"""
+"""Checkpoints of a training of explicit Gaussians: the whole state as one file of tensors with a JSON header."""
 
 import dataclasses
 from pathlib import Path
@@ -55,7 +51,7 @@ def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path:
 
 @checked
 def load_gaussian_checkpoint(path: Path) -> tuple[GaussianState, GaussianConfig]:
-    """Reads a file of `save_gaussian_checkpoint`; tensors are on the CPU and equal bit for bit.
+    """Reads the state and the configuration of a training from a checkpoint file; tensors are on the CPU.
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.

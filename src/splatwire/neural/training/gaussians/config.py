@@ -24,9 +24,6 @@ MOST_FASTER = 5.0
 class GaussianRates:
     """Learning rates by parameter; that of the centres is multiplied by the extent of the cameras.
 
-    The initial rates are those of 3DGS for 30,000 iterations. The final rates are lower than the initial ones, except
-    those of the harmonics above degree 0.
-
     Attributes:
         means: Centres.
         log_scales: Logarithms of the standard deviations.
@@ -35,6 +32,9 @@ class GaussianRates:
         base: Harmonics of degree 0.
         harmonics: Harmonics above degree 0.
     """
+
+    # The initial rates are those of 3DGS for 30,000 iterations. The final rates are lower than the initial ones,
+    # except those of the harmonics above degree 0.
 
     means: LearningRate = LearningRate(1.6e-4, 1.6e-6)  # noqa: RUF009 - frozen
     log_scales: LearningRate = LearningRate(0.005, 0.002)  # noqa: RUF009 - frozen
@@ -45,8 +45,6 @@ class GaussianRates:
 
     def for_length(self, iterations: int) -> "GaussianRates":
         """Returns the learning rates for a training of another length; a shorter training starts with higher rates.
-
-        The rate of the opacities stays the same.
 
         Args:
             iterations: Number of iterations of the training.
@@ -65,18 +63,17 @@ class RelocationRules:
 
     Attributes:
         start: Gaussians are moved and added after this share of the iterations.
-        growth_end: The number of Gaussians reaches the budget at this share of the iterations or before.
+        growth_end: Share of the iterations at which the number of Gaussians reaches the budget at the latest.
         end: After this share of the iterations, no Gaussians are moved or added.
-        interval: Number of iterations between two changes of the set of Gaussians; smaller in short trainings (see
-            `changes`).
-        changes: Minimum number of changes in a training; a short training has shorter intervals to reach it.
-        growth: Relative increase of the number of Gaussians per change. It is larger if the budget would otherwise not
-            be reached.
-        dead_opacity: Gaussians with at most this opacity are moved to the place of a visible Gaussian.
-        noise: Strength of the random displacements of the centres in the first iteration: their standard deviation
-            along an axis is this factor times the variance of the Gaussian, divided by the extent of the cameras. It
-            decreases with the learning rate of the centres.
+        interval: Number of iterations between two changes of the set of Gaussians.
+        changes: Minimum number of changes in a training; a short training has shorter intervals.
+        growth: Relative increase of the number of Gaussians per change.
+        dead_opacity: Gaussians with at most this opacity are moved.
+        noise: Strength of the random displacements of the centres in the first iteration.
     """
+
+    # The standard deviation of a displacement along an axis is `noise` times the variance of the Gaussian, divided
+    # by the extent of the cameras. It decreases with the learning rate of the centres.
 
     start: float = 0.02
     growth_end: float = 0.5
@@ -104,9 +101,7 @@ class GaussianConfig:
         dssim: Weight of 1 - SSIM in the loss; the weight of the mean absolute error is 1 - `dssim`.
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
-        dropout: Share of the Gaussians that a random choice leaves out in each iteration, at least 0 and below 1. The
-            opacities of the others are divided by 1 - `dropout`. Gaussians then fit single photos less closely, and
-            views between the photos better.
+        dropout: Share of the Gaussians that are left out at random in each iteration, at least 0 and below 1.
         degree_steps: Shares of the iterations after which harmonics of degree 1, 2 and 3 are trained, too.
         rates: Learning rates.
         relocation: Rules for moving and adding Gaussians.
@@ -117,6 +112,8 @@ class GaussianConfig:
     Raises:
         InvalidValueError: If a value is out of range.
     """
+
+    # With dropout, Gaussians fit single photos less closely, and views between the photos better.
 
     preset: str = "mipnerf360"
     gaussians: int = 100_000
@@ -154,7 +151,7 @@ class GaussianConfig:
                 raise InvalidValueError("losses are simulated in the fine-tuning, which has no iterations here")
 
     def degree_at(self, iteration: int) -> int:
-        """Returns the highest degree of the harmonics that are trained in an iteration, counted from 1."""
+        """Returns the highest degree of the harmonics that are trained in an iteration."""
         reached = sum(iteration > share * self.iterations for share in self.degree_steps)
         return min(reached, self.degree)
 
@@ -172,10 +169,8 @@ class GaussianConfig:
     def wanted(self, iteration: int, count: int) -> int:
         """Returns the number of Gaussians after a change of the set of Gaussians.
 
-        The number grows from change to change, so that it reaches the budget at the end of the growth phase or before.
-
         Args:
-            iteration: Iteration of the change, counted from 1.
+            iteration: Iteration of the change, the first is 1.
             count: Number of Gaussians before the change, at least 1.
         """
         left = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1

@@ -1,4 +1,4 @@
-"""Initial Gaussians of a training: at the points of the dataset, or at random places without points."""
+"""Initial Gaussians of a training."""
 
 import torch
 

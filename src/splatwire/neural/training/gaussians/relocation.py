@@ -1,9 +1,4 @@
-"""Moving, adding and disturbing Gaussians during training (3DGS-MCMC, arXiv 2404.09591, formulas of the paper).
-
-A nearly transparent Gaussian is useless, so it is moved to the place of a visible one. The visible one and its copies
-get new opacities and sizes, so that together they look as before. Gaussians are added in the same way, until the budget
-is reached.
-"""
+"""Moving, adding and disturbing Gaussians during training (3DGS-MCMC, arXiv 2404.09591)."""
 
 import math
 
@@ -25,10 +20,7 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Replaces one Gaussian by several equal ones at the same place: returns their opacity and size.
-
-    Together they have the same opacity at the centre as the given Gaussian, and the same integral of the opacity along
-    a line through the centre (arXiv 2404.09591, section on relocation).
+    """Computes opacity and size of equal Gaussians that together look like one given Gaussian.
 
     Args:
         opacities: Opacity of each given Gaussian, in (0, 1).
@@ -37,6 +29,8 @@ def shared_appearance(
     Returns:
         Opacity of each equal Gaussian, and the factor from the given standard deviations to theirs.
     """
+    # Together they have the same opacity at the centre as the given Gaussian, and the same integral of the opacity
+    # along a line through the centre (arXiv 2404.09591, section on relocation).
     exact = opacities.double()
     shared = 1 - (1 - exact) ** (1 / copies)
     total, power = torch.zeros_like(exact), torch.ones_like(exact)
@@ -51,16 +45,15 @@ def shared_appearance(
 
 @torch.no_grad()
 def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
-    """Moves Gaussians of opacity near 0 to visible ones, and adds Gaussians in the same way.
-
-    The places are drawn at random, with a probability proportional to the opacity. Adam's moments of all moved, added
-    and replaced Gaussians are set to 0.
+    """Moves nearly transparent Gaussians to visible ones, and adds Gaussians in the same way.
 
     Args:
         state: State of the training; changed in place.
         wanted: Number of Gaussians afterwards, at least the present one.
-        dead_opacity: Opacity up to which a Gaussian is moved.
+        dead_opacity: Gaussians with at most this opacity are moved.
     """
+    # The targets are drawn at random, with a probability proportional to the opacity. Adam's moments of all moved,
+    # added and replaced Gaussians are set to 0.
     opacities = state.opacities.cpu()
     dead = (opacities <= dead_opacity).nonzero()[:, 0]
     alive = (opacities > dead_opacity).nonzero()[:, 0]
@@ -97,16 +90,15 @@ def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
 
 @torch.no_grad()
 def add_noise(state: GaussianState, size: float, uniform: Uniform) -> None:
-    """Moves the centres of nearly transparent Gaussians at random, so that they find useful places.
-
-    A displacement is the Gaussian's covariance times a standard normal vector, times `size`. It falls to 0 for
-    Gaussians of higher opacity.
+    """Moves the centres of nearly transparent Gaussians at random.
 
     Args:
         state: State of the training; changed in place.
         size: Factor on all displacements, 1 / world unit.
         uniform: Function that draws uniform random numbers in [0, 1).
     """
+    # A displacement is the Gaussian's covariance times a standard normal vector, times `size`. It falls to 0 for
+    # Gaussians of higher opacity.
     parameters = state.parameters
     numbers = uniform(parameters["means"].shape, state.generator, state.device)
     normal = torch.erfinv((2 * numbers - 1).clamp(-1 + 1e-6, 1 - 1e-6)) * math.sqrt(2)

@@ -107,13 +107,12 @@ class GaussianStep:
 def seen_gaussians(parameters: dict[str, Tensor], degree: int, center: Float[Tensor, "3"]) -> Gaussians:
     """Returns the Gaussians with the colours that a camera sees; differentiable.
 
-    No gradient reaches the centres through the viewing directions.
-
     Args:
         parameters: Trained tensors (`GaussianState.parameters`).
         degree: Degree of the harmonics that are used.
         center: Centre of the camera, world units.
     """
+    # No gradient reaches the centres through the viewing directions.
     means = parameters["means"]
     colors = 0.5 + DC * parameters["base"]
     if degree:

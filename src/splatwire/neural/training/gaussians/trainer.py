@@ -1,4 +1,4 @@
-"""Training of explicit Gaussians from posed photos, and the fine-tuning with the codec's rounding at its end."""
+"""Training of explicit Gaussians from posed photos."""
 
 import time
 from collections.abc import Callable
@@ -32,8 +32,7 @@ class GaussianResult:
     """Result of a training of explicit Gaussians.
 
     Attributes:
-        scene: The trained Gaussians, on the CPU. After the fine-tuning, their values are multiples of quantisation
-            steps that the scene stores. Encoding without a quality setting uses these steps and is lossless.
+        scene: The trained Gaussians, on the CPU. After the fine-tuning, encoding without a quality setting is lossless.
         state: State before the fine-tuning, on the training device.
         test: Quality in the last test, of `scene`; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
@@ -64,7 +63,7 @@ def train_gaussians(
 ) -> GaussianResult:
     """Trains explicit Gaussians on photos, or resumes a training.
 
-    The training ends with a fine-tuning on the CPU. A fine-tuning that was stopped is repeated from its beginning.
+    The training ends with a fine-tuning on the CPU.
 
     Args:
         train: Training views and points.
@@ -124,12 +123,12 @@ def _tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, listener: 
 
 
 class _GaussianTraining:
-    """Training of Gaussians, as the loop uses it (`loop.ModelTraining`).
+    """Training of Gaussians, for the training loop.
 
     Args:
         state: State of the training, on the training device; changed in place.
         config: The configuration.
-        cameras: The training cameras. They are copied to the device once, not in every iteration.
+        cameras: The training cameras.
         kernels: Implementations of the expensive operations for that device.
     """
 
@@ -149,5 +148,5 @@ class _GaussianTraining:
         save_gaussian_checkpoint(self.state, self._config, path)
 
     def scene(self, device: torch.device) -> SplatScene:
-        """Returns the Gaussians of the present state; `device` is ignored, because nothing is computed."""
+        """Returns the Gaussians of the present state; `device` is ignored."""
         return self.state.scene(self._config.degree, self._config.background)
