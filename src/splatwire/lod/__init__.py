@@ -1,4 +1,4 @@
-"""Levels of detail: a scene with coarser versions of itself, divided into tiles, and selection of tiles for a view."""
+"""Levels of detail: coarser versions of a scene, divided into tiles, and selection of tiles for a view."""
 
 from splatwire.bitstream.tiles import Tiles
 from splatwire.bitstream.view import Cut, Viewpoint, cut_of

@@ -1,4 +1,4 @@
-"""Construction of levels of detail: tiles by a k-d tree, and a few coarser Gaussians that replace each tile."""
+"""Construction of levels of detail."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -26,11 +26,9 @@ class BuiltLevels:
     Attributes:
         scene: Gaussians of all levels.
         order: Index in the original scene of each Gaussian of the finest level, int64.
-        old: Mask of Gaussians in coarser levels that are unchanged copies of a finer Gaussian, bool (N). The others in
-            coarser levels were merged from several Gaussians.
-        errors: Error of each tile, world units, float64 (tiles of all levels, coarsest first). It is the root mean
-            square distance from the centre of an original Gaussian to that of the Gaussian that replaces it; 0 for the
-            finest level.
+        old: Mask of Gaussians that are unchanged copies of original ones, bool (N); the others were merged.
+        errors: Error of each tile, float64 (tiles of all levels, coarsest first): root mean square distance between
+            original Gaussians and those that replace them, world units.
     """
 
     scene: LevelScene
@@ -83,14 +81,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns, for each level of detail, which original Gaussians each tile represents.
-
-    A tile represents a run of consecutive Gaussians of the finest level.
-
-    Returns:
-        An array for each level, coarsest level first: index of the first Gaussian of each tile's run, then the number
-        of all Gaussians.
-    """
+    """Returns, for each level of detail (coarsest first), where the original Gaussians of each tile begin."""
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
         firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))
@@ -102,14 +93,9 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
     """Decides how many Gaussians of the next coarser level represent each tile of a level.
 
-    Args:
-        level: Gaussians of the finer level.
-        finer: Sizes of the finer level and its tiles.
-        shape: Sizes of the next coarser level and its tiles.
-
     Yields:
-        For each finer tile: index of the coarser tile that replaces it, index of the finer tile, number of Gaussians
-        that represent it, and area times opacity of each of its own Gaussians (`footprints`).
+        For each finer tile: index of its coarser tile, its own index, the number of Gaussians that represent it, and
+        the area times opacity of each of its own Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
@@ -124,17 +110,15 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Determines how many Gaussians of a coarser tile represent each of the finer tiles that it replaces.
 
-    The number grows with the number of Gaussians of the finer tile and with their total size. `EVEN` is the weight of
-    the former.
-
     Args:
-        size: Number of Gaussians of the coarser tile, at most the number of Gaussians of all finer tiles.
+        size: Number of Gaussians of the coarser tile.
         extents: Total size of the Gaussians of each finer tile, float64 (C).
         counts: Number of Gaussians of each finer tile, int64 (C).
 
     Returns:
-        Number of Gaussians that represent each finer tile, at most `counts`, int64 (C); the sum is `size`.
+        Number of Gaussians that represent each finer tile, int64 (C); the sum is `size`.
     """
+    # `EVEN` is the weight of the number of Gaussians; the rest is the weight of their size.
     weights = EVEN * counts / counts.sum() + (1 - EVEN) * extents / max(extents.sum(), 1e-300)
     shares = np.minimum(np.diff(np.rint(np.cumsum(weights) / weights.sum() * size).astype(np.int64), prepend=0), counts)
     for tile in np.argsort(-weights, kind="stable"):

@@ -42,16 +42,14 @@ def encode_levels(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> SceneStream:
-    """Builds the levels of detail of explicit Gaussians and encodes all levels; the packets of a tile form a block.
+    """Builds the levels of detail of explicit Gaussians, and encodes all levels.
 
     Args:
         scene: Gaussians; invisible and invalid ones are removed, which is logged.
         packetization: Division of the Gaussians of a tile into packets; None for the preset `paper`.
-        quality: Quantisation quality, see `splatwire.codec.encode_scene`. None for the default quality, or for `WALKED`
-            if the Gaussians have precision classes and no harmonics.
-        classes: Precision classes of the scene's Gaussians (see `encode_scene`), or a function that returns them. The
-            function runs while another thread builds the levels.
-        threads: Number of threads, without effect on the output; None for one per processor.
+        quality: Quantisation quality, see `splatwire.codec.encode_scene`; None for a default.
+        classes: Precision classes of the scene's Gaussians (see `encode_scene`), or a function that returns them.
+        threads: Number of threads; None for one per processor.
         progress: Called with the completed fraction, 0 to 1.
 
     Raises:
@@ -86,16 +84,15 @@ def encode_levels(
 def _precision_classes(
     built: BuiltLevels, classes: np.ndarray | None, quality: str | int | float | Quality | None
 ) -> np.ndarray:
-    """Chooses the precision class (set of quantisation steps) of each Gaussian in all levels of detail.
-
-    In coarser levels, copies of finer Gaussians get a more precise class than merged Gaussians.
+    """Chooses the precision class of each Gaussian in all levels of detail.
 
     Args:
         built: The levels of detail.
         classes: Precision classes of the original Gaussians; None for class 0.
-        quality: Quantisation quality, which limits the number of classes; None for the default.
+        quality: Quantisation quality; None for the default.
     """
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
+    # In coarser levels, copies of finer Gaussians get a more precise class than merged Gaussians.
     merged = max(COARSEST_CLASS, 1 - chosen)
     found = np.where(built.old, np.int8(merged + 1), np.int8(merged))
     found[-len(built.order) :] = 0 if classes is None else classes[built.order]

@@ -1,4 +1,4 @@
-"""Reduction of the number of Gaussians: the largest are kept, the others are merged with their neighbours."""
+"""Replaces Gaussians by fewer ones: the largest are kept, the others are merged with their neighbours."""
 
 import numpy as np
 
@@ -33,18 +33,16 @@ def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
 def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple[Splats, int, float]:
     """Replaces the Gaussians of a region by fewer ones, for views from far away.
 
-    Neighbouring Gaussians (those in a leaf of a k-d tree) are merged into one Gaussian with their mean, covariance and
-    colour, weighted by area; the total area is preserved. Gaussians with more area than an average merged Gaussian are
-    kept unchanged.
+    The largest Gaussians are kept; the others are merged with their neighbours.
 
     Args:
         splats: Gaussians of one region.
         count: Number of Gaussians after reduction, from 1 to the current number.
-        mass: Result of `footprints` for these Gaussians; None to compute the footprints.
+        mass: Result of `footprints` for these Gaussians; None to compute it.
 
     Returns:
-        The reduced Gaussians, kept ones first; the number of kept Gaussians; and the error. The error is the
-        area-weighted root mean square distance between centres of Gaussians and of their replacements, world units.
+        The reduced Gaussians, kept ones first; the number of kept Gaussians; and the error: the area-weighted root mean
+        square distance between centres of Gaussians and of their replacements, world units.
     """
     mass = footprints(splats) if mass is None else mass
     kept = _num_unchanged(mass, count)
@@ -62,34 +60,33 @@ def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None)
 def _num_unchanged(mass: np.ndarray, count: int) -> int:
     """Returns how many of the largest Gaussians stay unchanged when the others are merged.
 
-    A Gaussian stays unchanged if it is larger than an average merged Gaussian would be.
-
     Args:
-        mass: Size of each Gaussian: its area times its opacity.
-        count: Number of Gaussians after the reduction, unchanged and merged ones.
+        mass: Area times opacity of each Gaussian.
+        count: Number of Gaussians after the reduction.
     """
     ordered = -np.sort(-mass)[:count]
+    # A Gaussian stays unchanged if it is larger than an average merged Gaussian would be.
     left = np.maximum(mass.sum() - np.append(0, np.cumsum(ordered)[:-1]), 0)
     return min(max(int((ordered > left / (count - np.arange(count))).sum()), 1), count - 1)
 
 
 def _relative(means: np.ndarray) -> np.ndarray:
-    """Normalises positions: subtracts their mean, and divides by their root mean square distance from the mean."""
+    """Normalises positions to mean 0 and a root mean square distance of 1."""
     apart = means - means.mean(axis=0)
     return apart / max(float(np.sqrt((apart.astype(np.float64) ** 2).sum(axis=1).mean())), 1e-30)
 
 
 def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splats, float]:
-    """Merges each run of consecutive Gaussians into one Gaussian.
+    """Merges groups of consecutive Gaussians, each into one Gaussian.
 
     Args:
         splats: The Gaussians.
         mass: Weight of each Gaussian in the means: its area times its opacity.
-        starts: Index of the first Gaussian of each run.
+        starts: Index of the first Gaussian of each group.
 
     Returns:
-        The merged Gaussians, and the error: the squared distance of each Gaussian's centre from that of its merged
-        Gaussian, times its mass, summed over all Gaussians.
+        The merged Gaussians, and the sum of the weighted squared distances between centres of Gaussians and of their
+        replacements.
     """
     weight = np.maximum(mass, 1e-30)
     total = np.add.reduceat(weight, starts)
@@ -124,5 +121,6 @@ def _covariances(splats: Splats) -> np.ndarray:
 
 
 def _quaternions(axes: np.ndarray) -> np.ndarray:
-    """Converts matrices with orthonormal columns, (N, 3, 3), to unit quaternions; left-handed matrices are mirrored."""
+    """Converts matrices with orthonormal columns, (N, 3, 3), to unit quaternions."""
+    # Left-handed matrices are mirrored.
     return quaternions_of(axes * np.where(np.linalg.det(axes) < 0, -1.0, 1.0)[:, None, None])

@@ -18,11 +18,11 @@ FALLBACK = 4096
 
 
 def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None:
-    """Writes a glTF file with a stream, and with Gaussians for programs that cannot read the stream.
+    """Writes a glTF file with a stream, and with a few Gaussians for programs that cannot read the stream.
 
     Args:
         stream: The stream.
-        fallback: Few Gaussians that approximate the scene, see `fallback_of`.
+        fallback: The few Gaussians, see `fallback_of`.
         path: Path of the output file.
     """
     origin, antialiased = ORIGIN.of_stream(stream), ANTIALIASED in sections_of(stream)
@@ -30,9 +30,7 @@ def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None
 
 
 def fallback_of(path: Path) -> Splats:
-    """Returns a coarse version of a stream's scene for programs that cannot read the stream.
-
-    It has at most `FALLBACK` Gaussians, without view-dependent colour.
+    """Returns a coarse version of a stream's scene, for programs that cannot read the stream.
 
     Args:
         path: Path of the stream.

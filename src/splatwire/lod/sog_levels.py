@@ -1,7 +1,6 @@
 """Writer of streamed SOG (PlayCanvas, version 1): `lod-meta.json`, and SOG folders for the levels of detail.
 
-The format is specified at developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog. The module
-`splatwire.io.formats.streamed_sog` reads it.
+Specification: developer.playcanvas.com/user-manual/gaussian-splatting/formats/streamed-sog.
 """
 
 import itertools
@@ -40,7 +39,7 @@ _REACH = 3.0
 
 @dataclass(frozen=True)
 class SogLevelsReport:
-    """Size of a streamed SOG data set that was written: numbers of levels, folders, Gaussians and bytes.
+    """Size of a streamed SOG data set that was written.
 
     Attributes:
         num_levels: Number of levels.
@@ -60,14 +59,10 @@ def write_sog_levels(
 ) -> SogLevelsReport:
     """Builds levels of detail of a scene and writes them as streamed SOG.
 
-    The scene is divided into the leaves of a k-d tree. A viewer chooses a level for each leaf. Each level has a quarter
-    of the Gaussians of the next finer level.
-
     Args:
-        scene: Explicit Gaussians. Invisible and invalid ones are removed, which is logged. Positions far outside the
-            scene are moved nearer, because they would make the quantisation of all other positions coarser.
+        scene: Explicit Gaussians. Invisible and invalid ones are removed, and outliers are moved nearer.
         folder: Existing folder of the files.
-        leaf: Maximum number of Gaussians per leaf.
+        leaf: Maximum number of Gaussians per leaf of the k-d tree, for which a viewer chooses a level.
         progress: Called with the completed fraction, 0 to 1.
 
     Raises:
@@ -118,15 +113,7 @@ def write_sog_levels(
 
 
 def _num_levels(count: int, leaf: int) -> int:
-    """Returns how many levels of detail a scene needs, at most `_MOST_LEVELS`.
-
-    Each level has a quarter of the Gaussians of the next finer one. The coarsest level of the whole scene has at most a
-    quarter of `leaf`.
-
-    Args:
-        count: Number of Gaussians of the scene.
-        leaf: Maximum number of Gaussians per leaf of the k-d tree.
-    """
+    """Returns how many levels of detail a scene needs."""
     levels = 1
     while levels < _MOST_LEVELS and count > FACTOR and count * FACTOR > leaf:
         count, levels = -(-count // FACTOR), levels + 1
@@ -134,17 +121,7 @@ def _num_levels(count: int, leaf: int) -> int:
 
 
 def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
-    """Builds the levels of detail for one leaf of the k-d tree.
-
-    Each level has a quarter of the Gaussians of the level before.
-
-    Args:
-        finest: Gaussians of the leaf.
-        num_levels: Number of levels.
-
-    Returns:
-        The levels, finest first, each with its Gaussians in Morton order.
-    """
+    """Builds the levels of detail for one leaf of the k-d tree, finest first."""
     levels = [finest]
     for _ in range(num_levels - 1):
         last = levels[-1]
@@ -154,13 +131,11 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
 
 
 def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Builds the JSON objects from which a viewer of streamed SOG finds the data of each leaf of the k-d tree.
-
-    An object has the bounding box of the leaf, and for each level the file, the first Gaussian in it and their number.
+    """Builds the JSON objects from which a viewer finds the data of each leaf of the k-d tree.
 
     Args:
         leaves: For each leaf, the Gaussians of each level.
-        files: For each level, index of the file with its Gaussians of all these leaves, one leaf after the other.
+        files: For each level, index of the file that contains these leaves.
     """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:
@@ -190,12 +165,7 @@ def _joined(parts: list[Splats]) -> Splats:
 
 
 def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
-    """Writes the files of one SOG data set to a new folder, and returns their total size in bytes.
-
-    Args:
-        folder: Folder to create.
-        files: Content of each file, by name.
-    """
+    """Writes the files of one SOG data set to a new folder, and returns their total size in bytes."""
     folder.mkdir()
     for name, data in files.items():
         (folder / name).write_bytes(data)
@@ -203,13 +173,7 @@ def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
 
 
 def _tree(nodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Builds the binary tree of a streamed SOG from the leaves of the k-d tree; returns its root as a JSON object.
-
-    Each inner node has a bounding box around those of its two children.
-
-    Args:
-        nodes: JSON objects of the leaves, in the order of the k-d tree.
-    """
+    """Builds the binary tree of a streamed SOG from JSON objects of the leaves; returns its root."""
     if len(nodes) == 1:
         return nodes[0]
     children = [_tree(half) for half in (nodes[: len(nodes) // 2], nodes[len(nodes) // 2 :])]

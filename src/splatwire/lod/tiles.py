@@ -1,4 +1,4 @@
-"""Layout of the tiles of levels of detail; each tile replaces several tiles of the next finer level."""
+"""Layout of the tiles of levels of detail."""
 
 from dataclasses import dataclass
 
@@ -38,8 +38,6 @@ class LevelShape:
 
 def level_shapes(count: int, tile: int) -> tuple[LevelShape, ...]:
     """Returns the sizes of all levels of detail of a scene, finest level first.
-
-    Each level has about an eighth of the Gaussians of the next finer level.
 
     Args:
         count: Number of Gaussians, above 0.

@@ -1,4 +1,4 @@
-"""3D Tiles (OGC, version 1.1): `tileset.json`, and a binary glTF with Gaussians for each tile of each level."""
+"""Writer of 3D Tiles (OGC, version 1.1): `tileset.json`, and a binary glTF for each tile of each level."""
 
 import json
 import logging
@@ -42,7 +42,7 @@ _TO_TILES = _Z_UP @ np.diag(GLTF_FLIPS)
 
 @dataclass(frozen=True)
 class TilesetReport:
-    """Size of a tileset that was written, and whether it is placed on the Earth.
+    """Size of a tileset that was written.
 
     Attributes:
         num_tiles: Number of tiles with content.
@@ -64,9 +64,7 @@ def write_tileset(
 ) -> TilesetReport:
     """Builds the levels of detail of a scene and writes them as 3D Tiles.
 
-    When a viewer refines a tile, its finer tiles replace it (refinement `REPLACE`). A scene whose origin is in
-    geocentric coordinates (ECEF) is placed on the Earth. Any other origin belongs to an unknown reference system:
-    positions then stay relative to the origin, and a warning contains the origin.
+    A scene whose origin is in geocentric coordinates (ECEF) is placed on the Earth.
 
     Args:
         scene: Explicit Gaussians; invisible and invalid ones are removed, which is logged.
@@ -117,8 +115,6 @@ def write_tileset(
 def explicit_scene(scene: Scene, holder: str) -> SplatScene:
     """Prepares a scene for a format that stores Gaussians only: removes invisible and invalid Gaussians.
 
-    The number of removed Gaussians is logged. Scenes of anchors are rejected.
-
     Args:
         scene: The scene to write.
         holder: Beginning of the error message for anchors, such as "3D Tiles hold".
@@ -162,8 +158,8 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
     """Returns the JSON object of a tile of 3D Tiles.
 
     Args:
-        splats: Gaussians of the tile. The tile's bounding box contains each of them up to three standard deviations.
-        error: Geometric error of the tile, world units, by which a viewer decides whether to load finer tiles.
+        splats: Gaussians of the tile.
+        error: Geometric error of the tile, world units.
         name: File name of the tile's content.
     """
     reach = _REACH * splats.scales.max(axis=1, keepdims=True).astype(np.float64)
@@ -175,13 +171,12 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
 def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
     """Makes finer tiles the children of the coarser tiles that they replace in a viewer.
 
-    3D Tiles requires that a tile's box contains the boxes of its children, and that its geometric error is not smaller
-    than theirs. Both are increased where necessary.
-
     Args:
         nodes: JSON objects of the coarser tiles, changed in place.
         finer: JSON objects of the finer tiles.
     """
+    # 3D Tiles requires that a tile's box contains the boxes of its children, and that its geometric error is not
+    # smaller than theirs.
     for node, place in zip(finer, parents_of(len(finer), len(nodes)).tolist(), strict=True):
         parent = nodes[place]
         parent.setdefault("children", []).append(node)

@@ -16,10 +16,7 @@ UNIT = 1 << DIRECTION_BITS
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict_axis(near, count, primary, axis):
-    """Predicts the primary axis of a Gaussian, which is coded first, as the weighted sum of its neighbours' axes.
-
-    Only neighbours with a primary axis of the same kind (of the largest or of the smallest scale) are used. Their axes
-    are flipped to the side of the nearest neighbour's axis, because the sign of an axis is arbitrary.
+    """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' axes.
 
     Args:
         near: Arrays of the packet, with the neighbours of this Gaussian.
@@ -35,6 +32,8 @@ def predict_axis(near, count, primary, axis):
     kind, same = np.float64(primary), np.int64(0)
     for m in range(count):
         j = indices[m]
+        # Only neighbours with a primary axis of the same kind are used. The sign of an axis is arbitrary, so axes are
+        # flipped to the side of the nearest neighbour's axis.
         if axes[j, 3] == kind:
             ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]
             if same == 0:
@@ -62,7 +61,7 @@ def predict_axis(near, count, primary, axis):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def largest_of(axis):
-    """Returns the index of the coordinate with the largest magnitude; the first index on ties."""
+    """Returns the index of the coordinate with the largest magnitude."""
     pole = 0
     for a in range(1, 3):
         if abs(axis[a]) > abs(axis[pole]):
@@ -92,16 +91,15 @@ def round_axis(source, shift, axis):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _quotient(number, divisor):
-    """Divides integers below 2**53 and rounds down, with float64 arithmetic, which is faster than integer division."""
+    """Divides integers below 2**53, and rounds down."""
+    # Float64 arithmetic is faster than integer division.
     return np.int64(np.floor(np.float64(number) / np.float64(divisor)))
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
-    """Encodes or decodes the primary axis of a Gaussian, predicted as the mean axis of its neighbours.
-
-    Two coordinates are coded, from which the third follows (octahedral mapping).
+    """Encodes or decodes the primary axis of a Gaussian, predicted from the axes of its neighbours.
 
     Args:
         coder: Entropy coder.
@@ -111,14 +109,15 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
         shift: log2 of the quantisation step.
         near: Arrays of the packet, with the neighbours of this Gaussian.
         count: Number of neighbours.
-        running: Moving average of the magnitudes of the Gaussian's residuals, in 16ths of a quantisation step.
+        running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         axis: Working array, int64 (3).
         other: Working array, int64 (3).
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
-        The updated moving average of magnitudes.
+        The updated moving average.
     """
+    # Two coordinates are coded, from which the third follows (octahedral mapping).
     # The axis is scaled so that the magnitudes of its coordinates add up to `UNIT`. The coordinate in which the mean
     # axis is largest is left out. In streams of version 2, sum and difference of the other two are coded.
     deviation, same = predict_axis(near, count, primary, axis)

@@ -1,8 +1,6 @@
 """Numba kernels that encode or decode the coarse positions of a packet's Gaussians: sorted Morton codes of grid cells.
 
-The codes form a binary tree: a node is a range of sorted codes that agree in all higher bits. A flag indicates that all
-codes of a node agree in the next bit, too; otherwise the number of codes with a zero in this bit is coded. The
-Gaussians are coded as a set, without an order, which saves log2(n!) bits for a packet of n.
+The codes form a binary tree: a node is a range of sorted codes that agree in all higher bits.
 """
 
 from typing import no_type_check
@@ -51,17 +49,7 @@ def code_cells(coder, codes, bits, stack):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _push(stack, top, begin, end, bit, run, prefix):
-    """Puts a node of the binary tree of cell codes on the stack of nodes that are still to be coded.
-
-    Args:
-        stack: The stack, int64 (rows, 5), changed in place.
-        top: Row to write.
-        begin: Index of the node's first code.
-        end: End of the node's codes (exclusive).
-        bit: Index of the next bit.
-        run: Number of preceding bits without a division of the node; part of the context.
-        prefix: Higher bits that all codes of the node share.
-    """
+    """Puts a node of the binary tree of codes on the stack."""
     # Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.
     stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
 

@@ -41,7 +41,7 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def update_magnitude(running, steps):
-    """Updates the moving average of a Gaussian's residual magnitudes, which selects the context of the next residual.
+    """Updates the moving average of the magnitudes of a Gaussian's residuals.
 
     Args:
         running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
@@ -53,13 +53,12 @@ def update_magnitude(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def magnitude_context(running):
-    """Returns the context of a residual, chosen by the average magnitude of the Gaussian's preceding residuals.
-
-    The context grows with the logarithm of this average.
+    """Returns the entropy coder's context of a residual, chosen by the average magnitude of preceding residuals.
 
     Args:
-        running: The average, in sixteenths of a quantisation step, from `update_magnitude`.
+        running: The average, in sixteenths of a quantisation step.
     """
+    # The context grows with the logarithm of the average.
     if running < 256:
         return OCTAVES[running]
     return min(8 + OCTAVES[min(running >> 8, 255)], SECONDS - 1)
@@ -68,11 +67,11 @@ def magnitude_context(running):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_class(coder, context, value):
-    """Encodes or decodes the precision class of a Gaussian as three bits; returns the class.
+    """Encodes or decodes the precision class of a Gaussian, and returns it.
 
     Args:
         coder: Entropy coder.
-        context: Context from `predict`.
+        context: Context of the entropy coder.
         value: The class; only used by an encoder.
     """
     base, node = FIRST_CLASS + context * MAX_CLASSES, 1
@@ -88,7 +87,7 @@ def compand_thinness(ratio, thinness):
 
     Args:
         ratio: Base-2 logarithm of the ratio, in fixed point.
-        thinness: The table from `thinness_table`, which the decoder uses for the inverse.
+        thinness: The decoder's table, from `thinness_table`.
 
     Returns:
         Index of the nearest entry of the table.
@@ -108,17 +107,15 @@ def compand_thinness(ratio, thinness):
 def code_logs(coder, row, source, bases, level, near, count, thinness, absolute):
     """Encodes or decodes opacity and scales of a Gaussian, predicted from its neighbours.
 
-    The quantisation step of each value depends on the values decoded before.
-
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (COLUMNS); opacity and scales are written.
-        source: Logarithms of opacity and scales, int64 (4), see `Sources`; only used by an encoder.
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        source: Logarithms of opacity and scales, int64 (4); only used by an encoder.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         level: Precision class of the Gaussian.
         near: Means and deviations of its neighbours.
         count: Number of its neighbours.
-        thinness: Table from `thinness_table`, which maps coded ratios of scales to logarithms.
+        thinness: Table from `thinness_table`.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
@@ -143,6 +140,7 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
         else:
             area = 2 * s0 - long
             value = ZERO if coder.decoding else compand_thinness(max(s0 - long - value, 0), thinness)
+        # The quantisation step of each value depends on the values decoded before.
         shift = step_shift(bases, stream, level, area, long, ZERO, opacity, most)
         spread = deviation_context(count, near.deviations[stream], shift)
         second = shift if stream < R_SCALE1 else magnitude_context(running)
@@ -168,17 +166,15 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
 def code_colour(coder, row, source, bases, level, near, count, running, absolute):
     """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from its neighbours.
 
-    The context of each component includes the magnitude of the preceding residuals of the Gaussian.
-
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (COLUMNS); the colour is written.
         source: The exact colour, int64 (3); only used by an encoder.
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         level: Precision class of the Gaussian.
         near: Means and deviations of its neighbours.
         count: Number of its neighbours.
-        running: Moving average of residual magnitudes, in 16ths of a quantisation step.
+        running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
     shift = step_shift(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
@@ -197,12 +193,12 @@ def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
     """Computes the quantisation step of each Gaussian's position from its rounded opacity and scales.
 
     Args:
-        logs: Logarithms of opacity and scales, int64 (n, 4), see `Sources`.
+        logs: Logarithms of opacity and scales, int64 (n, 4).
         levels: Precision classes, int64 (n).
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
+        thinness: Table from `thinness_table`.
         shifts: Output: log2 of the steps, in lattice units, int64 (n).
     """
     for i in range(len(logs)):
@@ -223,5 +219,5 @@ def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def rounded(value, shift):
-    """Rounds an integer to the nearest multiple of `2 ** shift`, halves up."""
+    """Rounds an integer to the nearest multiple of `2 ** shift`."""
     return ((value + ((1 << shift) >> 1)) >> shift) << shift

@@ -26,19 +26,18 @@ sixteenths of a quantisation step.
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_harmonics(coder, values, i, source, bases, level):
-    """Encodes or decodes the spherical harmonics of a Gaussian, transformed to the colour space Y Co Cg.
-
-    The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. Most harmonics are 0. The
-    context of a harmonic is the magnitude of the harmonics coded before it for the same Gaussian.
+    """Encodes or decodes the spherical harmonics of a Gaussian, in the colour space Y Co Cg.
 
     Args:
         coder: Entropy coder.
-        values: Decoded harmonics of the packet's Gaussians, int32 (n, harmonics); the row of Gaussian `i` is written.
+        values: Decoded harmonics of the packet's Gaussians, int32 (n, harmonics); row `i` is written.
         i: Index of the Gaussian in the packet.
         source: Harmonics before quantisation, int64 (n, harmonics); only used by an encoder.
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         level: Precision class of the Gaussian.
     """
+    # The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. The context of a harmonic is
+    # the magnitude of the harmonics coded before it for the same Gaussian.
     shift = min(max(BITS - step_exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     half = (1 << shift) >> 1
     some = 0

@@ -1,9 +1,6 @@
 """Numba kernels that find the nearest neighbours of a Gaussian and predict its attributes from them.
 
-Neighbours are Gaussians of the same packet that are coded earlier, so that a decoder knows them.
-
-Predictions are equal on every machine: sums and rounded quotients in float64 are exact, because all operands are
-integers below 2**53.
+Neighbours are Gaussians of the same packet that are coded earlier. Predictions are equal on every machine.
 """
 
 from typing import NamedTuple, no_type_check
@@ -32,22 +29,17 @@ OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 class Near(NamedTuple):
     """Working memory for predicting Gaussians from their nearest neighbours in the packet.
 
-    It contains data of all Gaussians of the packet, the neighbours of the current Gaussian, and the attributes
-    predicted from them. The search sorts Gaussians by a key: the squared distance times 64, plus the number of
-    Gaussians in between in coding order.
-
     Attributes:
         cells: int64 (3, n), coordinates of the grid cells of the packet's Gaussians.
-        narrow: float32 (3, `WINDOW` + n), the same coordinates for a faster search, which is used if they have at most
-            `NARROW_BITS` bits. The first `WINDOW` columns are dummies that are far away from all cells.
-        keys: int32 (`WINDOW`), key of each preceding Gaussian in the window.
-        close: int32 (`WINDOW` + 1), keys of those Gaussians that may be among the nearest.
+        narrow: float32 (3, `WINDOW` + n), the same coordinates for a faster search; the first columns are dummies.
+        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance times 64, plus distance in coding
+            order.
+        close: int32 (`WINDOW` + 1), keys of the candidates.
         lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
         values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted as means.
-        axes: float64 (n, 4), primary axis of each Gaussian, and the index of this axis (0 for the largest scale, 2 for
-            the smallest).
+        axes: float64 (n, 4), primary axis of each Gaussian, and its index: 0 for the largest scale, 2 for the smallest.
         means: int64 (`PREDICTED`), weighted mean of each attribute over the neighbours.
         deviations: int64 (`PREDICTED`), weighted mean deviation of the neighbours from this mean.
     """
@@ -91,13 +83,10 @@ def new_near(n):
 def find_neighbours(near, i, bits):
     """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
 
-    Of two neighbours at equal distance, the later one counts as nearer.
-
     Args:
-        near: Arrays of the packet. The indices and weights of the neighbours are written to `near.indices` and
-            `near.weights`.
+        near: Arrays of the packet; `near.indices` and `near.weights` are written.
         i: Index of the Gaussian in the packet.
-        bits: Number of bits of the coordinates of grid cells (`near.cells`) on each axis.
+        bits: Number of bits of a coordinate of a grid cell.
 
     Returns:
         Number of neighbours found.
@@ -108,7 +97,7 @@ def find_neighbours(near, i, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _find_narrow(near, i):
-    """Finds the six nearest neighbours of Gaussian `i`: a fast search for coordinates of at most `NARROW_BITS` bits."""
+    """Finds the nearest neighbours of Gaussian `i`, for coordinates of at most `NARROW_BITS` bits."""
     # The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
     #
     # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
@@ -158,7 +147,7 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest neighbours of a Gaussian; slower than other kernels, but for arbitrarily large coordinates."""
+    """Finds the nearest neighbours of Gaussian `i`, for arbitrarily large coordinates."""
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
@@ -183,16 +172,14 @@ def _find_wide(near, i):
 def predict(near, count, defaults):
     """Predicts the attributes of a Gaussian: each is the weighted mean over its neighbours.
 
-    Writes `near.means` and `near.deviations`.
-
     Args:
-        near: Arrays of the packet, with the neighbours of this Gaussian.
+        near: Arrays of the packet, with the neighbours of this Gaussian; `near.means` and `near.deviations` are
+            written.
         count: Number of neighbours.
         defaults: Mean attributes of the block, int64 (7), used if there are no neighbours.
 
     Returns:
-        Context in which the entropy coder codes the Gaussian's precision class (how finely its attributes are
-        quantised): 0 without neighbours, otherwise 1 plus twice the mean class of the neighbours, rounded.
+        Context of the entropy coder for the Gaussian's precision class.
     """
     indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
     if count == 0:
@@ -254,9 +241,6 @@ def remember(near, row, i):
 @no_type_check
 def deviation_context(count, deviation, shift):
     """Returns the entropy coder's context of a residual, which grows with the differences between the neighbours.
-
-    0 means no neighbours, and 1 means one or two. From 2 on, it is the logarithm of the neighbours' mean deviation in
-    quantisation steps.
 
     Args:
         count: Number of neighbours.

@@ -1,4 +1,4 @@
-"""Numba kernels that encode or decode whole packets: grid cells of all Gaussians first, then Gaussian by Gaussian."""
+"""Numba kernels that encode or decode whole packets of Gaussians."""
 
 from typing import no_type_check
 
@@ -50,12 +50,12 @@ SLACK = 64
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _spread_cells(codes, cells, narrow):
-    """Converts Morton codes to coordinates of grid cells; the inverse of `splatwire.ops.morton`.
+    """Converts Morton codes to coordinates of grid cells.
 
     Args:
         codes: int64 (n), the Morton codes.
         cells: Output: coordinates of the cells, int64 (3, n).
-        narrow: Output: the same coordinates in a smaller type (`Near.narrow`), for the neighbour search.
+        narrow: Output: the same coordinates as float32, for the neighbour search.
     """
     for a in range(3):
         for i in range(len(codes)):
@@ -70,14 +70,11 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns the slot of a grid cell: the number by which the Gaussians of a block are sorted into packets.
-
-    Cells with similar slots are spread evenly over the block, so that a lost packet leaves no large hole. The slot
-    consists of the lowest bits of the cell's Morton code in reverse order (see `layout.SLOT_BITS`).
+    """Returns a number by which Gaussians are sorted into packets, so that a lost packet leaves no large hole.
 
     Args:
-        code: Morton code of the cell.
-        bits: Number of bits to reverse.
+        code: Morton code of the Gaussian's grid cell.
+        bits: Number of low bits of the code that are reversed to form the number.
     """
     slot = np.int64(0)
     for bit in range(bits):
@@ -90,9 +87,6 @@ def slot_of(code, bits):
 def _code_cell_codes(coder, codes, bits, spread, slots, stack):
     """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
-    If the Gaussians of a packet are spread over a whole block, the lowest bits of their codes (slots, see `slot_of`)
-    are similar. These bits are then coded separately.
-
     Args:
         coder: Entropy coder.
         codes: int64 (n), the Morton codes; filled by a decoder.
@@ -101,6 +95,8 @@ def _code_cell_codes(coder, codes, bits, spread, slots, stack):
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """
+    # If the Gaussians of a packet are spread over a block, the lowest bits of their codes are similar, and are coded
+    # separately.
     spread = code_raw(coder, spread, ONE)
     size = min(bits, SLOT_BITS) if spread else 0
     first, last = np.int64(1 << size), np.int64(0)
@@ -120,10 +116,7 @@ def _code_cell_codes(coder, codes, bits, spread, slots, stack):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_position(coder, row, cell, place, cells_at, shift, absolute):
-    """Encodes or decodes the position of a Gaussian within its grid cell.
-
-    The position is coded after the cell, as plain bits: it is nearly random there, so that entropy coding saves
-    nothing.
+    """Encodes or decodes the position of a Gaussian within its grid cell, as plain bits.
 
     Args:
         coder: Entropy coder.
@@ -132,9 +125,9 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
         place: Position relative to the block's bounding box, in lattice units; only used by an encoder.
         cells_at: log2 of the cell size of the packet's grid, in lattice units.
         shift: log2 of the quantisation step of the position, in lattice units.
-        absolute: Rounding if the step is larger than the cell. True: to the centre of a cube whose side is the step.
-            False (stream version 2): to the centre of the cell.
+        absolute: False for streams of version 2, which round positions differently.
     """
+    # The position is nearly random within the cell, so that entropy coding would save nothing.
     low = min(cells_at, shift)
     for a in range(3):
         fine = (cell[a] << (cells_at - low)) | code_raw(coder, place[a] >> low, cells_at - low)
@@ -148,7 +141,7 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_spin(coder, row, axes, primary, bits):
-    """Encodes or decodes the rotation of a Gaussian about its primary axis, as raw bits: 0 to pi in `1 << bits` steps.
+    """Encodes or decodes the rotation of a Gaussian about its primary axis, as raw bits.
 
     Args:
         coder: Entropy coder.
@@ -166,16 +159,15 @@ def _code_spin(coder, row, axes, primary, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def spin_angle(row, axes, primary):
-    """Returns the rotation of a Gaussian about its primary axis, as an angle in radians, -pi to pi.
-
-    It is the angle between a reference direction and another principal axis. The reference direction is perpendicular
-    to the primary axis and close to a coordinate axis.
+    """Returns the rotation of a Gaussian about its primary axis, in radians, -pi to pi.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (COLUMNS), with the primary axis.
         axes: Exact principal axes as columns, float64 (3, 3).
-        primary: Index of the primary axis; the angle is that of column `(primary + 1) % 3`.
+        primary: Index of the primary axis.
     """
+    # The angle is that between column `(primary + 1) % 3` and a direction that is perpendicular to the primary axis and
+    # close to a coordinate axis.
     # Written element by element, because numba takes seconds longer to compile `np.cross` and array sums.
     x, y, z = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
     norm = np.sqrt(x * x + y * y + z * z)
@@ -248,7 +240,7 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
 @njit(error_model="numpy")
 @no_type_check
 def new_scratch(n):
-    """Returns working arrays for a packet of n Gaussians: `Near` (neighbours), Morton codes, a stack, and two axes."""
+    """Allocates the working arrays for a packet of n Gaussians."""
     return (
         new_near(n),
         np.zeros(n, np.int64),
@@ -270,18 +262,7 @@ def _encode_packet(tables, stream, models, statistics, box_bits, defaults, sourc
 @njit(error_model="numpy")
 @no_type_check
 def _packet_source(source, begin, n):
-    """Selects the Gaussians of one packet from those of a block, as input of the encoding kernels.
-
-    The Gaussians of a packet are encoded in the order of their Morton codes.
-
-    Args:
-        source: The block's Gaussians, fields of a `BlockSource`.
-        begin: Index of the packet's first Gaussian.
-        n: Number of Gaussians of the packet.
-
-    Returns:
-        The same fields for the Gaussians of the packet, sorted by Morton code.
-    """
+    """Selects the Gaussians of one packet from those of a block, sorted by Morton code."""
     order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
     return (
@@ -333,8 +314,6 @@ def encode_cut(
     tables, stream, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
 ):
     """Encodes a block in packets of limited size, each with as many Gaussians as fit.
-
-    A Gaussian that exceeds the limit alone forms a separate, oversized packet.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.

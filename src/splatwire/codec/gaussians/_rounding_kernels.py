@@ -46,18 +46,16 @@ from splatwire.ops.compiled import njit
 def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinness, harmonics, rows):
     """Quantises Gaussians to the integers that a decoder would obtain, without encoding them.
 
-    This works only for streams in which these integers do not depend on the division into packets.
-
     Args:
         places: Lattice coordinates, int64 (n, 3).
-        logs: Logarithms of opacity and scales, int64 (n, 4), see `Sources`.
-        axes: Principal axes, float64 (n, 3, 3), see `Sources`.
-        colours: Base colours, int64 (n, 3), see `Sources`.
+        logs: Logarithms of opacity and scales, int64 (n, 4).
+        axes: Principal axes, float64 (n, 3, 3).
+        colours: Base colours, int64 (n, 3).
         levels: Precision classes, int64 (n).
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
+        thinness: Table from `thinness_table`.
         harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.
         rows: Output: decoded integers, int64 (n, COLUMNS), with positions relative to the origin of the lattice.
     """

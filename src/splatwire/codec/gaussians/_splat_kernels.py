@@ -30,7 +30,7 @@ FRACTION = (1 << BITS) - 1
 def convert(
     rows, places, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, sh, room
 ):
-    """Converts decoded integers of Gaussians to floats, and writes them into the arrays of a scene.
+    """Converts decoded integers of Gaussians to floats, and writes them to the scene.
 
     Args:
         rows: Decoded integers, int64 (n, COLUMNS).
@@ -38,7 +38,7 @@ def convert(
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice units, int64 (n, 3).
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
-        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
+        thinness: Table from `thinness_table`.
         powers: Table from `exponentials`.
         colours: Transform from RGB to Y Co Cg divided by the harmonic of degree 0, float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
@@ -72,7 +72,7 @@ def convert(
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _rotation(row, axes, quat):
-    """Computes a Gaussian's rotation as a quaternion, from its decoded primary axis and the angle about this axis.
+    """Computes a Gaussian's rotation as a quaternion, from its primary axis and the angle about this axis.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (COLUMNS).
@@ -123,18 +123,13 @@ def _rotation(row, axes, quat):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def convert_harmonics(numbers, places, transform, colours, room, sh):
-    """Converts decoded integers of Gaussians to spherical harmonics, and writes them to the scene.
-
-    The coded integers are coefficients along K axes of a decorrelating transform, separately for Y, Co and Cg. This
-    kernel inverts the transform, and converts the result to red, green and blue.
+    """Converts decoded integers to spherical harmonics, and writes them to the scene.
 
     Args:
-        numbers: Decoded integers, int32 (n, 3 K): Y, Co and Cg of the first axis, then of the second, and so on.
+        numbers: Decoded integers, int32 (n, 3 K): Y, Co and Cg along the first axis, then along the second, and so on.
         places: Index of each Gaussian in the output, int64 (n).
-        transform: Transform of the harmonics, one axis per row, in fixed point (see `SideInfo`), as whole numbers in
-            float64 (K, K).
-        colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3). They include the
-            conversion from fixed point.
+        transform: Decorrelating transform of the K harmonics, one axis per row, as whole numbers in float64 (K, K).
+        colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3).
         room: Working array, float64 (3 K).
         sh: Output, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree 0 is not written.
     """

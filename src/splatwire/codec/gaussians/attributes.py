@@ -1,8 +1,4 @@
-"""Converts the attributes of Gaussians to fixed-point integers and back.
-
-Only an encoder computes with floats before quantisation. A decoder works on integers and converts them to floats once,
-at the end.
-"""
+"""Converts the attributes of Gaussians to fixed-point integers and back."""
 
 import functools
 from dataclasses import dataclass
@@ -38,9 +34,9 @@ class Sources:
     """Encoder input: attributes of N Gaussians, mostly in fixed point.
 
     Attributes:
-        logs: int64 (N, 4), base-2 logarithms of the opacity and of the three scales in decreasing order, with `BITS`
-            fractional bits. Scales are relative to the scene's size.
-        axes: float64 (N, 3, 3), principal axes as the columns of a matrix, in the order of decreasing scale.
+        logs: int64 (N, 4), base-2 logarithms of the opacity and of the scales (relative to the scene's size, largest
+            first), with `BITS` fractional bits.
+        axes: float64 (N, 3, 3), principal axes as columns, in the order of decreasing scale.
         colours: int64 (N, 3), base colour as Y Co Cg, with `BITS` fractional bits.
     """
 
@@ -57,10 +53,7 @@ def scene_middle(splats: Splats) -> np.ndarray:
 
 
 def scene_log(splats: Splats) -> int:
-    """Returns log2 of the size of a scene, rounded down.
-
-    The size is the median distance of the Gaussians from the centre.
-    """
+    """Returns log2 of the median distance of the Gaussians from the scene's centre, rounded down."""
     means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
 
     def squares(some: np.ndarray) -> np.ndarray:
@@ -84,11 +77,11 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
 
 
 def to_logs(splats: Splats, size_log: int) -> np.ndarray:
-    """Base-2 logarithms of the opacity and of the scales (largest first) in fixed point, int64 (N, 4).
+    """Returns base-2 logarithms of the opacity and of the scales (largest first) in fixed point, int64 (N, 4).
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size, from `scene_log`; the logarithms of scales are relative to this size.
+        size_log: log2 of the scene's size, to which scales are relative.
     """
     logs = np.empty((splats.num_gaussians, 4), np.int64)
     logs[:, 0] = _fixed(np.log2(splats.opacities.astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
@@ -104,26 +97,21 @@ def to_colours(splats: Splats) -> np.ndarray:
 
 
 def to_harmonics(splats: Splats) -> np.ndarray:
-    """Converts spherical harmonics above degree 0 to the colour space Y Co Cg, times `2**BITS`, float64 (N, K, 3).
-
-    The values are not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of
-    its stream.
-    """
+    """Converts spherical harmonics above degree 0 to the colour space Y Co Cg, times `2**BITS`, float64 (N, K, 3)."""
     flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
+    # Not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of its stream.
     return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
 
 
 def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Fits the transform of spherical harmonics by principal component analysis (Karhunen-Loeve transform).
-
-    The axes are sorted by decreasing variance; the three colour channels share them.
+    """Fits the decorrelating transform of spherical harmonics (Karhunen-Loeve transform).
 
     Args:
-        harmonics: (n, K, 3), K harmonics above degree 0 of n Gaussians, from `to_harmonics`.
+        harmonics: (n, K, 3), K harmonics above degree 0 of n Gaussians.
         weights: (n), weight of each Gaussian's quantisation error.
 
     Returns:
-        int64 (K, K), one axis per row, in fixed point with denominator `TRANSFORM_UNIT`.
+        int64 (K, K), one axis per row, by decreasing variance, in fixed point with denominator `TRANSFORM_UNIT`.
     """
     values = (harmonics * weights[:, None, None]).swapaxes(1, 2).reshape(-1, harmonics.shape[1])
     covariance = values.T @ values
@@ -138,14 +126,12 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
 def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
     """Transforms spherical harmonics above degree 0 to the integers that packets contain.
 
-    The transform decorrelates the K harmonics. Each transformed harmonic has three colour components (Y Co Cg).
-
     Args:
         splats: The n Gaussians, with K harmonics above degree 0.
         transform: int64 (K, K), from `fit_transform`.
 
     Returns:
-        int64 (n, 3 K): the three components of the first transformed harmonic, then those of the second, and so on.
+        int64 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then of the second, and so on.
     """
     count = splats.num_gaussians
     if not transform.size:
@@ -166,12 +152,12 @@ def to_splats(
     """Converts decoded integers to Gaussians with float attributes.
 
     Args:
-        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics, see `layout.COLUMNS`.
+        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice units.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         size_log: log2 of the scene's size.
-        transform: int64 (K, K), transform of the harmonics with denominator `TRANSFORM_UNIT`, from `fit_transform`.
+        transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """
     count = len(rows)
     shapes = (count, 3), (count, 4), (count, 3), (count,), (count, 1 + harmonics.shape[1] // 3, 3)
@@ -184,17 +170,17 @@ def write_splats(
     splats: Splats, places: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int,
     size_log: int, transform: np.ndarray,
 ) -> None:  # fmt: skip
-    """Converts decoded integers of some Gaussians to floats, and writes them into the scene.
+    """Converts decoded integers of Gaussians to floats, and writes them into the scene.
 
     Args:
         splats: All Gaussians of the scene, changed in place.
         places: int64 (n), indices of the converted Gaussians in `splats`.
-        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics, see `layout.COLUMNS`.
+        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice units.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         size_log: log2 of the scene's size.
-        transform: int64 (K, K), transform of the harmonics with denominator `TRANSFORM_UNIT`, from `fit_transform`.
+        transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """
     from splatwire.codec.gaussians import _splat_kernels as kernels
 
@@ -227,14 +213,11 @@ def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
-    """Hashes the decoded integers of one block.
-
-    A receiver compares the hash of all blocks with the manifest, to check that it decodes the same integers as the
-    encoder. Blocks must be added in the order of the packet plan.
+    """Adds the decoded integers of one block to a hash, by which receivers check their decoding.
 
     Args:
         digest: hashlib object that is updated.
-        rows: The two integer arrays of the block, as returned by `empty_rows`.
+        rows: The two integer arrays of the block.
     """
     digest.update(np.ascontiguousarray(rows[0], "<i8").data)
     if rows[1].size:

@@ -58,10 +58,7 @@ class Boxes:
 
 
 def runs(values: np.ndarray) -> Iterator[np.ndarray]:
-    """Yields consecutive slices of an array, `ROWS` entries of the first axis each.
-
-    Working on slices keeps temporary arrays small even for millions of Gaussians.
-    """
+    """Yields consecutive slices of an array, `ROWS` entries of the first axis each."""
     for begin in range(0, len(values), ROWS):
         yield values[begin : begin + ROWS]
 
@@ -86,10 +83,8 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(some: np.ndarray) -> np.ndarray:
-        """Compresses distances from the centre: far away, coordinates grow only with the logarithm of the distance.
-
-        Distant Gaussians thus do not make the Morton codes of all other Gaussians coarse.
-        """
+        """Compresses distances from the centre: far away, coordinates grow only with the logarithm of the distance."""
+        # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
         return np.arcsinh((some - middle) / spread * 2)
 
     first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
@@ -108,27 +103,20 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Chooses the cell size of the coarse grid for coding a packet's positions; returns its log2 in lattice units.
-
-    The box of a block with n Gaussians has about `16 * sqrt(n)` cells per side, which suits Gaussians on a surface. A
-    few Gaussians far away from the others do not enlarge the cells.
+    """Chooses the cell size of the coarse grid for coding a block's positions; returns its log2 in lattice units.
 
     Args:
         places: int64 (n, 3), lattice positions relative to the corner of the block's box.
         bits: Number of bits of a coordinate within the box.
     """
+    # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
     depth = 4 + (len(places).bit_length() + 1) // 2
     return max(_extent_bits(places) - depth, bits - MAX_CELL_BITS, 0)
 
 
 def _extent_bits(places: np.ndarray) -> int:
-    """Returns the number of bits that coordinates of positions need, relative to their bounding box.
-
-    A few positions far away from the others have limited influence.
-
-    Args:
-        places: Lattice positions, int64 (n, 3).
-    """
+    """Returns the number of bits that coordinates of positions need, relative to their bounding box."""
+    # A few positions far away from the others have limited influence.
     ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
     axes = np.ascontiguousarray(places.T)
     low, high = np.partition(axes, ends, axis=1)[:, ends].T
@@ -136,12 +124,12 @@ def _extent_bits(places: np.ndarray) -> int:
 
 
 def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
-    """Sorts a block's Gaussians for the division into packets; returns their indices in this order.
+    """Sorts the Gaussians of a block in the order in which packets are filled; returns their indices.
 
     Args:
         codes: int64 (n), Morton codes of the grid cells of the block's Gaussians.
         contiguous: True to fill packets with adjacent Gaussians. False to spread each packet evenly over the block, so
-            that the loss of a packet leaves many small holes instead of one large hole.
+            that a lost packet leaves no large hole.
     """
     if contiguous:
         return np.argsort(codes, kind="stable")
@@ -153,14 +141,15 @@ def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
 
 
 def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
-    """Computes the bounding box of each block of Gaussians, with corners on a coarse grid so that they take few bits.
+    """Computes the bounding box of each block of Gaussians, with corners on a coarse grid.
 
     Args:
         low: int64 (B, 3), smallest lattice coordinates of each block.
         high: int64 (B, 3), largest lattice coordinates of each block.
         coarsest: log2 of the side of the largest position cell, in lattice units. Box corners are multiples of this
-            side, so that position cells are the same in every box.
+            side.
     """
+    # Corners are multiples of the largest position cell, so that position cells are the same in every box.
     shifts = np.array(
         [max(int(e).bit_length() - BOX_BITS + 1, coarsest) for e in (high - low).max(axis=1)], dtype=np.int64
     )
@@ -173,15 +162,13 @@ def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
 
     Args:
         places: int64 (n, 3), lattice positions relative to the corner of the box.
-        bits: Number of bits of a coordinate within the box; only the highest `MAX_CELL_BITS` bits are used.
+        bits: Number of bits of a coordinate within the box.
     """
     return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the typical cell size of the coarse grids for coding positions (see `cell_shift`).
-
-    The estimate uses a sample of the scene, because it is needed before the scene is divided into blocks.
+    """Estimates the typical cell size of the coarse grids for coding positions, from a sample of the scene.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).

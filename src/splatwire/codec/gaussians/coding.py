@@ -1,7 +1,4 @@
-"""Serialises the quantisation parameters of a decoded scene.
-
-With these parameters, a scene saved to a file can be encoded to the same integers again.
-"""
+"""Serialises the quantisation parameters of a decoded scene, with which it can be encoded without further loss."""
 
 import numpy as np
 
@@ -12,7 +9,7 @@ from splatwire.types import SplatCoding
 
 
 def coding_to_bytes(coding: SplatCoding) -> bytes:
-    """Serialises the quantisation parameters shared by all Gaussians of a scene, without the precision classes."""
+    """Serialises the quantisation parameters of a scene, without the precision class of each Gaussian."""
     return write_header(coding)
 
 

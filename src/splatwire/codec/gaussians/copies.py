@@ -21,7 +21,7 @@ GROWTH_UNIT = 64
 
 
 def write_places(places: np.ndarray, num_gaussians: int) -> bytes:
-    """Serialises the indices of the copied Gaussians as fixed-width integers, most significant bit first.
+    """Serialises the indices of the copied Gaussians as fixed-width integers.
 
     Args:
         places: int64, index of each copied Gaussian in stream order.
@@ -48,9 +48,9 @@ def write_head(growth: tuple[float, float, float], count: int, blocks: bytes) ->
     """Serialises the first part of the section of copies, before the indices of the copied Gaussians.
 
     Args:
-        growth: Parameters of the enlargement of received Gaussians next to lost ones, see `Copies.growth`.
+        growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
         count: Number of copies.
-        blocks: Bounding box and mean attributes of the copies, from `write_blocks`.
+        blocks: Bounding box and mean attributes of the copies, serialised.
     """
     writer = ByteWriter()
     writer.u8(VERSION)
@@ -84,9 +84,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
-    """Returns the precision class of the redundant copies in a stream, 0 for the lowest; all copies share it.
-
-    The stream must have copies.
+    """Returns the precision class of the redundant copies in a stream that has copies, 0 for the lowest.
 
     Args:
         info: The stream's side information.
@@ -105,13 +103,8 @@ def _read(
 ) -> tuple[Boxes, np.ndarray, tuple[float, float, float], tuple[np.ndarray, np.ndarray]]:
     """Reads the redundant copies of Gaussians from a stream's side information, without dequantising them.
 
-    Args:
-        info: The stream's side information.
-        num_gaussians: Number of Gaussians in the stream.
-
     Returns:
-        Four values: bounding box of the copies; indices of the copied Gaussians in the stream; parameters of the
-        enlargement (`Copies.growth`); and the decoded integers of the copies, as returned by `_decode`.
+        Bounding box of the copies; indices of the copied Gaussians; enlargement parameters; decoded integers.
     """
     reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
     version = reader.u8()
@@ -130,13 +123,11 @@ def _read(
 def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
     """Returns the section of redundant copies (`sketch`) for a stream whose packets were rearranged.
 
-    The section identifies the Gaussian of each copy by its index in the stream. Rearranging the packets changes the
-    order of the Gaussians, so these indices are replaced. The attributes of the copies are not changed.
-
     Args:
-        section: Content of the section in the old stream.
+        section: Content of the section before.
         place_at: Index in the new stream of each Gaussian of the old stream, int64 (N).
     """
+    # A copy refers to its Gaussian by index, which the rearrangement changes.
     reader = ByteReader(section, f"section '{SECTION}'")
     head, count, blocks = reader.take(4), reader.unsigned(), reader.blob()
     places, writer = _read_places(reader, count, len(place_at)), ByteWriter()
@@ -146,19 +137,7 @@ def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
 
 
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Decodes the attributes of the redundant copies of Gaussians; any bytes decode without an error.
-
-    All copies are coded together, like the Gaussians of one packet.
-
-    Args:
-        info: Side information, with the bounding box and means of the copies as its only block.
-        count: Number of copies.
-        payload: Encoded attributes of all copies.
-
-    Returns:
-        Decoded integers of each copy: int64 (count, COLUMNS) for all attributes except harmonics, and int32 (count,
-        num_harmonics) for the spherical harmonics.
-    """
+    """Decodes the attributes of the redundant copies to integers, as returned by `empty_rows`."""
     rows, harmonics = empty_rows(count, info.num_harmonics)
     data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(

@@ -24,7 +24,7 @@ def write_copies(
         places: int64, indices in `splats` of the Gaussians to copy.
         info: The stream's side information.
         level: Precision class of all copies, 0 for the lowest.
-        growth: Parameters of the enlargement of received Gaussians next to lost ones, see `Copies.growth`.
+        growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
 
     Returns:
         Content of the section.

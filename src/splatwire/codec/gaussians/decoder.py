@@ -46,12 +46,12 @@ _GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 class GaussianDecoder:
     """Decodes packets of explicit Gaussians to a scene; implements `splatwire.codec.schema.Decoder`.
 
-    A lost Gaussian gets opacity 0, the mean size and colour of its block, and the position of a received Gaussian.
+    Lost Gaussians get opacity 0.
 
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
-        num_bytes: Number of bytes received of the stream; not used by this decoder.
+        num_bytes: Not used.
 
     Raises:
         MissingSideInfoError: If the side information is empty.
@@ -70,20 +70,14 @@ class GaussianDecoder:
         self._records = () if copies is None else (copies,)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, in addition to the scene, bytes.
-
-        It depends on the largest block of the stream and on the largest of the packets.
-        """
+        """Returns the working memory of a decoding thread, in addition to the scene, bytes."""
         # Integers of several pending blocks, floats of `PIECE` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates the scene before packets are decoded (see `Decoder.expect`).
-
-        Lost Gaussians are not estimated here but in `store`, because their estimate depends on the rest of their block.
-        """
+        """Allocates the scene before packets are decoded (see `Decoder.expect`)."""
         self._splats = blank_splats(self._num, self._info.degree)
         self._levels = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
@@ -93,10 +87,7 @@ class GaussianDecoder:
         return decode_packets(self._info, run.block, run.counts, run.payloads)
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes the decoded Gaussians of a block to the scene, and estimates the lost Gaussians of the block.
-
-        See `Decoder.store` for the arguments.
-        """
+        """Writes the decoded Gaussians of a block to the scene, and estimates the lost ones (see `Decoder.store`)."""
         places, known = run.ranks, self._loss_mask.received
         known[places] = True
         if len(places) < self._plan.block_elements(run.block):
@@ -131,16 +122,15 @@ class GaussianDecoder:
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
     """Returns the quantisation parameters of a decoded scene, for encoding it again without further loss.
 
-    The encoder then obtains the same integers.
-
     Args:
         info: The stream's side information.
         classes: Precision class of each Gaussian, uint8 (N).
 
     Returns:
-        The parameters; None for streams of version 2, where the integers depend on the division into packets.
+        The parameters; None for streams of version 2.
     """
     if info.coarsest < 0:
+        # The integers of version 2 depend on the division into packets.
         return None
     return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), info.transform, classes)
 
@@ -166,7 +156,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
 def decode_packets(
     info: SideInfo, block: int, counts: np.ndarray, payloads: Sequence[bytes]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Decodes packets of one block to integers; any bytes decode without an error.
+    """Decodes packets of one block to integers.
 
     Args:
         info: The stream's side information.
@@ -182,6 +172,7 @@ def decode_packets(
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
     ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    # Any bytes decode without an error.
     rows, harmonics = empty_rows(int(starts[-1]), info.num_harmonics)
     boxes = np.full(len(payloads), info.boxes.bits[block])
     defaults = np.repeat(info.block_defaults[block : block + 1], len(payloads), axis=0)
@@ -205,13 +196,12 @@ def store_block(
     info: SideInfo,
     block: int,
 ) -> None:
-    """Writes the Gaussians of a block into `splats` as floats, and estimates the lost Gaussians.
+    """Writes the Gaussians of a block into the scene as floats, and estimates the lost Gaussians.
 
     Args:
         splats: All Gaussians of the scene, changed in place.
         places: int64 (n), indices of the block's Gaussians in `splats`.
-        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except harmonics; those of lost Gaussians are
-            ignored.
+        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics, 0 for lost Gaussians.
         received: Mask of received Gaussians, bool (n).
         info: The stream's side information.
@@ -233,16 +223,10 @@ def store_block(
 
 
 def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Estimates the integers of a block's lost Gaussians from the received ones, int64 (lost, COLUMNS).
+    """Estimates the integers of a block's lost Gaussians from the positions of the received ones (`near`).
 
-    Size and colour are the means of the block. Positions are those of received Gaussians, or spread over the block's
-    bounding box if no Gaussian of the block was received.
-
-    Args:
-        info: The stream's side information.
-        block: Index of the block.
-        near: Positions of the block's received Gaussians, in half lattice units from the corner of the block's box.
-        lost: Indices of the lost Gaussians within the block.
+    Returns:
+        Integers of the lost Gaussians, int64 (lost, COLUMNS).
     """
     rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults[block]
     rows[:, SCALE0] = np.clip(defaults[1], -MAX_LOG, MAX_LOG)

@@ -41,14 +41,11 @@ def prepare_splats(
 ) -> Prepared:
     """Prepares Gaussians for encoding: sorts them into blocks and computes the side information.
 
-    A decoded scene is encoded to the same integers again, unless the options have a quality or precision classes.
-
     Args:
         scene: The Gaussians; each must have a visible effect.
         options: Encoding options; the default packetization is the preset "paper".
-        like: Side information of the stream from which the Gaussians were decoded; its context tables and named
-            sections are reused. None to fit new tables.
-        sorted_already: True if the Gaussians are in block order; otherwise they are sorted along a Morton curve.
+        like: Side information of the stream from which the Gaussians were decoded, to reuse parts of it.
+        sorted_already: True if the Gaussians are in block order.
 
     Raises:
         InvalidValueError: If the scene is empty, or the packetization or an option does not apply to explicit
@@ -85,14 +82,14 @@ def fit_side_info(
     scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, like: SideInfo | None,
     threads: int | None,
 ) -> SideInfo:  # fmt: skip
-    """Computes the side information of a stream: bounding boxes and mean attributes of blocks, and context tables.
+    """Computes the side information of a stream of Gaussians.
 
     Args:
         scene: The Gaussians, sorted into blocks.
         sections: Named sections to include, content by name.
         known: Transform of the spherical harmonics; None to fit it to a part of the scene.
         like: Side information with context tables to reuse; None to fit the tables to a part of the scene.
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        threads: Number of threads; None for one per processor.
     """
     ends = np.array(list(ordered_map(scene.ends, range(scene.num_blocks), threads)))
     boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
@@ -132,13 +129,7 @@ def fit_side_info(
 
 
 def scene_transform(scene: SourceScene) -> np.ndarray:
-    """Fits the transform of spherical harmonics to a sample of the scene's Gaussians.
-
-    The weight of a Gaussian is inversely proportional to its quantisation step.
-
-    Returns:
-        Transform as returned by `fit_transform`, int64 (K, K), for K harmonics above degree 0.
-    """
+    """Fits the transform of spherical harmonics to a sample of the scene's Gaussians, int64 (K, K)."""
     if not scene.splats.degree:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.some_blocks()
@@ -209,11 +200,11 @@ class GaussianEncoder:
         self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
     def runs(self) -> Iterator[int]:
-        """Returns the indices of all blocks, in the order in which `encode` is called (see `Encoder.runs`)."""
+        """Returns the indices of all blocks, in encoding order (see `Encoder.runs`)."""
         return iter(range(self._plan.num_blocks))
 
     def encode(self, run: int) -> CodedPackets:
-        """Encodes one block of Gaussians; `run` is the index of the block (see `Encoder.encode`)."""
+        """Encodes the block with index `run` (see `Encoder.encode`)."""
         source = self._scene.arranged(run, self._info)
         coded = encode_block(source, self._info, run, self._sizes[run], self._most)
         return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))

@@ -32,14 +32,11 @@ from the entries' mixture distributions needs `scipy.special`, and its import ta
 
 
 def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
-    """Returns zero counters for statistics of coded symbols by context.
-
-    The context of a residual has three parts: the kind of value (stream), how much the neighbours differ (spread), and
-    the quantisation step or the preceding residuals (second), see `layout.SPREADS`.
+    """Returns zero counters for statistics of coded symbols.
 
     Returns:
-        Number of zeros and ones coded with each adaptive bit model, int64 (contexts, 2); and the number and the sum of
-        magnitudes of residuals for each context, int64 (streams, spreads, seconds, 2).
+        Number of zeros and ones of each adaptive bit model, int64 (contexts, 2); and number and sum of magnitudes of
+        the residuals in each context, int64 (streams, spreads, seconds, 2).
     """
     return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros((len(STREAMS), SPREADS, SECONDS, 2), np.int64)
 
@@ -60,19 +57,17 @@ def fit_bits(counts: np.ndarray) -> np.ndarray:
 def fit_scales(residuals: np.ndarray) -> np.ndarray:
     """Chooses the width of the residual distribution in each context, from the mean magnitude of its residuals.
 
-    A context without residuals gets the width of the preceding context, which takes hardly any bytes in the stream.
-
     Args:
         residuals: Number and sum of magnitudes of residuals by context, int64 (streams, spreads, seconds, 2).
 
     Returns:
-        Scale of each context, int64 (streams, spreads, seconds): index of the narrower normal's standard deviation in
-        the scale table, divided by `SCALE_UNIT`.
+        Index of each context's width in the scale table, divided by `SCALE_UNIT`, int64 (streams, spreads, seconds).
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
     expected = _EXPECTED_MAGNITUDES
     scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
+    # The width of the preceding context takes hardly any bytes in the stream.
     for second in range(SECONDS):
         unused = number[:, :, second] == 0
         scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
@@ -80,11 +75,9 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Estimates the mean magnitude of residuals in each context of the entropy coder, even where residuals are few.
+    """Estimates the mean magnitude of residuals in each context as a product of two factors.
 
-    A context is a combination of three indices (a, b, c): the kind of value, the disagreement of the neighbours, and
-    the quantisation step or the preceding residuals. The mean is modelled as a product of two factors, one for (a, b)
-    and one for (a, c), which are fitted to all residuals.
+    A context has three indices (a, b, c); one factor depends on (a, b), the other on (a, c).
 
     Args:
         number: Number of residuals in each context, float64 (A, B, C).
@@ -101,5 +94,5 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns the scales of residual distributions before statistics are available: the same scale in all contexts."""
+    """Returns the initial scales of residual distributions, equal in all contexts."""
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

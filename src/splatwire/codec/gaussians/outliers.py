@@ -1,7 +1,4 @@
-"""Limits outliers, so that single Gaussians with extreme values do not reduce the precision of all others.
-
-Every change is logged as a warning.
-"""
+"""Limits outliers, so that single Gaussians with extreme values do not reduce the precision of all others."""
 
 import logging
 from dataclasses import replace
@@ -32,9 +29,6 @@ step.
 def within_reach(splats: Splats, size_log: int) -> Splats:
     """Moves very distant Gaussians (outliers) closer to the centre of the scene, and logs a warning.
 
-    With outliers, the lattice of positions would be too coarse for all other Gaussians. Distance and scales of an
-    outlier are multiplied by the same factor, so that it looks the same from the centre.
-
     Args:
         splats: The Gaussians.
         size_log: log2 of the scene's size.
@@ -54,6 +48,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
     far = np.flatnonzero(distance > _SLACK * left)
     if not len(far):
         return splats
+    # Scales are multiplied by the same factor, so that an outlier looks the same from the centre.
     share = left / distance[far]
     LOG.warning(
         "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",
@@ -66,7 +61,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
 
 
 def log_clipped_colours(splats: Splats) -> None:
-    """Logs the number of Gaussians with colours or harmonics beyond the range of the format, which are clipped."""
+    """Logs the number of Gaussians with colours or harmonics beyond the range of the format."""
     most = MAX_COLOUR / (1 << BITS)
     sh = splats.sh.reshape(splats.num_gaussians, -1)
     largest = [np.abs(some).max(axis=1) for some in runs(sh)]

@@ -1,4 +1,4 @@
-"""Determines which Gaussians share a packet, by encoding them; used to simulate packet loss during fine-tuning."""
+"""Determines which Gaussians share a packet, for simulating packet loss during fine-tuning."""
 
 from dataclasses import dataclass
 

@@ -27,12 +27,10 @@ class Quality:
 
     Attributes:
         level: Precision, -8 to 24: all quantisation steps are `2**-level` times as large as at level 0.
-        classes: Number of precision classes, 1 to 8. Each class has twice the steps of the next higher class. Scenes
-            with harmonics use at most 4 classes; a larger number makes all of their steps slightly coarser.
+        classes: Number of precision classes, 1 to 8. Each class has twice the steps of the next higher class.
         position: Additional precision of positions, -16 to 16: their steps are `2**-position` times as large. For
             scenes with many Gaussians at nearly equal depth.
-        precision: Additional precision of each quantity in `layout.STEPS`, octaves, -16 to 16 each. `encode --size` and
-            `--psnr` measure it for each scene.
+        precision: Additional precision of each quantity in `layout.STEPS`, octaves, -16 to 16 each.
 
     Raises:
         InvalidValueError: If an attribute is out of range.
@@ -59,7 +57,7 @@ class Quality:
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
     def bases(self, degree: int) -> np.ndarray:
-        """Returns the quantisation steps of all attributes (`layout.STEPS`) in the lowest precision class.
+        """Returns the quantisation steps of all attributes in the lowest precision class.
 
         Args:
             degree: Degree of the scene's spherical harmonics.
@@ -96,7 +94,7 @@ _FINE_LEVELS = ((_FINE_CLASSES_FROM, 9.5), (85.0, 9.75), (100.0, 12.75))
 def numbered_quality(number: int | float) -> Quality:
     """Returns the quality setting of a number from 0 (smallest) to 100 (finest).
 
-    Bytes and quality grow with the number. 40, 60 and 85 are `small`, `default` and `near-lossless`.
+    40, 60 and 85 are `small`, `default` and `near-lossless`.
 
     Raises:
         InvalidValueError: If the number is out of range.

@@ -18,7 +18,7 @@ _PIECE = 1 << 13
 
 
 def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> SplatCoding:
-    """Chooses the quantisation steps of Gaussians as the encoder does, without encoding them.
+    """Chooses the quantisation steps of Gaussians as the encoder does.
 
     Args:
         splats: The Gaussians, at least one.
@@ -35,9 +35,6 @@ def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> 
 def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
     """Rounds Gaussians to the values that a decoder obtains, in the same order.
 
-    Encoding the result with the same quantisation steps does not change it, except for a few positions that float32
-    rounding moves into a neighbouring cell.
-
     Args:
         splats: The Gaussians.
         coding: Quantisation steps from `coding_for`, or those of a decoded scene.
@@ -48,6 +45,8 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.
     """
+    # Encoding the result with the same steps does not change it, except for a few positions that float32 rounding moves
+    # into a neighbouring cell.
     bases, width = np.array(coding.bases), 3 * (splats.sh.shape[1] - 1)
     result = Splats.empty(splats.num_gaussians, splats.degree)
 

@@ -37,10 +37,8 @@ def _can_repack(stream: SceneStream) -> bool:
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the redundant copies of a stream after its packets were rearranged.
-
-    A copy refers to its Gaussian by index, and the rearrangement changes the order of the Gaussians.
-    """
+    """Updates the redundant copies of a stream after its packets were rearranged."""
+    # A copy refers to its Gaussian by index, and the rearrangement changes the order of the Gaussians.
     sections = sections_of(stream)
     if SKETCH not in sections:
         return packed
@@ -51,10 +49,7 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:
-    """Sorts Gaussians by their attributes; returns their indices in sorted order, int64 (N).
-
-    The same Gaussians are sorted equally in two streams that contain them in different order.
-    """
+    """Sorts Gaussians by their attributes; returns their indices in sorted order, int64 (N)."""
     columns = [values.reshape(len(values), math.prod(values.shape[1:])) for values in vars(splats).values()]
     return np.lexsort(np.concatenate(columns, axis=1).T)
 

@@ -1,7 +1,4 @@
-"""Side information of explicit Gaussians, sent before the packets (docs/format.md).
-
-It contains the quantisation steps, the bounding boxes of blocks, the context tables, and named sections.
-"""
+"""Side information of explicit Gaussians, sent before the packets (docs/format.md)."""
 
 import functools
 import math
@@ -55,14 +52,13 @@ class SideInfo:
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         bases: int64 (steps), `-log2` of the quantisation steps of precision class 0 (the lowest), for each quantity in
             `STEPS`, in fixed point with `STEP_BITS` fractional bits.
-        coarsest: log2 of the largest position cell, in lattice units. -1 in streams of version 2, whose decoded
-            integers depend on the division into packets.
-        transform: int64 (K, K), transform of the spherical harmonics with denominator `TRANSFORM_UNIT`: row k is the
-            contribution of the k-th coded integer of a colour channel to the K harmonics of that channel.
+        coarsest: log2 of the largest position cell, in lattice units; -1 in streams of version 2.
+        transform: int64 (K, K), transform of the spherical harmonics, one axis per row, with denominator
+            `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
         bit_zero: int64 (contexts), initial probability of a zero for each adaptive bit model, out of 2**8.
-        scales: int64 (streams, spreads, seconds), scale of the residual distribution of each context, as index in the
+        scales: int64 (streams, spreads, seconds), width of the residual distribution of each context, as index in the
             entropy coder's scale table divided by `SCALE_UNIT`.
         sections: Named sections, content by name.
     """
@@ -86,17 +82,11 @@ class SideInfo:
 
     @property
     def kernel_tables(self) -> tuple[np.ndarray, ...]:
-        """Tables of the entropy coder, in the argument order of the numba kernels.
-
-        They are the distributions of residuals (see `residual_windows`) and the tables of the range coder.
-        """
+        """Tables of the entropy coder, in the argument order of the numba kernels."""
         return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Returns the stream's constants for the argument `stream` of numba kernels.
-
-        They are `bases`, `unit`, `coarsest` and the table of `thinness_table`.
-        """
+        """Returns the constants of the stream that numba kernels need."""
         return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:
@@ -111,7 +101,7 @@ class SideInfo:
 
 @functools.lru_cache(maxsize=8)  # of megabytes each, and a stream may have thousands
 def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
-    """Tabulates the distributions of residuals (see `residual_windows`), from the serialised `SideInfo.scales`."""
+    """Tabulates the distributions of residuals, from the serialised `SideInfo.scales`."""
     return tuple(residual_windows(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
 
 
@@ -143,7 +133,7 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
 
 
 def write_header(of: SideInfo | SplatCoding) -> bytes:
-    """Serialises the quantisation parameters and the transform of the spherical harmonics, which `of` contains."""
+    """Serialises the quantisation parameters and the transform of the spherical harmonics."""
     writer = ByteWriter()
     writer.u8(RELATIVE if of.coarsest < 0 else VERSION)
     writer.u8(math.isqrt(len(of.transform) + 1) - 1)
@@ -251,10 +241,7 @@ def _num_contexts(degree: int) -> int:
 
 
 def _write_contexts(info: SideInfo) -> bytes:
-    """Serialises the initial states of the entropy coder's contexts: probabilities of bits, and scales of residuals.
-
-    Scales are coded as differences between successive contexts.
-    """
+    """Serialises the initial states of the entropy coder's contexts."""
     # A probability is one byte. A difference of scales is a flag, and the number itself if it is not 0.
     writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
     writer.blob(bytes(info.bit_zero[: _num_contexts(info.degree)].astype(np.uint8)))

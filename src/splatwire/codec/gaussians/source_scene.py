@@ -66,9 +66,9 @@ class BlockSource(NamedTuple):
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
         places: int64 (n, 3), positions relative to the corner of the block's bounding box, in lattice units.
         classes: int64 (n), precision classes, 0 for the lowest.
-        logs: int64 (n, 4), fixed-point logarithms of opacity and scales, see `Sources`.
-        axes: float64 (n, 3, 3), principal axes, see `Sources`.
-        colours: int64 (n, 3), base colours as Y Co Cg in fixed point, see `Sources`.
+        logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
+        axes: float64 (n, 3, 3), principal axes.
+        colours: int64 (n, 3), base colours as Y Co Cg in fixed point.
         harmonics: int64 (n, harmonics), transformed and rounded spherical harmonics, from `transformed`.
     """
 
@@ -85,7 +85,7 @@ class BlockSource(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SourceScene:
-    """Gaussians of a scene, sorted into B blocks. The integers of a block are computed when it is encoded.
+    """Gaussians of a scene as encoder input, sorted into B blocks.
 
     Attributes:
         splats: The N Gaussians in input order.
@@ -95,8 +95,8 @@ class SourceScene:
         classes: uint8 (N), precision classes in input order, 0 for the lowest.
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
-        bases: int64 (steps), exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
-        coarsest: log2 of the largest position cell, in lattice units, see `SideInfo`.
+        bases: int64 (steps), `-log2` of the quantisation steps of the lowest precision class, in fixed point.
+        coarsest: log2 of the largest position cell, in lattice units.
         contiguous: True if a packet contains adjacent Gaussians, False if it is spread over its block.
     """
 
@@ -131,9 +131,9 @@ class SourceScene:
             classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes; None for the
                 finest.
             tiers: Tier of each Gaussian, 0 for the most important; None for one tier.
-            quality: Quality setting from which quantisation steps are derived; ignored if `coding` is given.
+            quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
-            sorted_already: True if the Gaussians are in block order; otherwise they are sorted along a Morton curve.
+            sorted_already: True if the Gaussians are in block order.
             most_unit: Upper bound of the attribute `unit`.
         """
         if coding is not None:
@@ -170,23 +170,20 @@ class SourceScene:
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
-        """Returns the indices of evenly spread blocks: a sample to which an encoder fits its tables."""
+        """Returns the indices of a sample of blocks, to which an encoder fits its tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
-        """Returns the Gaussians of a block as a range of the attribute `order`.
-
-        This attribute contains the indices of all Gaussians, sorted by block.
-        """
+        """Returns the Gaussians of a block as a range of the attribute `order`."""
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:
-        """Returns the Gaussians of the scene at `where`, counted in the sequence sorted by block (`order`)."""
+        """Returns the Gaussians at some positions of the attribute `order`."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision class of each Gaussian at some positions of the order by block, int64."""
+        """Returns the precision classes of the Gaussians at some positions of the attribute `order`, int64."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:
@@ -200,15 +197,13 @@ class SourceScene:
         return np.array([places.min(axis=0), places.max(axis=0)])
 
     def means(self, block: int) -> np.ndarray:
-        """Returns the mean opacity, scales and colour of the Gaussians of a block, int64 (7), with 4 fractional bits.
-
-        Scales are in the form of the bitstream: logarithm of the largest scale, logarithm of its ratio to the second
-        scale, and companded ratio of the second to the third scale.
-        """
+        """Returns the mean opacity, scales and colour of the Gaussians of a block, int64 (7), 4 fractional bits."""
         here = self.pick(self.members(block))
         logs = to_logs(here, self.size_log).astype(np.float64)
         ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
         thin = (1 - 2.0**-ratio) / np.log(2) * (1 << BITS)
+        # In the form of the bitstream: logarithm of the largest scale, logarithm of its ratio to the second scale, and
+        # companded ratio of the second to the third scale.
         values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
         means = np.concatenate([values.mean(axis=0), to_colours(here).mean(axis=0)])
         return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
@@ -230,20 +225,11 @@ class SourceScene:
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
 
     def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
-        """Sorts the Gaussians of a block so that consecutive ones can share a packet; returns their indices.
-
-        Gaussians in the same cell of a coarse grid stay together. With contiguous packets, neighbouring cells are next
-        to each other. Otherwise, each packet is spread evenly over the block.
-
-        Args:
-            codes: Morton codes of the block's positions, from `block_codes`.
-            at: log2 of the cell size of the coarse grid, in lattice units.
-            bits: Number of bits of a coordinate within the block's bounding box.
-        """
+        """Sorts the Gaussians of a block in the order in which packets are filled; returns their indices."""
         return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
     def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
-        """Returns Gaussians of a block as input of the encoding kernels, sorted for the division into packets.
+        """Returns Gaussians of a block as input of the encoding kernels, in the order in which packets are filled.
 
         Args:
             block: Index of the block.
@@ -277,14 +263,12 @@ def _input_order(count: int) -> np.ndarray:
 
 
 def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
-    """Converts precision classes from the numbers that callers use to the numbers in the bitstream.
-
-    For callers, the finest class is 0 and coarser classes are negative. In the bitstream, the coarsest class is 0.
+    """Converts precision classes from the numbers that callers use to those in the bitstream.
 
     Args:
-        classes: Precision class of each Gaussian, (N); None for the finest class.
+        classes: Precision class of each Gaussian, (N), 0 for the finest, negative for coarser; None for the finest.
         count: Number of Gaussians, N.
-        most: Finest precision class in the bitstream.
+        most: Finest precision class in the bitstream, in which 0 is the coarsest.
 
     Returns:
         Class of each Gaussian in the bitstream, uint8 (N), from 0 to `most`.
@@ -305,19 +289,18 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
-    After rounding with a coarse step, the smallest scale of a flat Gaussian can be up to 31 % of the second scale. With
-    the returned precision classes, it is at most 0.4 %.
-
     Args:
         splats: The N Gaussians.
         levels: uint8 (N), precision classes from `levels_of`.
         most: The finest precision class.
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         size_log: log2 of the scene's size.
 
     Returns:
-        uint8 (N), the precision classes, some of them raised.
+        The changed precision classes, uint8 (N).
     """
+    # With a coarse step, the smallest scale of a flat Gaussian can become 31 % of the second scale; with the returned
+    # classes, at most 0.4 %.
     flat = np.concatenate([np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales))])
     if not len(flat):
         return levels
@@ -333,16 +316,14 @@ def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndar
 
 
 def _is_flat(scales: np.ndarray) -> np.ndarray:
-    """Returns a mask of Gaussians that are flatter than the format can represent, bool (N)."""
+    """Returns a mask of Gaussians that are flatter than the format can represent."""
     low, middle, _ = sort3(scales)
     return low < middle * np.float32(2.0**-MAX_THINNESS)
 
 
 def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
-    """Returns the exponents of a scene's quantisation steps (see `SideInfo`).
-
-    The quantisation step of the largest scale is adapted to the mean scale of the scene's Gaussians.
-    """
+    """Returns `-log2` of a scene's quantisation steps, in fixed point."""
+    # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     bases = quality.bases(splats.degree)
     parts = list(runs(splats.scales))
     least = np.float32(2.0 ** (size_log - SMALLEST))
@@ -364,18 +345,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
 def _quantised_positions(
     splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
 ) -> np.ndarray:
-    """Returns the quantised positions of the Gaussians, as a decoder obtains them, float32 (N, 3).
-
-    A position is rounded to the centre of a cell of a cubic lattice. The side of a cell is the quantisation step of the
-    Gaussian's position.
-
-    Args:
-        splats: The N Gaussians.
-        levels: uint8 (N), precision class of each Gaussian.
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
-        size_log: log2 of the scene's size.
-        unit: `-log2` of the spacing of the finest lattice, relative to the scene's size.
-        coarsest: log2 of the largest quantisation step, in units of this spacing.
+    """Returns the positions of the Gaussians as a decoder obtains them, float32 (N, 3).
 
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.
@@ -399,14 +369,7 @@ def _quantised_positions(
 
 
 def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
-    """Chooses the spacing of the lattice of positions.
-
-    The spacing is the finest quantisation step of positions in the scene, if all coordinates fit the range of the
-    lattice with this spacing. Otherwise, a larger spacing is chosen.
-
-    Returns:
-        `-log2` of the spacing, relative to the scene's size.
-    """
+    """Chooses the spacing of the lattice of positions, as `-log2` relative to the scene's size."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(some: tuple[np.ndarray, np.ndarray]) -> float:
@@ -415,6 +378,7 @@ def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_lo
         steps = octaves + level + c[0] * (largest + middle) + c[1] * (largest - middle)
         return float(np.maximum(steps, 1 - middle).max())
 
+    # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
     most = max(share(finest, list(zip(runs(splats.scales), runs(levels), strict=True))), default=-np.inf)
     far = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
     return int(np.clip(np.ceil(most), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))

@@ -16,10 +16,7 @@ _LN2_BITS = 70
 
 @functools.cache
 def negative_powers() -> tuple[int, ...]:
-    """Returns a table of powers of two with exponents from 0 to -1: entry i is `2**(-i / 2**BITS)`, in units of 2**-62.
-
-    The table has `2**BITS` entries, which are computed with square roots of integers.
-    """
+    """Returns a table of powers of two: entry i is `2**(-i / 2**BITS)`, in units of 2**-62, for i below `2**BITS`."""
     step = 1 << (_POWER_BITS - 1)
     for _ in range(BITS):
         step = math.isqrt(step << _POWER_BITS)
@@ -34,12 +31,10 @@ def negative_powers() -> tuple[int, ...]:
 def thinness_table() -> np.ndarray:
     """Returns the table for decoding the ratio of two scales of a Gaussian, which is coded with non-uniform steps.
 
-    A ratio `2**r` is coded as `t = (1 - 2**-r) / ln 2`, so that large ratios are coarser. Entry t of the table is r.
-    Both have `BITS` fractional bits.
-
     Returns:
-        int64 of length `MAX_THIN + 1`, increasing.
+        log2 of the ratio for each coded integer, in fixed point, int64 (MAX_THIN + 1).
     """
+    # A ratio `2**r` is coded as `t = (1 - 2**-r) / ln 2`, so that large ratios are coarser.
     powers, entries, r = negative_powers(), [], 0
     for t in range(MAX_THIN + 1):
         left = (1 << 62) - (t * _LN2 >> (_LN2_BITS + BITS - 62))
@@ -51,9 +46,6 @@ def thinness_table() -> np.ndarray:
 
 @functools.cache
 def exponentials() -> np.ndarray:
-    """Returns a table of powers of two: entry i is `2**(i / 2**BITS)`, float64 in [1, 2), for i below `2**BITS`.
-
-    The table is computed from integers, so that it is identical on every machine.
-    """
+    """Returns a table of powers of two: entry i is `2**(i / 2**BITS)`, float64 in [1, 2), for i below `2**BITS`."""
     powers = np.array(negative_powers(), dtype=np.float64)
     return np.concatenate([[1.0], 2 * powers[:0:-1] * 2.0**-62])

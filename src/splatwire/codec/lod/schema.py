@@ -1,7 +1,4 @@
-"""Bitstream format of Gaussians with levels of detail (docs/format.md).
-
-Such a stream is coded like explicit Gaussians, with one tier per level of detail and one block per spatial tile.
-"""
+"""Bitstream format of Gaussians with levels of detail (docs/format.md)."""
 
 from dataclasses import replace
 
@@ -24,12 +21,12 @@ from splatwire.types.splats import Splats
 
 
 class LevelsDecoder(GaussianDecoder):
-    """Decoder of a stream with levels of detail; by default the decoded scene is drawn at its finest level.
+    """Decoder of a stream of Gaussians with levels of detail.
 
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
-        num_bytes: Number of bytes received of the stream; not used by this decoder.
+        num_bytes: Not used.
 
     Raises:
         MissingSideInfoError: If the stream has no side information.
@@ -68,12 +65,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the tile index of a stream after its packets were rearranged: the sizes of the tiles change.
-
-    Args:
-        stream: The stream before.
-        packed: The stream after.
-    """
+    """Updates the index of spatial tiles in a stream after its packets were rearranged."""
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 
 

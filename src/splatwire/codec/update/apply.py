@@ -32,12 +32,10 @@ from splatwire.types.update_scene import UpdateScene
 def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None = None) -> SceneStream:
     """Applies an update to the stream of a scene, and returns the stream of the changed scene.
 
-    The result is compared, by digest, with the stream that the encoder of the update computed: all bytes must be equal.
-
     Args:
         base: The stream that the update changes, complete.
         update: The update, complete.
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        threads: Number of threads; None for one per processor.
 
     Raises:
         InvalidValueError: If packets of either stream are missing, or the update is for another stream.
@@ -61,6 +59,7 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
     if removed.all() and not change.num_elements:
         raise BitstreamError("the update removes all Gaussians")
     result = changed_stream(base, info, scene, removed, change, change.writer, threads)
+    # All bytes must be equal to those of the stream that the encoder of the update computed.
     if manifest_digest(result.manifest) != change.result_digest:
         raise DesyncError(
             f"the changed stream is not the one that {change.writer or 'the encoder'} made: get that stream as a whole"
@@ -110,10 +109,7 @@ def changed_stream(
     base: SceneStream, info: SideInfo, scene: SplatScene, removed: np.ndarray, new: SplatScene, writer: str,
     threads: int | None,
 ) -> SceneStream:  # fmt: skip
-    """Encodes a changed scene with the packetization, steps, context tables and named sections of the old stream.
-
-    Redundant copies of removed Gaussians are removed. A preview (section `preview`) is left out, because it would show
-    the old scene.
+    """Encodes a changed scene with the settings of the old stream.
 
     Args:
         base: The old stream.
@@ -122,7 +118,7 @@ def changed_stream(
         removed: Mask of the removed Gaussians, bool (N).
         new: The decoded new Gaussians, with the same quantisation steps.
         writer: Program that wrote the changed stream.
-        threads: Number of threads, which does not affect the result.
+        threads: Number of threads; None for one per processor.
     """
     kept = np.flatnonzero(~removed)
     # In an order that does not depend on the packets of the update.
@@ -132,6 +128,7 @@ def changed_stream(
     splats = _joined(scene.splats.select(kept), new.splats)
     coding = replace(scene.coding, classes=np.concatenate([scene.coding.classes[kept], new.coding.classes]))
     changed = replace(scene, splats=splats, coding=coding)
+    # A preview would show the old scene.
     sections = {name: data for name, data in info.sections.items() if name not in (SKETCH, PREVIEW)}
     options = Options(base.manifest.packetization, threads=threads)
     prepared = prepare_splats(changed, options, replace(info, sections=sections))
@@ -148,7 +145,7 @@ def _with_copies(
     Args:
         stream: The changed stream without copies.
         base: The old stream.
-        info: Side information of the old stream, which contains its copies.
+        info: Side information of the old stream.
         kept: Indices in the old stream of the Gaussians that stay, ascending.
         splats: Gaussians of the changed scene: first those that stay, then the new ones.
     """
@@ -172,15 +169,7 @@ def _joined(first: Splats, second: Splats) -> Splats:
 
 
 def _check_base(base: SceneStream, digest: str) -> None:
-    """Checks that a stream is the one that an update changes.
-
-    Args:
-        base: The stream.
-        digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
-
-    Raises:
-        InvalidValueError: If the update is for another stream.
-    """
+    """Raises `InvalidValueError` if an update is for another stream."""
     if digest != (found := manifest_digest(base.manifest)):
         raise InvalidValueError(
             f"the update changes another stream: one with the digest {digest[:12]}, not {found[:12]}; the same scene "
@@ -189,15 +178,12 @@ def _check_base(base: SceneStream, digest: str) -> None:
 
 
 def _check_complete(stream: SceneStream, what: str, so: str) -> None:
-    """Checks that no packet of a stream is missing.
+    """Raises `InvalidValueError` if a packet of a stream is missing.
 
     Args:
         stream: The stream.
         what: Name of the stream, for the error message.
         so: Consequence for the user, for the error message.
-
-    Raises:
-        InvalidValueError: If a packet is missing.
     """
     if missing := stream.manifest.num_packets - len(stream.packets):
         raise InvalidValueError(f"{missing:,} of {stream.manifest.num_packets:,} packets of {what} are missing: {so}")

@@ -1,4 +1,4 @@
-"""Chain of updates: the current state of a served scene, and the updates that lead to it from earlier states."""
+"""Current state of a served scene, and the updates that lead to it from earlier states."""
 
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -21,9 +21,8 @@ class UpdateChain:
     """Current state of a scene that a server sends, and the updates for receivers that have an earlier state.
 
     Attributes:
-        source: The scene's stream as read from the file, with all updates applied. The next update changes this stream.
-        scene: The stream that is sent: the same scene in packets that fit datagrams. Identical to `source` if the
-            packets of `source` fit.
+        source: The scene's stream as read from the file, with all updates applied; the next update changes this stream.
+        scene: The stream that is sent: the same scene in packets that fit datagrams.
         updates: Updates between successive states of `scene`, the newest last.
     """
 
@@ -37,9 +36,7 @@ class UpdateChain:
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:
-        """Returns all updates, by the name that receivers request (`update_name`).
-
-        The last entry is for the next update. Its value is None, because the update does not exist yet.
+        """Returns all updates, by the name that receivers request; None for the next update, which does not exist yet.
         """
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
@@ -64,9 +61,7 @@ class UpdateChain:
         return self._with(source, change.result, change.update)
 
     def edited(self, scene: SplatScene) -> "UpdateChain":
-        """Encodes a changed scene as an update of `scene`, and returns the chain that ends with the changed scene.
-
-        The chain is returned unchanged if no Gaussian has changed by a quantisation step.
+        """Encodes a changed scene as an update, and returns the chain that ends with the changed scene.
 
         Args:
             scene: The changed scene.
@@ -80,15 +75,7 @@ class UpdateChain:
         return self._with(change.result, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
-        """Returns the chain extended by an update.
-
-        The oldest updates are dropped if all updates together have more bytes than the scene.
-
-        Args:
-            source: Attribute `source` of the result.
-            scene: Attribute `scene` of the result.
-            update: The update that changes the previous `scene` to the new one.
-        """
+        """Returns the chain extended by an update, from the previous `scene` to the new one."""
         updates = (*self.updates, update)[-MAX_UPDATES:]
         sizes = accumulate(each.num_bytes for each in reversed(updates))
         useful = sum(size <= scene.num_bytes for size in sizes)

@@ -1,4 +1,4 @@
-"""Encodes an update: the Gaussians that an edited scene has and its stream does not have, and the removed ones."""
+"""Encodes updates: the Gaussians that an edited scene has and its stream does not have, and the removed ones."""
 
 import hashlib
 import logging
@@ -45,16 +45,14 @@ def encode_update(
 ) -> SceneStream:
     """Encodes the changes of a scene relative to its stream; `apply_update` applies the result.
 
-    A Gaussian is unchanged if its quantised attributes equal those of a Gaussian in the stream. The changed stream
-    keeps all settings of the old one, such as packetization and quantisation steps, its background and its metadata. It
-    also keeps the antialiasing flag; a warning is logged if that of the scene differs.
+    The changed stream keeps the settings of the old one, such as packetization, quantisation steps and background.
 
     Args:
         base: The stream of the scene before the change, complete.
         scene: The changed scene, in the same units and coordinates.
-        classes: Precision class of each Gaussian of `scene` (`splatwire.render.precision`), whole numbers (M), used for
-            new and changed Gaussians; None for the finest class of the stream.
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        classes: Precision class of each Gaussian of `scene`, integers (M), 0 for the finest and negative for coarser;
+            None for the finest.
+        threads: Number of threads; None for one per processor.
 
     Returns:
         The update: a stream with the new Gaussians.
@@ -82,10 +80,7 @@ def encode_change(
     base: SceneStream, scene: SplatScene | ReceivedScene[SplatScene] | Splats, classes: np.ndarray | None = None,
     threads: int | None = None,
 ) -> EncodedChange:  # fmt: skip
-    """Encodes the changes of a scene, and returns the update together with the changed stream.
-
-    The arguments and errors are those of `encode_update`.
-    """
+    """Encodes the changes of a scene (see `encode_update`), and returns the update together with the changed stream."""
     info = check_base(base)
     found = as_scene(scene)
     check_kind(found, SplatScene, "open_scene")
@@ -131,18 +126,7 @@ def _encode_new(
     base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None,
     threads: int | None,
 ) -> SceneStream:  # fmt: skip
-    """Encodes the new Gaussians of an update as a stream; the caller adds the section with the rest of the update.
-
-    Quantisation steps and context tables are those of the stream that the update changes.
-
-    Args:
-        base: The stream that the update changes.
-        info: Side information of this stream.
-        coding: Quantisation steps of this stream.
-        new: The new Gaussians; may be none.
-        classes: Precision class of each new Gaussian, 0 for the finest and negative for coarser; None for the finest.
-        threads: Number of threads, which does not affect the result.
-    """
+    """Encodes the new Gaussians of an update as a stream, with the quantisation steps of the old stream."""
     packetization = base.manifest.packetization
     info = replace(info, sections={})
     if not new.num_gaussians:
@@ -155,7 +139,7 @@ def _encode_new(
 
 
 def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
-    """Returns the stream of an update without new Gaussians; the caller adds the list of removed ones."""
+    """Returns the stream of an update without new Gaussians."""
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
     side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))
@@ -166,6 +150,6 @@ def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
 
 
 def _decoded(new: SceneStream) -> SplatScene:
-    """Decodes the new Gaussians from the result of `_encode_new`."""
+    """Decodes the new Gaussians of an update."""
     scene: SplatScene = decode_stream(replace(new, manifest=replace(new.manifest, codec=GAUSSIANS))).scene
     return scene

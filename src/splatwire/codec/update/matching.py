@@ -1,4 +1,4 @@
-"""Finds the Gaussians of an edited scene that its stream already contains: their quantised attributes are the same."""
+"""Finds the Gaussians of an edited scene that its stream already contains."""
 
 import numpy as np
 
@@ -11,13 +11,10 @@ from splatwire.types.splats import Splats
 def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.ndarray:
     """Returns the index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
 
-    Each Gaussian of `after` is rounded with the steps of each precision class in turn, because its class is not known.
-    Each Gaussian of `before` is matched at most once.
-
     Args:
         before: Decoded Gaussians of the stream.
         coding: Their quantisation steps and precision classes.
-        after: Gaussians of the edited scene, decoded or not, of the same degree.
+        after: Gaussians of the edited scene, of the same degree.
     """
     found = np.full(after.num_gaussians, -1, np.int64)
     for level in np.unique(coding.classes)[::-1]:
@@ -44,10 +41,8 @@ def _attribute_rows(splats: Splats) -> np.ndarray:
 def _find_rows(known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Finds an equal row in `known` for each row of `wanted`; each row of `known` is used at most once.
 
-    Of several equal rows, the n-th in `wanted` is matched with the n-th in `known`.
-
     Returns:
-        Index in `known` for each row of `wanted`, int64; -1 for a row without a match.
+        Index in `known` for each row of `wanted`, int64; -1 if there is none.
     """
     hashes = [_hashes(rows) for rows in (known, wanted)]
     orders = [np.argsort(each, kind="stable") for each in hashes]

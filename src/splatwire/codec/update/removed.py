@@ -1,8 +1,4 @@
-"""Serialises the mask of Gaussians that an update removes.
-
-The bits of the mask are sorted along a Morton curve, because neighbouring Gaussians are often removed together. They
-are coded in groups of two sizes, so that a long run of equal bits takes few bits.
-"""
+"""Serialises the mask of Gaussians that an update removes."""
 
 import math
 
@@ -21,8 +17,6 @@ GROUP, GROUPS = 16, 16
 
 def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
     """Returns the indices of decoded Gaussians along a Morton curve, int64 (N).
-
-    Gaussians in one cell are sorted by their attributes, so the sorted sequence does not depend on the input order.
 
     Args:
         splats: The decoded Gaussians.
@@ -44,7 +38,7 @@ def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
 
 
 def write_removed(removed: np.ndarray) -> bytes:
-    """Serialises a mask of removed Gaussians; long runs of equal bits take few bits.
+    """Serialises a mask of removed Gaussians.
 
     Args:
         removed: Mask of removed Gaussians in the order of `curve_order`, bool (N).
@@ -64,7 +58,7 @@ def write_removed(removed: np.ndarray) -> bytes:
 
 
 def read_removed(data: bytes, count: int) -> np.ndarray:
-    """Reads a mask serialised by `write_removed`, bool (count); bits beyond `count` are ignored.
+    """Reads a mask serialised by `write_removed`, bool (count).
 
     Raises:
         BitstreamError: If the bytes are cut, or more bytes follow.
@@ -84,11 +78,7 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
 
 
 def _grouped(removed: np.ndarray) -> np.ndarray:
-    """Divides a mask into groups of `GROUP` bits for coding, bool (groups, GROUP); pads it to full groups.
-
-    The number of groups is a multiple of `GROUPS`. An incomplete group is padded with 1 if all of its bits are 1, so
-    that it counts as full. Otherwise the padding is 0.
-    """
+    """Divides a mask into groups of `GROUP` bits for coding, bool (groups, GROUP)."""
     padded = np.zeros(-(-len(removed) // (GROUPS * GROUP)) * GROUPS * GROUP, bool)
     padded[: len(removed)] = removed
     end = -(-len(removed) // GROUP) * GROUP

@@ -1,8 +1,4 @@
-"""Codec schema of updates (docs/format.md).
-
-An update contains the new Gaussians, coded like a stream of Gaussians. A named section contains the mask of removed
-Gaussians, and digests of the stream before and after the change.
-"""
+"""Codec schema of updates (docs/format.md)."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -23,12 +19,12 @@ from splatwire.types.update_scene import UpdateScene
 
 
 class UpdateDecoder(GaussianDecoder):
-    """Decoder of an update, which changes another stream; decodes the Gaussians that the update adds.
+    """Decoder of an update of a stream; decodes the Gaussians that the update adds.
 
     Args:
         manifest: The update's manifest.
         side_info: The update's side information, serialised.
-        num_bytes: Number of bytes received; not used by this decoder.
+        num_bytes: Not used.
 
     Raises:
         MissingSideInfoError: If the update has no side information.
@@ -43,7 +39,7 @@ class UpdateDecoder(GaussianDecoder):
         self._fields = read_update(self.sections[SECTION])
 
     def scene(self) -> ReceivedScene[SplatScene]:
-        """Returns the new Gaussians decoded so far, as an `UpdateScene` (see `Decoder.scene`)."""
+        """Returns the new Gaussians decoded so far (see `Decoder.scene`)."""
         partial = super().scene()
         common = {field.name: getattr(partial.scene, field.name) for field in fields(SplatScene)}
         return replace(partial, scene=UpdateScene(**common, **self._fields._asdict()))

@@ -20,7 +20,7 @@ class UpdateFields(NamedTuple):
         base_digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
         result_digest: SHA-256 of the manifest of the changed stream, hexadecimal.
         writer: Program that wrote the changed stream, for its manifest.
-        removed: Mask of removed Gaussians, serialised by `splatwire.codec.update.removed.write_removed`.
+        removed: Mask of removed Gaussians, serialised.
     """
 
     base_digest: str
@@ -30,17 +30,12 @@ class UpdateFields(NamedTuple):
 
 
 def manifest_digest(manifest: Manifest) -> str:
-    """Returns the SHA-256 of a manifest, hexadecimal; it identifies a stream and its content.
-
-    The manifest contains digests of the side information and of all decoded integers.
-    """
+    """Returns the SHA-256 of a manifest, hexadecimal, which identifies a stream and its content."""
     return hashlib.sha256(manifest_to_bytes(manifest)).hexdigest()
 
 
 def update_name(base_digest: str) -> str:
     """Returns the name under which a server offers the update of a stream.
-
-    It contains the digest of this stream. A receiver can thus request the update for the stream that it has.
 
     Args:
         base_digest: Digest of the stream that the update changes (`manifest_digest`), hexadecimal.
@@ -59,7 +54,7 @@ def write_update(fields: UpdateFields) -> bytes:
 
 
 def read_update(data: bytes) -> UpdateFields:
-    """Parses the content of an update's named section; the mask of removed Gaussians stays serialised.
+    """Parses the content of an update's named section.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote it.
