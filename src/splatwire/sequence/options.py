@@ -30,7 +30,7 @@ class SequenceOptions:
         quality: Quantisation quality: a name, a number from 0 to 100, or a `Quality`.
         background: Background colour, RGB.
         up: Up axis: `y`, `-y`, `z`, `-z`; `auto` estimates the axis from the first frame (`splatwire.render.up`).
-        threads: Number of threads, without effect on the output; None for one per processor.
+        threads: Number of threads; None for one per processor.
 
     Raises:
         InvalidValueError: If `rate` or `group_frames` is out of range.

@@ -1,4 +1,4 @@
-"""Numba kernels that encode or decode the motion of a packet's tracks, independently of other packets."""
+"""Numba kernels that encode or decode the motion of a packet's tracks."""
 
 from typing import no_type_check
 
@@ -55,10 +55,10 @@ def _code_headers(coder, headers, n, frames, first_new):
         headers: Headers, int64 (n, HEAD), ascending by track number; filled by a decoder.
         n: Number of tracks in the packet.
         frames: Number of frames in the group.
-        first_new: Number of the first track that is born in the group.
+        first_new: Number of the first track that begins in the group.
 
     Returns:
-        Number of headers found, less than n only in malformed packets.
+        Number of headers found.
     """
     first = code_raw(coder, headers[0, TRACK], TRACK_BITS)
     lead = code_escape(coder, headers[0, BEFORE])
@@ -91,14 +91,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Returns the context of a motion coefficient's residual, chosen by the magnitude of residuals coded before it.
-
-    Args:
-        magnitude: Magnitude of residuals of neighbouring coefficients, an integer.
-
-    Returns:
-        Number of bits of the magnitude, at most `LEVELS - 1`.
-    """
+    """Returns the entropy coder's context of a residual, chosen by the magnitude of residuals coded before it."""
     level = 0
     while magnitude >> level and level < LEVELS - 1:
         level += 1
@@ -108,10 +101,7 @@ def _magnitude_context(magnitude):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_interval(coder, low, span, at, start, size, bits):
-    """Encodes or decodes one symbol, given its probability interval.
-
-    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned. It thus stays in registers,
-    which makes this kernel faster than `encode_interval` and `decode_advance`.
+    """Encodes or decodes one symbol, given its probability interval; returns the new state of the range coder.
 
     Args:
         coder: Entropy coder of the packet.
@@ -121,10 +111,8 @@ def _code_interval(coder, low, span, at, start, size, bits):
         start: Start of the interval, in units of `2**-bits`.
         size: Size of the interval, in units of `2**-bits`.
         bits: Number of bits of a probability.
-
-    Returns:
-        The three numbers of the new state.
     """
+    # The state is passed as arguments and returned, so that it stays in registers.
     unit = span >> bits
     span = unit * size
     if coder.decoding:
@@ -155,10 +143,7 @@ def _code_interval(coder, low, span, at, start, size, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _bit(coder, low, span, at, context, bit):
-    """Encodes or decodes a bit with the adaptive model of a context; the same as `code_bit`, but faster.
-
-    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
-    """
+    """Encodes or decodes a bit with an adaptive model; returns it and the new state of the range coder."""
     zero = adaptive_size(coder.models, context)
     if coder.decoding:
         bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
@@ -175,10 +160,7 @@ def _bit(coder, low, span, at, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _raw(coder, low, span, at, value, bits):
-    """Encodes or decodes `bits` bits with equal probabilities; faster than `code_raw`.
-
-    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
-    """
+    """Encodes or decodes `bits` bits with equal probabilities; returns them and the new state of the range coder."""
     found = ZERO
     while bits > 0:
         some = min(bits, RAW_BITS)
@@ -196,20 +178,18 @@ def _raw(coder, low, span, at, value, bits):
 def _code_coefficient(coder, low, span, at, kind, order, level, value):
     """Encodes or decodes the residual of one motion coefficient: zero flag, octave, remaining bits and sign.
 
-    The state of the range coder (`low`, `span`, `at`) is passed as arguments and returned.
-
     Args:
         coder: Entropy coder of the packet.
         low: State of the range coder.
         span: State of the range coder.
         at: State of the range coder.
-        kind: Kind of the channel (`layout.KINDS`), part of the context.
+        kind: Kind of the channel, part of the context.
         order: Degree of the coefficient's polynomial, part of the context.
-        level: Octave of the magnitude of neighbouring residuals, from `_magnitude_context`, part of the context.
+        level: Octave of the magnitude of neighbouring residuals, part of the context.
         value: The residual; ignored by a decoder.
 
     Returns:
-        The residual, and the three numbers of the state.
+        The residual, and the new state of the range coder.
     """
     zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + level
     some, low, span, at = _bit(coder, low, span, at, np.int64(zero), ONE if value else ZERO)
@@ -239,15 +219,13 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
 
     Args:
         coder: Entropy coder of the packet.
-        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder. In malformed
-            packets, headers that were not found have track number -1.
+        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder.
         n: Number of tracks in the packet.
-        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds); filled by
-            a decoder.
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); filled by a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
             zero before.
         frames: Number of frames in the group, F.
-        first_new: Number of the first track that is born in the group.
+        first_new: Number of the first track that begins in the group.
     """
     if coder.decoding:
         headers[:] = -1

@@ -1,7 +1,4 @@
-"""Numba kernels that search the nearest tracks among those with known motion in a packet.
-
-The motion of a track is known if the track does not move, or if its coefficients are already coded.
-"""
+"""Numba kernels that search the nearest tracks among those with known motion in a packet."""
 
 from typing import no_type_check
 
@@ -23,14 +20,14 @@ def add_known(places, i, known, around, count):
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).
         i: Index of the track to add.
-        known: Indices of the tracks with known motion, int64 (M); the index of the new track is written.
-        around: Positions of the tracks with known motion, float64 (3, M), one row per axis for a search with SIMD; the
-            position of the new track is written.
+        known: Indices of the tracks with known motion, int64 (M); the new one is written.
+        around: Positions of these tracks, float64 (3, M); the new one is written.
         count: Number of tracks with known motion, without the new track.
 
     Returns:
-        Number of tracks with known motion, including the new track.
+        The new number of tracks with known motion.
     """
+    # One row per axis, for a search with SIMD.
     known[count] = i
     for a in range(3):
         around[a, count] = places[i, a]
@@ -40,18 +37,13 @@ def add_known(places, i, known, around, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_candidates(squares, count, lanes, some):
-    """Quickly excludes most tracks from the search for nearest neighbours, by their squared distances.
-
-    The remaining candidates contain the `NUM_NEIGHBOURS` nearest tracks.
+    """Excludes most tracks from the search for nearest neighbours; returns the number of those that remain.
 
     Args:
         squares: Squared distances, float64.
         count: Number of squared distances.
         lanes: Working array, float64 (LANES).
-        some: Output: indices of the candidates, ascending.
-
-    Returns:
-        Number of candidates.
+        some: Output: indices of the tracks that remain, ascending.
     """
     # The distances are divided into `NUM_NEIGHBOURS` groups. No distance above the largest of the groups' minima can be
     # among the smallest.
@@ -80,7 +72,7 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Finds the nearest of some candidates by their squared distances, for the prediction of motion.
+    """Finds the nearest of some candidates by their squared distances.
 
     Args:
         squares: Squared distances of all tracks, float64.
@@ -88,8 +80,7 @@ def _smallest_candidates(squares, some, count):
         count: Number of candidates.
 
     Returns:
-        `NUM_NEIGHBOURS` integers in ascending order, one for each of the nearest candidates: the squared distance in
-        the high bits, and the index of the candidate in the low bits.
+        `NUM_NEIGHBOURS` integers, nearest first: squared distance in the high bits, index in the low bits.
     """
     # The keys stay in registers. No branch depends on a comparison of keys, because processors would often predict it
     # wrongly.
@@ -111,8 +102,6 @@ def _smallest_candidates(squares, some, count):
 @no_type_check
 def nearest(places, known, around, count, i, squares, lanes, some, neighbours, far):
     """Finds the tracks with known motion that are nearest to a track.
-
-    On equal distances, the track that was added first is preferred.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).

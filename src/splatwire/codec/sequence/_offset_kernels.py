@@ -1,7 +1,4 @@
-"""Numba kernel that computes the offsets of tracks from their keyframe Gaussians in one frame.
-
-`tests/reference/trajectories.py` is an equivalent implementation in plain Python.
-"""
+"""Numba kernel that computes the motion of tracks in one frame."""
 
 from typing import no_type_check
 
@@ -22,15 +19,15 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
         coefficients: Polynomial coefficients of the moving tracks of all packets, one after another, float32.
         starts: Index of each track's first coefficient, int64 (n); -1 for a track that does not move.
         packets: Index of each track's packet, int64 (n).
-        orders: Number of coefficients that each channel uses in a packet, the others are 0; int64 (packets, channels).
-        widths: Number of coefficients that are stored for every channel of a packet, at least its orders; int64
-            (packets).
+        orders: Number of coefficients that each channel uses in a packet, int64 (packets, channels).
+        widths: Number of coefficients that are stored for every channel of a packet, int64 (packets).
         weights: Value of each basis polynomial in this frame, float64 (F).
         factors: Factor from fixed point to floats, by channel, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
         found: Output: offsets, float32 (n, channels).
     """
     values = np.zeros(NUM_CHANNELS)
+    # `tests/reference/trajectories.py` is an equivalent implementation in plain Python.
     for n in range(len(starts)):
         if starts[n] < 0:
             for c in range(NUM_CHANNELS):

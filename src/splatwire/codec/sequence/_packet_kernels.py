@@ -34,11 +34,9 @@ header of each track.
 @njit(error_model="numpy")
 @no_type_check
 def _no_tables():
-    """Returns empty tables for the constructor of the entropy coder.
-
-    Motion packets are coded with adaptive bit models only, which need no tables.
-    """
+    """Returns empty tables for the constructor of the entropy coder."""
     one = np.zeros(1, np.int64)
+    # Motion packets are coded with adaptive bit models only, which need no tables.
     return (
         np.zeros(1, np.uint16),
         np.zeros((1, 6), np.int64),
@@ -55,15 +53,13 @@ def _no_tables():
 def _needed_orders(targets, rows, states, shifts, frames, orders):
     """Determines how many polynomial coefficients of motion a packet must contain for each channel.
 
-    Coefficients of higher degrees are omitted if they would be quantised to 0 in all moving tracks of the packet.
-
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         frames: Number of frames in the group.
-        orders: Output: number of coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
+        orders: Output: number of coefficients per channel, by kind of channel, int64 (kinds).
     """
     orders[:] = 0
     for i in range(len(rows)):
@@ -80,11 +76,11 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Leaves out coefficients of high polynomial degrees whose residuals are 0 in all tracks of a packet.
+    """Omits the coefficients of high polynomial degrees that are 0 in all tracks of a packet.
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds); reduced in
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); reduced in
             place.
     """
     for kind in range(NUM_KINDS):
@@ -101,11 +97,7 @@ def _trim(quantised, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(models, counts, frames, first_new, dead, headers, places, shifts, targets, rows, buffer, out):
-    """Encodes the motion of the tracks of one packet; returns the size of the packet in bytes.
-
-    The residuals of the coefficients are written to `out`. See `encode_cut` for the other arguments; arrays with one
-    entry per track contain only the tracks of the packet.
-    """
+    """Encodes the motion of the tracks of one packet; returns the size of the packet in bytes."""
     n, used = len(headers), 0
     orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
     _needed_orders(targets, rows, states, shifts, frames, orders)
@@ -127,13 +119,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns how many of the next tracks can be in one packet, whose range of track numbers is limited.
-
-    Args:
-        headers: Headers of the tracks, int64 (tracks, HEAD).
-        begin: Index of the first track of the packet.
-        n: Number of tracks available from `begin` on, at least one.
-    """
+    """Returns how many of the next tracks can be in one packet, whose range of track numbers is limited."""
     while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
         n -= 1
     return n
@@ -142,7 +128,7 @@ def _candidates(headers, begin, n):
 @njit(error_model="numpy")
 @no_type_check
 def _expected_tracks(costs, begin, end, scale, aim):
-    """Estimates how many of the next tracks fit into a packet of a given size; at least one.
+    """Estimates how many of the next tracks fit into a packet of a given size.
 
     Args:
         costs: Expected number of bytes for each track, float64.
@@ -184,15 +170,15 @@ def encode_cut(
         models: Initial adaptive bit models of every packet, int64 (contexts, 2).
         counts: Number of zeros and ones coded with each model, int64 (contexts, 2), increased by the final packets.
         frames: Number of frames in the group, F.
-        first_new: Number of the first track that is born in the group.
-        dead: Widening of the quantiser's dead zone, in 64ths of a step, see `predict_from_neighbours`.
+        first_new: Number of the first track that begins in the group.
+        dead: Widening of the quantiser's dead zone, in 64ths of a step.
         headers: Headers of the tracks, int64 (n, HEAD), ascending by track number.
         places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
         most: Maximum size of a payload, bytes.
-        costs: Expected number of bytes for each track, above 0, float64 (n); good estimates save encoding attempts.
+        costs: Expected number of bytes for each track, above 0, float64 (n).
         buffer: Output: the payloads one after another, uint8.
         out: Output: residuals of coefficients, int32 (n, channels, frames).
         sizes: Output: number of tracks in each packet, int64 (n).
@@ -241,7 +227,7 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
     Args:
         models: Initial adaptive bit models of every packet, int64 (contexts, 2).
         frames: Number of frames in the group, F.
-        first_new: Number of the first track that is born in the group.
+        first_new: Number of the first track that begins in the group.
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).

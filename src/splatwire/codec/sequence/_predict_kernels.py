@@ -1,7 +1,4 @@
-"""Numba kernels that predict the motion of a track from its neighbours in the packet, in integers throughout.
-
-The prediction is thus identical in the encoder and in every decoder.
-"""
+"""Numba kernels that predict the motion of a track from its neighbours, equally on every machine."""
 
 from typing import no_type_check
 
@@ -42,11 +39,7 @@ ONE = np.int64(1)
 @njit(error_model="numpy")
 @no_type_check
 def relative_positions(places):
-    """Returns positions relative to the corner of their bounding box, int64 (M, 3).
-
-    If a coordinate has more than `PLACE_BITS` bits, all are divided by a power of two, so that later computations are
-    exact.
-    """
+    """Returns positions relative to the corner of their bounding box, int64 (M, 3), scaled down if too large."""
     out, extent = places.copy(), np.int64(0)
     for a in range(3):
         low, high = places[0, a], places[0, a]
@@ -55,6 +48,7 @@ def relative_positions(places):
         extent = max(extent, high - low)
         for i in range(len(places)):
             out[i, a] -= low
+    # With at most `PLACE_BITS` bits, later computations are exact.
     shift = 0
     while extent >> shift >= ONE << PLACE_BITS:
         shift += 1
@@ -68,9 +62,6 @@ def relative_positions(places):
 @no_type_check
 def prediction_order(places, moving, shifts):
     """Orders the moving tracks of a packet for prediction from earlier tracks: spatially from coarse to fine.
-
-    Tracks with finer quantisation steps come first. Among tracks with similar steps, the first ones are spread over the
-    whole packet, and later ones fill the gaps. Most tracks thus have known neighbours on all sides.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -97,6 +88,8 @@ def prediction_order(places, moving, shifts):
         if back < n:
             order[count] = moving[by[back]]
             count += 1
+    # Tracks with finer steps come first. Among tracks with similar steps, the first ones are spread over the packet,
+    # and later ones fill the gaps, so that most tracks have known neighbours on all sides.
     keys = np.empty(n, np.int64)
     for i in range(n):
         keys[i] = (shifts[order[i], 0] + shifts[order[i], 3]) >> _OCTAVES
@@ -107,10 +100,6 @@ def prediction_order(places, moving, shifts):
 @no_type_check
 def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights):
     """Computes the weights of a track's neighbours for the prediction of its motion coefficients.
-
-    The weights add up to `1 << WEIGHT_BITS`. With at least four neighbours, the prediction is a plane fitted to their
-    values by least squares, evaluated at the track's position. With fewer neighbours, it is their mean. All values stay
-    below 2**53, so that they are exact in float64 (`docs/format.md`).
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -124,6 +113,8 @@ def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights
     """
     for m in range(found):
         weights[m] = (ONE << WEIGHT_BITS) // found
+    # A plane fitted to the neighbours' values by least squares, evaluated at the track's position. All values stay
+    # below 2**53, so that they are exact in float64.
     if found >= 4:
         radius = ONE
         for m in range(found):
@@ -181,18 +172,17 @@ def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _predict_coefficients(known, moving, neighbours, weights, found, means):
-    """Predicts the motion coefficients of a track from its neighbours, and writes them to `means`.
-
-    Sums of products stay below 2**53, so that they are exact in float64.
+    """Predicts the motion coefficients of a track from its neighbours.
 
     Args:
         known: Decoded coefficients of the packet's M tracks, float64 (M, U) for U coded coefficients per track.
-        moving: Mask of moving tracks, (M); the coefficients of other tracks are 0.
+        moving: Mask of moving tracks, (M).
         neighbours: Indices of the neighbours.
         weights: Weights of the neighbours, from `_neighbour_weights`.
         found: Number of neighbours.
         means: Output: predicted coefficients, float64 (U).
     """
+    # Sums of products stay below 2**53, so that they are exact in float64.
     means[:] = 0.0
     for m in range(found):
         if moving[neighbours[m]]:
@@ -206,17 +196,16 @@ def _predict_coefficients(known, moving, neighbours, weights, found, means):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _quantise(wanted, means, octaves, dead, steps):
-    """Quantises a track's motion coefficients: computes their differences from the prediction, in quantisation steps.
-
-    Small differences become 0 even if they exceed half a step, because zeros take few bits (a widened dead zone).
+    """Quantises the differences of a track's motion coefficients from their prediction.
 
     Args:
         wanted: Coefficients before quantisation, float64 (U) for U coded coefficients.
         means: Predicted coefficients, float64 (U).
         octaves: log2 of the quantisation step of each coefficient, int64 (U).
-        dead: Largest difference that becomes 0, beyond half a step, in 64ths of a step.
+        dead: Widening of the dead zone, in 64ths of a step.
         steps: Output: residuals, int64 (U).
     """
+    # Small differences become 0 even if they exceed half a step, because zeros take few bits.
     for u in range(len(means)):
         value = np.int64(np.rint(wanted[u]) - means[u])
         some = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
@@ -233,7 +222,7 @@ def _reconstruct(means, octaves, steps, row):
         means: Predicted coefficients, float64 (U) for U coded coefficients.
         octaves: log2 of the quantisation step of each coefficient, int64 (U).
         steps: Residuals in quantisation steps, int64 (U).
-        row: Output: the coefficients, float64 (U), clipped to the range of the format.
+        row: Output: the coefficients, float64 (U).
     """
     for u in range(len(means)):
         value = means[u] + np.float64(steps[u] << octaves[u])
@@ -243,12 +232,12 @@ def _reconstruct(means, octaves, steps, row):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _unpack_coefficients(flat, orders, rows):
-    """Unpacks the coded coefficients of M tracks into an array by channel and degree; the inverse of packing.
+    """Unpacks the coded coefficients of M tracks into an array by channel and degree.
 
     Args:
         flat: The coded coefficients, (M, U) for U coded coefficients per track.
-        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
-        rows: Output: the coefficients, (M, channels, frames); entries that are not coded stay unchanged.
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        rows: Output: the coefficients, (M, channels, frames).
     """
     for i in range(len(rows)):
         u = 0
@@ -261,13 +250,13 @@ def _unpack_coefficients(flat, orders, rows):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def pack_coefficients(values, rows, states, orders, flat):
-    """Copies the coded motion coefficients of each track into one array row, without omitted coefficients.
+    """Copies the coded motion coefficients of each track into one array row.
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
         flat: Output: packed coefficients, (M, U) for U coded coefficients per track.
     """
     for i in range(len(rows)):
@@ -283,22 +272,17 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
-    """Predicts the motion of each track of a packet from neighbouring tracks.
-
-    An encoder uses it to compute the residuals of motion coefficients (`wanted`). A decoder uses it to reconstruct the
-    coefficients from the residuals.
+    """Encodes or decodes the motion of each track of a packet as the difference from a prediction by its neighbours.
 
     Args:
         places: Positions of the keyframe Gaussians of the packet's M tracks, in half lattice units, int64 (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
-        wanted: Coefficients before quantisation, packed by `pack_coefficients`, float64 (M, U) for U coded coefficients
-            per track; of length 0 for a decoder.
-        dead: Widening of the encoder's dead zone on either side, in 64ths of a quantisation step.
-        coefficients: Output of a decoder: coefficients, float32 (M, channels, K) for at most K coefficients per
-            channel, zero before; of length 0 for an encoder.
+        wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
+        dead: Widening of the encoder's dead zone, in 64ths of a quantisation step.
+        coefficients: Decoded coefficients, float32 (M, channels, K), zero before; of length 0 for an encoder.
     """
     if not len(places):
         return

@@ -1,4 +1,4 @@
-"""Numba kernel that computes the quantisation steps of motion, for `splatwire.codec.sequence.steps`."""
+"""Numba kernel that computes the quantisation steps of motion."""
 
 from typing import no_type_check
 
@@ -20,17 +20,16 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
-    """Computes the quantisation steps of keyframe Gaussians; the steps of their motion are derived from them.
+    """Computes the quantisation steps of keyframe Gaussians, from which those of their motion are derived.
 
     Args:
-        columns: Precision class, opacity and three scale values of each keyframe Gaussian as decoded integers, int64
-            (n, 5).
+        columns: Precision class, opacity and three scale values of each keyframe Gaussian, decoded integers, int64 (n,
+            5).
         bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table of ratios of the second to the third scale, from `thinness_table`.
-        shifts: Output: log2 of the steps, by channel of motion, in the units that `layout.CHANNELS` lists, int64 (n,
-            channels).
+        thinness: Table from `thinness_table`.
+        shifts: Output: log2 of the steps, by channel of motion, int64 (n, channels).
     """
     for i in range(len(columns)):
         level, opacity, s0, long = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]

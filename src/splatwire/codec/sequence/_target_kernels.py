@@ -1,7 +1,4 @@
-"""Numba kernels that fit motion coefficients to trajectories.
-
-`tests/reference/trajectories.py` is an equivalent implementation in plain Python.
-"""
+"""Numba kernels that fit motion coefficients to trajectories."""
 
 from typing import no_type_check
 
@@ -20,22 +17,20 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 def _relative_rotations(quats, base, begin, end, last, far, values):
     """Computes the rotation of a track relative to its keyframe Gaussian, in some frames of a group.
 
-    The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
-
     Args:
         quats: Rotation of the track in each frame, as quaternions.
         base: Rotation of the keyframe Gaussian, as a quaternion.
         begin: First frame.
         end: End of the frames (exclusive).
-        last: Relative rotation in the frame before `begin`, as a quaternion. It is replaced by the rotation in the last
-            frame.
+        last: Relative rotation in the frame before `begin`, as a quaternion; replaced by that in the last frame.
         far: Largest rotation of the track in earlier frames, as the tangent of a quarter of the angle.
-        values: Output: rotation vectors in these frames, by channel (`layout.CHANNELS`).
+        values: Output: rotation vectors in these frames.
 
     Returns:
-        Largest rotation of the track so far, as the tangent of a quarter of the angle.
+        Largest rotation of the track so far, in the same form.
     """
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+    # The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
     for f in range(begin, end):
         same = last[0] == _ONE and last[1] == 0 and last[2] == 0 and last[3] == 0
         for a in range(4):
@@ -73,7 +68,7 @@ def _relative_rotations(quats, base, begin, end, last, far, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
-    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in some frames of a group.
+    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in some frames.
 
     Args:
         scales: Scales of the track in each frame, (F, 3).
@@ -82,10 +77,10 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
         opacity: Opacity of the keyframe Gaussian.
         begin: First frame.
         end: End of the frames (exclusive).
-        values: Output: logarithms in these frames, by channel (`layout.CHANNELS`). The axes are sorted by decreasing
-            scale of the keyframe Gaussian.
+        values: Output: logarithms in these frames.
     """
     # Equal values give exactly 0 without computing a logarithm.
+    # Axes are sorted by decreasing scale of the keyframe Gaussian.
     for rank in range(3):
         here = 0
         for axis in range(3):  # rank of an axis: number of larger scales, plus equal ones with a smaller index
@@ -109,8 +104,6 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
 def _project(values, table, begin, end, own):
     """Projects the motion in some frames onto the basis polynomials, and adds the result to a track's coefficients.
 
-    Values of 0 are skipped, because most tracks do not move.
-
     Args:
         values: Motion in each frame, by channel.
         table: Basis polynomials, float64 (F, F).
@@ -129,11 +122,9 @@ def _project(values, table, begin, end, own):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
-    """Fits polynomials over time to the motion of tracks relative to their keyframe Gaussians.
+    """Fits polynomials over time to the motion of tracks, frame by frame, before quantisation.
 
-    An encoder then quantises the coefficients of the polynomials. Frames of a group are passed in ascending order, in
-    one or more calls. Each call adds the contribution of some frames, so that little work remains after the last frame
-    of the group.
+    Each call adds the contribution of some frames of the group, in ascending order.
 
     Args:
         moves: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
@@ -146,8 +137,8 @@ def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets
         begin: First frame of this call.
         end: End of the frames of this call (exclusive).
         targets: Polynomial coefficients, float64 (n, channels, frames), zero before the first call; changed in place.
-        largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels). It is written in the
-            call that adds the last frame.
+        largest: Output: largest magnitude of each channel's coefficients, float64 (n, channels), written with the last
+            frame.
         turns: Largest rotation angle of each track so far, as the tangent of a quarter of the angle, float64 (n); zero
             before the first call, changed in place.
         last: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity before the
@@ -189,11 +180,9 @@ def find_moving(largest, turns, shifts, numbers, limits, far, moving):
         turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
         numbers: Index into `shifts` of each of the n tracks, int64 (n).
-        limits: Four thresholds, float64 (4), see `fitting.LIMITS`. Three are maxima: of a coefficient in quantisation
-            steps, of a coefficient, and of the rotation (as in `turns`). The fourth is the minimum coefficient of a
-            moving track, in quantisation steps.
-        far: Output: mask of tracks that exceed one of the three maxima, bool (n).
-        moving: Output: mask of tracks with a coefficient of at least the minimum, bool (n).
+        limits: Thresholds, float64 (4), from `fitting.LIMITS`.
+        far: Output: mask of tracks with too large motion, bool (n).
+        moving: Output: mask of moving tracks, bool (n).
     """
     for i in range(len(numbers)):
         own, gone, moves = shifts[numbers[i]], turns[i] > limits[2], False

@@ -9,8 +9,7 @@ import numpy as np
 def polynomials(frames: int) -> np.ndarray:
     """Returns the discrete Legendre polynomials (Gram, 1883) over equally spaced frames, float64 (frames, frames).
 
-    Column k contains the polynomial of degree k, with one value per frame; columns are orthonormal. Smooth motion needs
-    few polynomials: motion of constant velocity needs two.
+    Column k contains the polynomial of degree k; columns are orthonormal.
 
     Args:
         frames: Number of frames in the group.

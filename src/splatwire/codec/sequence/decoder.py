@@ -44,9 +44,6 @@ _Moved = tuple[np.ndarray, PacketMoves]
 class TracksDecoder:
     """Decodes packets of moving Gaussians to a sequence; implements `splatwire.codec.schema.Decoder`.
 
-    Each block of the stream contains either keyframe Gaussians (bases) of tracks or the motion of tracks in one group
-    of frames.
-
     Args:
         manifest: The stream's manifest.
         side_info: The stream's side information, serialised.
@@ -72,10 +69,7 @@ class TracksDecoder:
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, in addition to the scene, bytes.
-
-        It depends on the largest block of the stream and on the largest of the packets.
-        """
+        """Returns the working memory of a decoding thread, in addition to the scene, bytes."""
         # Integers of several pending blocks, and words of the largest packet.
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
@@ -95,9 +89,9 @@ class TracksDecoder:
         self._held = self.scene_bytes
 
     def take_over(self, other: "TracksDecoder") -> None:
-        """Copies the keyframe Gaussians that another decoder has decoded, so that they are not decoded again.
+        """Copies the keyframe Gaussians that another decoder of the same live stream has decoded.
 
-        A live stream that has grown gets a new decoder. Call `expect` on it before this method.
+        Call `expect` before this method.
 
         Args:
             other: Decoder of the same stream before it grew.
@@ -111,24 +105,18 @@ class TracksDecoder:
         self._loss_mask.received[: other._num] = other._loss_mask.received
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes the received packets of one block to integers, of keyframe Gaussians or of motion.
-
-        See `Decoder.decode` for the arguments.
-        """
+        """Decodes the received packets of one block to integers (see `Decoder.decode`)."""
         group, base = self._spans.of(run.block)
         if base is not None:
             return decode_packets(*self.info.shot_of(base), run.counts, run.payloads)
         return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Writes decoded keyframe Gaussians to the scene, or keeps the packets of motion (see `Decoder.store`).
-
-        Motion is kept as packets and decoded on demand, because packets take a hundredth of the memory of decoded
-        motion.
-        """
+        """Writes decoded keyframe Gaussians to the scene, or keeps the packets of motion (see `Decoder.store`)."""
         _, base = self._spans.of(run.block)
         self._loss_mask.received[run.ranks] = True
         if base is None:
+            # Packets take a hundredth of the memory of decoded motion.
             self.hold(run.block, run.packets)
             return
         self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
@@ -153,11 +141,9 @@ class TracksDecoder:
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
         """Keeps the received packets of a block of motion in memory, for decoding on demand.
 
-        Unlike `store`, this method does not mark the tracks as received.
-
         Args:
             block: Index of the block.
-            packets: Received packets of the block, in coding order.
+            packets: The packets, in coding order.
         """
         self._packets[block] = packets
         self._sizes[block] = sum(packet.num_bytes for packet in packets)
@@ -180,8 +166,6 @@ class TracksDecoder:
 
     def _motion(self, group: int, received: np.ndarray) -> GroupMotion:
         """Decodes all received motion packets of one group of frames.
-
-        A packet is skipped if the keyframe Gaussian of any of its tracks was not received.
 
         Args:
             group: Index of the group.
@@ -214,8 +198,6 @@ class TracksDecoder:
     def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
         """Decodes motion packets ahead of time, to reduce the latency when their frames are requested.
 
-        A packet is skipped if it contains a track without a received keyframe Gaussian.
-
         Args:
             packets: Packets of one group of frames; they must also be passed to `store` or `hold`.
             num_bytes: Number of bytes received of the stream, from which the memory limit is derived.
@@ -238,14 +220,12 @@ class TracksDecoder:
     def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
         """Decodes some motion packets of one group of frames.
 
-        A packet is skipped if the keyframe Gaussian of any of its tracks was not received.
-
         Args:
             packets: The packets, at least one.
             received: Mask of tracks with a received keyframe Gaussian, bool (T) for T tracks.
 
         Returns:
-            Headers and motion of each packet; None for a packet that is skipped or has no valid tracks.
+            Headers and motion of each packet; None for a packet that cannot be used.
         """
         group, _ = self._spans.of(packets[0].id.block)
         counts = np.array([packet.num_elements for packet in packets])
@@ -268,15 +248,12 @@ class TracksDecoder:
 def _combine_packets(
     headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool
 ) -> GroupMotion:
-    """Combines the motion that was decoded from the packets of a group of pictures.
-
-    The tracks of the result are in ascending order. If several packets contain a track, the first one is used.
+    """Combines the motion that was decoded from the packets of a group of frames.
 
     Args:
         headers: Headers of the tracks of all packets, int64 (n, HEAD).
         offsets: Motion of the moving tracks of all packets.
-        covered: Mask of tracks in the number range of a received packet, bool (T). If such a track is missing from the
-            packet, it has ended.
+        covered: Mask of tracks in the number range of a received packet, bool (T).
         complete: True if all motion packets of the group were received.
         unchanged: True if the group contains no motion packets because nothing changes.
     """
@@ -292,10 +269,7 @@ def _combine_packets(
 
 
 class _BlockMap:
-    """Maps each block of a packet plan to its group of pictures.
-
-    A block contains either keyframe Gaussians or the motion of tracks.
-    """
+    """Maps each block of a packet plan to its group of frames."""
 
     def __init__(self, info: SequenceInfo, manifest: Manifest) -> None:
         plan = manifest.plan
@@ -318,15 +292,7 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of pictures of a block, and its index among the blocks of keyframe Gaussians.
-
-        Args:
-            block: Index of the block in the packet plan.
-
-        Returns:
-            Index of the group of pictures; and the index of the block among all blocks of keyframe Gaussians, or None
-            for a block of motion.
-        """
+        """Returns the group of frames of a block, and its index among the blocks of keyframe Gaussians, or None."""
         return self._blocks[block]
 
     def blocks_of_tracks(self) -> np.ndarray:
@@ -335,25 +301,20 @@ class _BlockMap:
         return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
 
     def track_range(self, base: int) -> tuple[int, int]:
-        """Returns the range of tracks whose keyframe Gaussians are in one block.
+        """Returns the first track and the number of tracks whose keyframe Gaussians are in one block.
 
         Args:
             base: Index of the block among all blocks of keyframe Gaussians.
-
-        Returns:
-            Index of the first track, and the number of tracks.
         """
         return self._tracks[base]
 
     def motion_blocks(self, group: int) -> range:
-        """Returns the blocks that contain the motion of a group of frames, as a range; empty if no track moves."""
+        """Returns the blocks that contain the motion of a group of frames, as a range."""
         return self._motion.get(group, range(0))
 
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:
-    """Adds the decoded integers of one block, of keyframe Gaussians or of motion, to a hash.
-
-    A receiver compares the hash of all blocks with the manifest.
+    """Adds the decoded integers of one block to a hash, by which receivers check their decoding.
 
     Args:
         digest: hashlib object that is updated.

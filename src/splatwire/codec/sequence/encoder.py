@@ -64,12 +64,11 @@ class TracksEncoder:
         group_frames: Number of frames per group; only the last group may have fewer.
         quality: Quality setting, from which the quantisation steps of keyframe Gaussians are derived.
         background: RGB background colour.
-        packetization: Parameters of the division into packets; the grouping must be "hashed" (packets of limited size).
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        packetization: Parameters of the division into packets; the grouping must be "hashed".
+        threads: Number of threads; None for one per processor.
 
     Attributes:
-        importance: Importance of each packet returned by the last call of `add`, by packet id: squared opacity
-            times area, summed over its Gaussians.
+        importance: Importance of each packet returned by the last call of `add`, by packet id.
 
     Raises:
         InvalidValueError: If the grouping is not "hashed".
@@ -113,9 +112,8 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            classes: Precision class of each track, 0 for the finest and negative for coarser. None for the finest class
-                in the first group, and for a medium class in later groups.
-            cut: True if the group shows another scene than the group before; steps, lattice and tables may then change.
+            classes: Precision class of each track, 0 for the finest and negative for coarser; None for a default.
+            cut: True if the group shows another scene than the group before.
 
         Returns:
             Packets of the group in sending order, without a stream id: keyframe Gaussians of new tracks, then motion.
@@ -140,10 +138,7 @@ class TracksEncoder:
 
         @functools.cache
         def births() -> list[Packet]:
-            """Encodes the keyframe Gaussians of new tracks, and fits the motion of these tracks.
-
-            This runs in a thread while other tracks are encoded. The result is cached.
-            """
+            """Encodes the keyframe Gaussians of new tracks, and fits the motion of these tracks."""
             packets = self._encode_keyframes(group, classes, born, numbers, cut=cut)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
             fit(targets, group.moves, self._known, self._keyframes.reference, who, (0, group.moves.num_frames), threads)
@@ -199,32 +194,21 @@ class TracksEncoder:
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the side information and the tiers of the manifest for the groups encoded so far.
-
-        Each group has two tiers: its keyframe Gaussians, and its motion.
-
-        Args:
-            sections: Additional named sections of the side information, content by name.
-            lifetimes: Lifetimes of tracks to include.
-        """
+        """Returns the side information and the tiers of the manifest for the groups encoded so far."""
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
         info = SequenceInfo(timeline, tuple(self._groups), self._keyframes.shots, COARSER, zero, named)
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
+        # Each group has two tiers: its keyframe Gaussians, and its motion.
         return write_side_info(info), tiers
 
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
-        """Determines which tracks of a group need a new keyframe Gaussian (base) and which move.
+        """Determines which tracks of a group need a new keyframe Gaussian, and which move.
 
         Returns:
-            Four items:
-
-            * Track number of each track in the stream, int64 (n); -1 for tracks that no earlier group contains.
-            * Mask of tracks that need a new base, bool (n): new tracks, and tracks whose motion is too large to be
-              coded relative to their base.
-            * Mask of moving tracks, bool (n).
-            * Motion of the tracks relative to their bases; zero for tracks that need a new base.
+            Number of each track in the stream, -1 for new tracks, int64 (n); masks of tracks that need a new keyframe
+            Gaussian and of moving tracks, bool (n); and the motion of the tracks.
         """
         count, frames = len(group.keys), group.moves.num_frames
         fitting, self._fitting = self._fitting, None
@@ -253,11 +237,8 @@ class TracksEncoder:
             group: The tracks of the group of frames.
             classes: Precision class of each track of the group, or None.
             where: Indices of the new tracks in the group.
-            numbers: Track number of each track of the group; entries of new tracks are filled in.
+            numbers: Track number of each track of the group; those of new tracks are filled in.
             cut: True if the group shows another scene than the group before.
-
-        Returns:
-            The packets of the keyframe Gaussians.
         """
         if not len(where):
             return []
@@ -284,7 +265,7 @@ class TracksEncoder:
             coder: The motion coder, changed in place.
             some: Range of the coder's entries to fill.
             group: The tracks of the group of frames.
-            by: For each entry of the coder, the index of its track in the group.
+            by: Index in the group of each entry's track.
             numbers: Track number of each track of the group.
             moving: Mask of moving tracks of the group.
         """
@@ -302,17 +283,16 @@ class TracksEncoder:
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
-        """Encodes the motion of all tracks in a group of frames; nothing is encoded if no track changes.
+        """Encodes the motion of all tracks in a group of frames.
 
         Args:
             group: The tracks of the group.
             coder: Motion coder of these tracks; tracks that need no new keyframe Gaussian come first.
             known: Number of these first tracks.
-            births: Function that encodes the keyframe Gaussians of new tracks, and fills the remaining entries of the
-                coder.
+            births: Function that encodes the keyframe Gaussians of new tracks, and fills the rest of the coder.
 
         Returns:
-            Number of tracks with coded motion, and their packets; (0, []) if nothing changes in the group.
+            Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
         """
         headers, frames = coder.headers, group.moves.num_frames
         if all_stay(headers[:known], frames) and np.array_equal(self._known.alive, headers[:known, TRACK]):
@@ -330,11 +310,10 @@ class TracksEncoder:
         Args:
             coder: Motion coder of the tracks; tracks that need no new keyframe Gaussian come first.
             known: Number of these first tracks.
-            births: Function that encodes the keyframe Gaussians of new tracks, and fills the remaining entries of the
-                coder. It runs in parallel with the encoding of the first tracks.
+            births: Function that encodes the keyframe Gaussians of new tracks, and fills the rest of the coder.
 
         Returns:
-            Packets of all tracks, block by block; and the number of bytes used for each track, float64.
+            Packets of all tracks, and the number of bytes used for each track, float64.
         """
         headers = coder.headers
         size = span_size(len(headers), self._packetization.block_size)
@@ -365,10 +344,7 @@ class TracksEncoder:
         Args:
             packets: The packets, with blocks numbered from 0.
             num_blocks: Number of these blocks.
-            seen: Visible weight of each element of the packets, see `weights_of`.
-
-        Returns:
-            The packets with the block numbers of the stream.
+            seen: Visible weight of each element of the packets.
         """
         first = self._num_blocks
         self._num_blocks += num_blocks

@@ -1,4 +1,4 @@
-"""Fits the motion of a group's tracks frame by frame, so that little work remains after the last frame of the group."""
+"""Fits polynomials to the motion of a group's tracks, frame by frame."""
 
 import numpy as np
 
@@ -25,11 +25,11 @@ class Fitting:
     """Incremental fit of motion coefficients to the trajectories of a group's tracks.
 
     Args:
-        keys: Keys of the tracks so far, in the order of the group, int64 (n).
+        keys: Keys of the tracks so far, int64 (n).
         known: Tracks of earlier groups with their keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
         frames: Number of frames in the group.
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        threads: Number of threads; None for one per processor.
 
     Attributes:
         numbers: Index in `known` of each track, int64 (n); -1 for tracks that are not in `known`.
@@ -43,15 +43,9 @@ class Fitting:
         self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
-        """True if the frames fitted so far belong to a given group of pictures, so that the fit need not start again.
-
-        The keys of the group must begin with those of this fit. Keys of tracks that appeared later may follow.
-
-        Args:
-            keys: Keys of the tracks of the group.
-            frames: Number of frames in the group; it must equal that of this fit.
-        """
+        """True if the frames fitted so far belong to a given group of frames, so that the fit can continue."""
         room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
+        # Tracks that appeared later may follow.
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)
 
     def add_frames(self, moves: Trajectories, end: int) -> None:
@@ -68,12 +62,10 @@ class Fitting:
     def finish(self, keys: np.ndarray, moves: Trajectories, stay: np.ndarray) -> Targets:
         """Completes the fit of a group after all frames were added; returns the motion of all tracks.
 
-        Motion is relative to the keyframe Gaussian of a track. It is zero for tracks without one.
-
         Args:
             keys: Keys of all tracks of the group: first the tracks of this fit, then tracks that appeared later.
             moves: Trajectories of all tracks over the group.
-            stay: Mask of tracks present in all frames, bool (n). Other tracks are fitted anew, from all their frames.
+            stay: Mask of tracks present in all frames, bool (n).
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
@@ -84,15 +76,7 @@ class Fitting:
         return found
 
     def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
-        """Adds the motion in frames `begin` to `end` (exclusive) to the fit of some tracks.
-
-        Args:
-            some: Polynomial coefficients of the tracks, changed in place.
-            moves: Trajectories of the tracks over the group.
-            numbers: Index in `known` of each track, int64 (n); tracks with a negative index are skipped.
-            begin: First frame to add.
-            end: End of the frames to add (exclusive).
-        """
+        """Adds the motion in frames `begin` to `end` (exclusive) to the fit of some tracks."""
         fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 
@@ -109,7 +93,7 @@ def fit(
         info: Side information of the keyframe Gaussians.
         numbers: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
         frames: First frame to add, and end of the range (exclusive).
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        threads: Number of threads; None for one per processor.
     """
     add_frames(found, moves, known.keyframes, numbers, *frames, info.unit, info.size_log, threads)
 
@@ -119,11 +103,9 @@ def motion_masks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finds tracks that move, and tracks whose motion is too large to be coded relative to their keyframe Gaussian.
 
-    A track moves if at least one of its motion coefficients is not quantised to 0.
-
     Args:
-        largest: Largest magnitude of each channel's coefficients, float64 (n, channels), see `Targets`.
-        turns: Largest rotation of each track, float64 (n), see `Targets`.
+        largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
+        turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all known tracks, int64 (T, channels).
         numbers: Index into `shifts` of each track, int64 (n).
 

@@ -1,7 +1,7 @@
 """Encoder of the keyframe Gaussians of a sequence.
 
-A track is a Gaussian that persists over frames. Its keyframe Gaussian is its state in the first frame of the group of
-frames where it begins, and is coded like an explicit Gaussian. Motion is then coded as offsets from it.
+A track is a Gaussian that persists over frames. Its keyframe Gaussian is its initial state; motion is coded as offsets
+from it.
 """
 
 from dataclasses import dataclass, replace
@@ -39,9 +39,8 @@ class CodedKeyframes:
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in half units of the first shot's lattice, int64 (n, 3).
-        digested: Decoded integers of each block, from which the stream's digest is computed. Each block has two arrays
-            (`gaussians.attributes.empty_rows`): first all attributes except spherical harmonics, then the harmonics.
+        places: Positions relative to the scene's origin, in half lattice units of motion, int64 (n, 3).
+        digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
     """
@@ -64,7 +63,7 @@ class _Fitted:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the block size with which elements are divided into as few blocks as possible, of nearly equal size.
+    """Returns the size of blocks of nearly equal size, of which there are as few as possible.
 
     Args:
         count: Number of elements, at least one.
@@ -76,12 +75,10 @@ def span_size(count: int, block_size: int) -> int:
 class KeyframeEncoder:
     """Encodes the keyframe Gaussians of a sequence, one group of frames after another.
 
-    Quantisation steps, lattice and context tables are fitted to the first group of each shot.
-
     Args:
         quality: Quality setting.
         packetization: Parameters of the division into packets.
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        threads: Number of threads; None for one per processor.
     """
 
     def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
@@ -92,7 +89,7 @@ class KeyframeEncoder:
 
     @property
     def shots(self) -> tuple[Shot, ...]:
-        """Shots encoded so far, with the side information of their keyframe Gaussians."""
+        """Side information of the keyframe Gaussians encoded so far, divided at scene cuts."""
         shots, block = list[Shot](), 0
         for first_group, infos in self._infos:
             boxes = [info.boxes for info in infos]
@@ -106,24 +103,20 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information of the first group; motion is in units of its lattice."""
+        """Side information of the first group, in whose lattice units motion is coded."""
         return self._infos[0][1][0]
 
     def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:
-        """Returns the quantisation steps of the motion of tracks of the current shot; see `motion_shifts`."""
+        """Returns the quantisation steps of the motion of tracks; see `motion_shifts`."""
         info = self._infos[-1][1][-1]
         return motion_shifts(rows, info, coarser, spacing_of(info, self.reference))
 
     def encode(self, splats: Splats, classes: np.ndarray | None, group: int, *, cut: bool = False) -> CodedKeyframes:
         """Encodes the keyframe Gaussians of a group of frames.
 
-        At a scene cut, a new shot begins if steps adapted to the new Gaussians differ from those of the shot before, or
-        if new context tables save bytes.
-
         Args:
             splats: The Gaussians, at least one; each must have a visible effect.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser. None for the finest
-                class in the first group, and for a medium class in later groups.
+            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for a default.
             group: Index of the group of frames.
             cut: True if the group shows another scene than the group before.
 
@@ -151,13 +144,13 @@ class KeyframeEncoder:
         return coded
 
     def _begin_shot(self, fitted: "_Fitted", group: int) -> CodedKeyframes:
-        """Begins a shot with a group of frames, and encodes the keyframe Gaussians of this group."""
+        """Encodes the keyframe Gaussians of the first group of frames after a scene cut."""
         self._infos.append((group, [fitted.info]))
         self._like, self._level = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if steps or lattice of `info` differ enough from those of the current shot to begin a new one."""
+        """True if steps or lattice of `info` differ much from the current ones."""
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
         return bool(apart >= LEAST_CHANGE) and abs(spacing_of(info, self.reference)) <= MAX_SPACING
@@ -171,7 +164,6 @@ class KeyframeEncoder:
         Args:
             splats: The Gaussians.
             classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for the finest.
-                Ignored if `coding` is given.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
             like: Side information with context tables to use; None to fit new tables.
@@ -182,13 +174,13 @@ class KeyframeEncoder:
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
     def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, level: int) -> SplatCoding:
-        """Returns the quantisation parameters of the current shot for further Gaussians.
+        """Returns the quantisation parameters since the last scene cut, for further Gaussians.
 
         Args:
             splats: The Gaussians to encode.
             classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for `level`.
-            info: Side information of the shot.
-            level: Median precision class of the shot's first Gaussians.
+            info: Side information of the keyframe Gaussians since the last scene cut.
+            level: Median precision class of the first of these Gaussians.
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
         levels = np.full(count, level, np.uint8) if classes is None else levels_of(classes, count, most)
@@ -196,10 +188,8 @@ class KeyframeEncoder:
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
 
     def _threads_for(self, plan: PacketPlan) -> int | None:
-        """Returns the number of threads for a packet plan.
-
-        A single block gets one thread, because starting a second thread takes as long as encoding a block.
-        """
+        """Returns the number of threads for a packet plan."""
+        # Starting a second thread takes as long as encoding a block.
         return 1 if plan.num_blocks == 1 else self._threads
 
     def _coded(self, fitted: "_Fitted") -> CodedKeyframes:
@@ -238,7 +228,7 @@ def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> 
         spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
 
     Returns:
-        Positions in half lattice units of motion, rounded down, int64 (n, 3).
+        Positions in half lattice units of motion, int64 (n, 3).
     """
     places = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = places << spacing if spacing > 0 else places >> -spacing

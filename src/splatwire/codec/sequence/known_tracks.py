@@ -1,4 +1,4 @@
-"""Tracks that an encoder has encoded so far; their keyframe Gaussians are needed for later groups of frames."""
+"""Tracks that an encoder has encoded so far."""
 
 from dataclasses import dataclass
 
@@ -12,17 +12,15 @@ from splatwire.types.splats import Splats
 
 @dataclass(frozen=True, eq=False)
 class KnownTracks:
-    """Tracks of a sequence that were encoded so far, with the data that an encoder needs for later groups of frames.
-
-    The T tracks are numbered in order of appearance.
+    """Tracks of a sequence that were encoded so far, numbered in order of appearance.
 
     Attributes:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
-        by_key: Track numbers sorted by key, int64 (T); tracks with equal keys are in order of appearance.
+        by_key: Track numbers sorted by key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
         places: Decoded position of each keyframe Gaussian in half lattice units of motion, int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        weights: Visible weight of each track (squared opacity times area), from `weights_of`, float64 (T).
+        weights: Visible weight of each track (squared opacity times area), float64 (T).
         alive: Numbers of the tracks present at the end of the last group, ascending, int64.
     """
 
@@ -43,33 +41,29 @@ class KnownTracks:
         return KnownTracks(none, none, empty, places, shifts, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the track number of each key, int64; -1 for unknown keys.
-
-        If a key was used for several tracks, the number of the latest track is returned.
-        """
+        """Returns the track number of each key, int64; -1 for unknown keys."""
         if not len(self.keys):
             return np.full(len(keys), -1, np.int64)
         names = self.keys[self.by_key]
+        # Of several tracks with the same key, the latest.
         at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
         return np.where(names[at] == keys, self.by_key[at], -1)
 
     def empty_group(self, frames: int) -> TrackGroup:
-        """Returns a group of frames without visible tracks, for frames without Gaussians.
-
-        The group contains one track, which ends before its first frame. A group without tracks would mean in the
-        bitstream that all tracks stay unchanged.
+        """Returns a group for frames without Gaussians: its only track ends before its first frame.
 
         Args:
             frames: Number of frames in the group.
         """
         one, none = self.alive[-1:], np.zeros(1, np.int64)
         poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.keyframes).items()}
+        # In the bitstream, a group without tracks would mean that all tracks stay unchanged.
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
         self, keyframes: Trajectories, keys: np.ndarray, places: np.ndarray, shifts: np.ndarray
     ) -> "KnownTracks":
-        """Returns the state with new tracks appended, in the order of their numbers.
+        """Returns the state with new tracks appended.
 
         Args:
             keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
@@ -95,9 +89,7 @@ def _no_births(_: np.ndarray) -> Splats:
 
 
 def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """Returns the visible weight of T Gaussians, float64 (T).
-
-    The weight is the squared opacity times the product of the two largest scales.
+    """Returns the visible weight of Gaussians: squared opacity times the two largest scales, float64 (T).
 
     Args:
         scales: Scales of the Gaussians, (T, 3).

@@ -1,7 +1,4 @@
-"""Lifetimes of tracks, stored in a named section of the side information (docs/format.md).
-
-A receiver thus knows when a track begins and ends even if motion packets are lost.
-"""
+"""Lifetimes of tracks, which receivers know even if motion packets are lost (docs/format.md)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,11 +20,9 @@ so the section adds about one byte per 200.
 class Lifetimes:
     """Lifetimes of tracks as a list of exceptions: tracks that begin late or end early.
 
-    By default a track is present from the first frame of the group of its birth until the end of the sequence.
-
     Attributes:
         late: Numbers of tracks that begin after the first frame of their group, ascending, int64 (m).
-        begins: First frame of each track in `late`, relative to the group of its birth, int64 (m).
+        begins: First frame of each track in `late`, relative to the group in which the track begins, int64 (m).
         early: Numbers of tracks that end before the sequence does, ascending, int64 (k).
         ends: End of each track in `early`: first frame of the sequence without the track, int64 (k).
     """
@@ -39,11 +34,7 @@ class Lifetimes:
 
     @staticmethod
     def joined(parts: Sequence["Lifetimes"]) -> "Lifetimes":
-        """Merges the lifetimes of several groups of frames.
-
-        Args:
-            parts: Lifetimes of the groups; a track may have at most one begin and one end in all of them together.
-        """
+        """Merges the lifetimes of several groups of frames."""
         names = ("late", "begins", "early", "ends")
         values = {name: np.concatenate([np.zeros(0, np.int64), *(getattr(p, name) for p in parts)]) for name in names}
         late, early = np.argsort(values["late"]), np.argsort(values["early"])
@@ -60,26 +51,22 @@ class Lifetimes:
         return Lifetimes.joined([self, gone])
 
     def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the first and the last frame of every track.
-
-        A track without an entry exists from the first frame of the group in which it is new to the last frame of the
-        sequence.
+        """Returns when every track begins and ends.
 
         Args:
             num_tracks: Number of tracks, T.
             num_frames: Number of frames in the sequence.
 
         Returns:
-            Two arrays, int64 (T) each. The first has the first frame of each track, counted from the start of the group
-            in which the track is new. The second has the frame after the last one, counted from the start of the
-            sequence.
+            First frame of each track, counted from the start of the group in which it begins; and the frame after its
+            last one, counted from the start of the sequence, int64 (T) each.
         """
         begins, ends = np.zeros(num_tracks, np.int64), np.full(num_tracks, num_frames)
         begins[self.late], ends[self.early] = self.begins, self.ends
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns only the entries of the `count` most visible tracks; the others are dropped.
+        """Returns only the entries of the `count` most visible tracks.
 
         Args:
             seen: Visible weight of each track (squared opacity times area), float64 (T).
@@ -92,7 +79,7 @@ class Lifetimes:
 
 
 def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
-    """Serialises lifetimes as a named section; returns an empty dictionary if there are no entries."""
+    """Serialises lifetimes as a named section."""
     if not len(lifetimes.late) + len(lifetimes.early):
         return {}
     writer = ByteWriter()
@@ -105,7 +92,7 @@ def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
 
 
 def read_lifetimes(sections: Mapping[str, bytes], births: Sequence[int], timeline: Timeline) -> Lifetimes:
-    """Reads lifetimes from the named section; returns no entries if the section is absent.
+    """Reads lifetimes from the named section of a stream.
 
     Args:
         sections: Named sections of the stream, content by name.

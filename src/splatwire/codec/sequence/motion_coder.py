@@ -45,7 +45,8 @@ class CodedMotion:
 
     @property
     def costs(self) -> np.ndarray:
-        """Number of bytes for each track, float64 (n): the size of its packet divided equally among the tracks."""
+        """Number of bytes for each track, float64 (n)."""
+        # The size of a packet is divided equally among its tracks.
         return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
 
 
@@ -61,7 +62,7 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class MotionCoder:
-    """Encodes the motion of the n tracks present in a group of F frames, block by block, in packets of limited size.
+    """Encodes the motion of the n tracks of a group of F frames, block by block, in packets of limited size.
 
     Attributes:
         headers: Headers of the tracks, int64 (n, HEAD), ascending by track number.
@@ -69,9 +70,9 @@ class MotionCoder:
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames), in any order.
         rows: Index in `targets` of each track, int64 (n).
-        first_new: Number of the first track that is born in the group.
+        first_new: Number of the first track that begins in the group.
         most: Maximum size of a packet's payload, bytes.
-        costs: Expected number of bytes for each track, float64 (n). Good estimates save encoding attempts.
+        costs: Expected number of bytes for each track, float64 (n).
     """
 
     headers: np.ndarray
@@ -85,12 +86,12 @@ class MotionCoder:
 
     @staticmethod
     def of(count: int, targets: np.ndarray, first_new: int, most: int) -> "MotionCoder":
-        """Creates a coder; the caller fills in headers, positions, steps and expected sizes before encoding.
+        """Creates a coder with empty arrays, which the caller fills before encoding.
 
         Args:
             count: Number of tracks, n.
             targets: Motion coefficients before quantisation, float64 (N, channels, frames).
-            first_new: Number of the first track that is born in the group.
+            first_new: Number of the first track that begins in the group.
             most: Maximum size of a packet's payload, bytes.
         """
         headers, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
@@ -98,11 +99,11 @@ class MotionCoder:
         return MotionCoder(headers, places, shifts, targets, rows, first_new, most, np.zeros(count))
 
     def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
-        """Fits the initial states of the adaptive bit models, which all packets share, to a sample of the blocks.
+        """Fits the initial states of the adaptive bit models to a sample of the blocks.
 
         Args:
             blocks: First track and end (exclusive) of each block, as indices of the coder's tracks.
-            threads: Number of threads, which does not affect the result; None for one per processor.
+            threads: Number of threads; None for one per processor.
 
         Returns:
             Initial probability of a zero of each model, out of 2**8, int64 (contexts).

@@ -1,4 +1,4 @@
-"""Decoded integers of motion packets: allocation, digest, decoding, and conversion to motion coefficients."""
+"""Decoded integers of motion packets."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,13 +24,11 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
-    """Adds the decoded integers of one block of motion to a hash.
-
-    A receiver compares the hash of all blocks with the manifest. Blocks are added in the order of the packet plan.
+    """Adds the decoded integers of one block of motion to a hash, by which receivers check their decoding.
 
     Args:
         digest: hashlib object that is updated.
-        rows: Headers and residuals of the block, as returned by `empty_rows`.
+        rows: Headers and residuals of the block.
     """
     for part in rows:
         digest.update(np.ascontiguousarray(part, dtype="<i4").data)
@@ -39,18 +37,18 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
 def decode_motion(
     info: SequenceInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Decodes motion packets of one group of frames to integers; any bytes decode without an error.
+    """Decodes motion packets of one group of frames to integers.
 
     Args:
         info: The stream's side information.
         group: Index of the group.
         counts: Number of tracks in each packet, int64 (packets).
         payloads: Content of each packet without its header.
-        first_new: Number of the first track that is born in the group.
+        first_new: Number of the first track that begins in the group.
 
     Returns:
-        Headers int64 (n, HEAD) and prediction residuals int32 (n, channels * frames) of all tracks, packet by packet;
-            and the number of coefficients per channel in each packet, by kind of channel, int64 (packets, kinds).
+        Headers int64 (n, HEAD) and prediction residuals int32 (n, channels * frames) of all tracks; and the number of
+        coefficients per channel in each packet, by kind of channel, int64 (packets, kinds).
     """
     frames = len(info.timeline.frames_of(group))
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
@@ -73,12 +71,12 @@ def coefficients_of(
     Args:
         headers: Headers of the n tracks of the packet, int64 (n, HEAD).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
-        orders: Number of coded coefficients per channel, by kind of channel (`layout.KINDS`), int64 (kinds).
+        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
         places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:
-        float32 (m, channels, K) for the m moving tracks, where K is the largest entry of `orders`.
+        Coefficients of the m moving tracks, float32 (m, channels, K) for at most K coefficients per channel.
     """
     quantised = np.ascontiguousarray(residuals.reshape(len(headers), NUM_CHANNELS, -1))
     coefficients = np.zeros((len(headers), NUM_CHANNELS, orders.max()), np.float32)

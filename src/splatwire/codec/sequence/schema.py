@@ -1,4 +1,4 @@
-"""Codec schema of moving Gaussians (docs/format.md); it only decodes, because sequences are encoded frame by frame."""
+"""Codec schema of moving Gaussians (docs/format.md)."""
 
 from typing import Any
 

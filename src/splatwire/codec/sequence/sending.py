@@ -17,10 +17,7 @@ def by_importance(packets: Sequence[Packet], importance: Mapping[PacketId, float
 
 
 def interleave_blocks(packets: Sequence[Packet], importance: Mapping[PacketId, float]) -> list[Packet]:
-    """Sorts packets so that blocks alternate: first the most important packet of each block, then the second of each.
-
-    A block is a region of space, and lost tracks are concealed from neighbours in their region. If a transfer ends
-    early, each region has thus received some of its packets.
+    """Sorts packets so that blocks alternate, each with its most important packets first.
 
     Args:
         packets: The packets.
@@ -30,4 +27,6 @@ def interleave_blocks(packets: Sequence[Packet], importance: Mapping[PacketId, f
     for packet in ordered:
         turns[packet.id] = taken[packet.id.block]
         taken[packet.id.block] += 1
+    # Lost tracks are concealed from neighbours in their block. If a transfer ends early, each block has received some
+    # packets.
     return sorted(ordered, key=lambda packet: turns[packet.id])

@@ -1,8 +1,4 @@
-"""Side information of a sequence, sent before the packets (docs/format.md).
-
-It contains the timeline, the numbers of new and of moving tracks in each group of frames, the quantisation steps and
-the context tables.
-"""
+"""Side information of a sequence, sent before the packets (docs/format.md)."""
 
 import bisect
 import itertools
@@ -32,11 +28,11 @@ MAX_OFFSET = 16
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers of new tracks and of tracks with motion in a group of pictures.
+    """Numbers of new tracks and of tracks with motion in a group of frames.
 
     Attributes:
-        births: Number of tracks that begin in the group, and thus of keyframe Gaussians.
-        motions: Number of tracks in the motion packets of the group; 0 if all tracks stay unchanged.
+        births: Number of tracks that begin in the group.
+        motions: Number of tracks in the motion packets of the group.
     """
 
     births: int
@@ -45,14 +41,12 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Consecutive groups of frames whose keyframe Gaussians share a lattice, quantisation steps and context tables.
-
-    A stream has one shot, unless these change at scene cuts.
+    """Groups of frames between two scene cuts, whose keyframe Gaussians share quantisation steps and context tables.
 
     Attributes:
         first_group: Index of the first group.
-        first_block: Index of the shot's first block among all blocks of keyframe Gaussians.
-        info: Side information of the shot's keyframe Gaussians, with one bounding box for each of their blocks.
+        first_block: Index of the first block among all blocks of keyframe Gaussians.
+        info: Side information of these keyframe Gaussians.
     """
 
     first_group: int
@@ -67,12 +61,12 @@ class SequenceInfo:
     Attributes:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
-        shots: Side information of the keyframe Gaussians. Motion is in units of the first shot's lattice.
+        shots: Side information of the keyframe Gaussians, divided at scene cuts.
         coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, by
-            kind of channel (`layout.KINDS`), int64 (kinds).
+            kind of channel, int64 (kinds).
         bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
         sections: Named sections, content by name.
-        lifetimes: Lifetimes of tracks, read from the section of that name.
+        lifetimes: Lifetimes of tracks.
     """
 
     timeline: Timeline
@@ -85,7 +79,7 @@ class SequenceInfo:
 
     @property
     def keyframes(self) -> KeyframeInfo:
-        """Side information of the first shot's keyframe Gaussians."""
+        """Side information of the keyframe Gaussians before the first scene cut."""
         return self.shots[0].info
 
     def shot_of(self, block: int) -> tuple[KeyframeInfo, int]:
@@ -95,7 +89,7 @@ class SequenceInfo:
             block: Index of the block among all blocks of keyframe Gaussians.
 
         Returns:
-            Side information of the block's shot, and the index of the block in this shot.
+            The side information, and the index of the block in it.
         """
         shot = self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
         return shot.info, block - shot.first_block
@@ -156,7 +150,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the lattice spacing of a shot, in units of the spacing of the first shot (`reference`)."""
+    """Returns log2 of the lattice spacing of keyframe Gaussians, in units of that of `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 
@@ -173,13 +167,7 @@ def _write_shots(shots: Sequence[Shot]) -> bytes:
 
 
 def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot, ...]:
-    """Reads the side information of the keyframe Gaussians.
-
-    Args:
-        data: The serialised side information.
-        version: Version of the side information of the sequence.
-        blocks: Index of each group's first block among all blocks of keyframe Gaussians, then the number of blocks.
-    """
+    """Reads the side information of the keyframe Gaussians."""
     if version == VERSION:
         return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
     reader, num_groups = ByteReader(data, "side information of shots"), len(blocks) - 1
@@ -210,7 +198,7 @@ def _check_shot(number: int, info: KeyframeInfo, reference: KeyframeInfo) -> Non
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
-    """Returns the number of elements in each group of frames, from the tiers of the manifest."""
+    """Returns the number of tracks in each group of frames, from the manifest."""
     counts = [tier.num_elements for tier in manifest.tiers]
     groups, alive = tuple(itertools.starmap(Group, zip(counts[::2], counts[1::2], strict=True))), 0
     for group in groups:

@@ -18,7 +18,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, COLUMNS).
         info: Side information of the keyframe Gaussians.
         coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, by kind of
-            channel (`layout.KINDS`), int64 (kinds).
+            channel, int64 (kinds).
         spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
 
     Returns:

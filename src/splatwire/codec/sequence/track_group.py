@@ -18,8 +18,7 @@ class TrackGroup:
         begins: First frame of each track, relative to the group, int64 (n).
         ends: First frame without each track, relative to the group, int64 (n).
         moves: Trajectories of the tracks over the group.
-        first: Function that returns the Gaussians of given tracks (indices in the group) in the first frame of each
-            track, with all spherical harmonics.
+        first: Function that returns the Gaussians of given tracks (indices in the group), each in its first frame.
     """
 
     keys: np.ndarray

@@ -1,4 +1,4 @@
-"""Converts trajectories of tracks to motion coefficients, and coefficients to offsets from keyframe Gaussians."""
+"""Converts trajectories of Gaussians to motion coefficients, and coefficients to offsets from keyframe Gaussians."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ computed (`AT_ONCE`).
 
 @dataclass(frozen=True, eq=False)
 class Trajectories:
-    """Trajectories of n tracks over the F frames of a group; constant before and after the lifetime of a track.
+    """Trajectories of n tracks (Gaussians that persist over frames) over the F frames of a group.
 
     Attributes:
         means: Positions, float32 (n, F, 3).
@@ -46,11 +46,7 @@ class Trajectories:
         return int(self.means.shape[1])
 
     def select(self, index: np.ndarray | slice) -> "Trajectories":
-        """Returns the trajectories of some tracks.
-
-        Args:
-            index: Indices of the tracks.
-        """
+        """Returns the trajectories of the tracks at `index`."""
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
     def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
@@ -72,8 +68,7 @@ class Targets:
             the units that `layout.CHANNELS` lists.
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
         turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
-        last: Rotation of each track in the last frame added, float64 (n, 4). It is a unit quaternion, with the sign
-            chosen for continuity with the preceding frames.
+        last: Rotation of each track in the last frame added, as a unit quaternion, float64 (n, 4).
     """
 
     coefficients: np.ndarray
@@ -109,12 +104,8 @@ def add_frames(
 ) -> None:  # fmt: skip
     """Adds further frames to the polynomials that are fitted to the motion of tracks.
 
-    An encoder can thus do most of the fit before the last frame of a group is available. The result is the same, bit
-    for bit, as if all frames were fitted at once.
-
     Args:
-        found: Polynomial coefficients of n tracks, changed in place; the attribute `largest` is set with the last
-            frame.
+        found: Polynomial coefficients of n tracks, changed in place.
         moves: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
         keyframes: Keyframe Gaussians, as trajectories of one frame.
         numbers: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index
@@ -123,7 +114,7 @@ def add_frames(
         end: End of the frames to add (exclusive).
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         size_log: log2 of the scene's size.
-        threads: Number of threads, which does not affect the result; None for one per processor.
+        threads: Number of threads; None for one per processor.
     """
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
     known, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
@@ -145,8 +136,7 @@ class PacketMoves:
 
     Attributes:
         coefficients: Polynomial coefficients, float32 (m, channels, K), padded with 0 to K coefficients per channel.
-        orders: Number of coefficients that the packet contains for each channel, by kind of channel (position,
-            rotation, ...), int64 (kinds).
+        orders: Number of coefficients that the packet contains for each channel, by kind of channel, int64 (kinds).
     """
 
     coefficients: np.ndarray
@@ -160,7 +150,7 @@ class PacketMoves:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Evaluates decoded motion: the offsets of a group's tracks from their keyframe Gaussians in any frame.
+    """Evaluates the decoded motion of a group's tracks in any frame.
 
     Args:
         moves: Decoded motion of the moving tracks of each packet.
@@ -175,17 +165,14 @@ class Offsets:
     size_log: int
 
     def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
-        """Prepares the computation of the motion of some tracks, and returns a function that computes it for one frame.
-
-        Work that does not depend on the frame is thus done once.
+        """Returns a function that computes the motion of some tracks in a frame.
 
         Args:
-            rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for a track that does not
-                move.
+            rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for one that does not move.
 
         Returns:
-            Function that takes a frame relative to the group, and returns the offsets of the tracks from their keyframe
-                Gaussians in this frame, float32 (n, channels), as in `splatwire.types.sequence_scene.GroupMotion.at`.
+            Function of the frame (relative to the group), which returns the offsets of the tracks from their keyframe
+            Gaussians, float32 (n, channels).
         """
         counts = [len(packet.coefficients) for packet in self.moves]
         widths = np.array([packet.coefficients.shape[2] for packet in self.moves], np.int64)

@@ -36,8 +36,7 @@ class UpdateChain:
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:
-        """Returns all updates, by the name that receivers request; None for the next update, which does not exist yet.
-        """
+        """Returns all updates, by the name that receivers request; None for the next update."""
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
         }
