@@ -59,13 +59,13 @@ class Coder(NamedTuple):
         state: int64 (3), state of the range coder.
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
-        scales: uint16 (streams * spreads * seconds), scale of each context of residuals, see `residual_windows`.
-        windows: int64 (scales, 6), distributions of each scale.
-        bounds: int32, starts of the probability intervals of these distributions.
+        scales: uint16 (streams * spreads * seconds), index of the distribution of each context.
+        windows: int64 (scales, 6), position of each distribution in the next two tables.
+        bounds: int32, starts of the probability intervals.
         guesses: uint16, indices of bounds at which a decoder starts its search.
         residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes.
         inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Half widths of the windows of directly coded symbols, by scale index.
+        widths: Largest magnitude of a residual with a probability interval, by scale index.
         normal: Table of the normal cumulative distribution function.
     """
 
@@ -131,7 +131,7 @@ def code_flag(coder, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_raw(coder, value, bits):
-    """Encodes or decodes up to 63 bits with equal probabilities, most significant first."""
+    """Encodes or decodes up to 63 bits with equal probabilities."""
     if coder.decoding:
         return raw_bits(coder.words, coder.state, bits)
     encode_bits(coder.data, coder.state, value, bits)
@@ -161,7 +161,7 @@ def code_escape(coder, excess):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_value(coder, stream, spread, second, mean, value, shift, absolute):
-    """Encodes or decodes an integer value as its quantised difference from a prediction.
+    """Encodes or decodes a quantised integer value, given its prediction.
 
     Args:
         coder: Entropy coder.
@@ -259,7 +259,7 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual of a wide distribution, of which the table contains only every `2**k`-th probability interval.
+    """Decodes a residual of a wide distribution, whose table contains only every `2**k`-th probability interval.
 
     Args:
         coder: Entropy coder.

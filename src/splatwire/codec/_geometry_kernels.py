@@ -74,9 +74,9 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         zeros: The number to encode, 0 to `n`.
         bit: Index of the bit.
         run: Number of consecutive zeros of the codes just above `bit`; part of the context.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
     """
     if n == 1:
         encode_bit(buffer, state, models, bit * RUNS + run, 1 - zeros)
@@ -113,9 +113,9 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         n: Number of points of the node.
         bit: Index of the bit.
         run: Number of consecutive zeros of the codes just above `bit`; part of the context.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
     """
     if n == 1:
         return 1 - decode_bit(data, end, state, models, bit * RUNS + run)
@@ -144,9 +144,9 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
         codes: Morton codes, ascending, int64 (N).
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 
     Returns:
@@ -181,9 +181,9 @@ def decode_codes(data, count, bits, models, inverses, widths, table, codes):
         count: Number of codes.
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         codes: Output: the codes, ascending, int64 (`count`).
     """
     state = np.empty(3, np.int64)

@@ -49,7 +49,7 @@ def residual_windows(scales, inverses, widths, normal):
 
         * Scale of each context, uint16.
         * For each scale, the largest residual, and the position of its distributions in the next two tables, int64
-          (scales, 6); columns `HALF` to `GUESS_BITS`.
+          (scales, 6).
         * Start of each probability interval, in units of 2**-`TOTAL_BITS`, int32.
         * Interval at which a decoder starts its search, by the highest bits of the value to decode, uint16.
     """

@@ -22,7 +22,7 @@ def tier_context(tier, count, recent):
     Args:
         tier: Index of the tier.
         count: Decaying share of the preceding anchors that are in this or a more important tier, out of 2**16.
-        recent: The same for each of the last two anchors, as two bits, 0 to 3.
+        recent: Whether each of the last two anchors was in such a tier, as two bits, 0 to 3.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
@@ -39,7 +39,7 @@ def add_to_statistics(counts, recents, tier, important):
 
     Args:
         counts: For each tier, decaying share of anchors in it or a more important tier, out of 2**16; changed in place.
-        recents: For each tier, the same for each of the last two anchors, as two bits; changed in place.
+        recents: For each tier, whether each of the last two anchors was in such a tier, as two bits; changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """

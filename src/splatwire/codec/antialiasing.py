@@ -1,4 +1,4 @@
-"""Antialiasing flag of a scene: an empty named section of the side information, present if the flag is set.
+"""Antialiasing flag of a scene: an empty named section of the side information.
 
 The flag is set if rendering must reduce the opacity of Gaussians that are widened to a pixel (Mip-Splatting).
 """
@@ -8,5 +8,5 @@ SECTION = "antialiased"
 
 
 def antialiasing_sections(antialiased: bool) -> dict[str, bytes]:
-    """Returns the antialiasing flag as named sections of the side information: one empty section if set, else none."""
+    """Returns the antialiasing flag as named sections of the side information; no section if it is not set."""
     return {SECTION: b""} if antialiased else {}

@@ -24,11 +24,12 @@ def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
 
     Args:
         voxels: Voxel indices of the anchors, int64 (N, 3).
-        order: `morton` (Z-order) or `raster` (z, then y, then x, called Morton order in HAC++).
+        order: `morton` (Z-order) or `raster` (by z, then y, then x).
 
     Returns:
         Indices of the anchors in sorted order, int64 (N); anchors at equal positions keep their order.
     """
+    # HAC++ calls the raster order Morton order.
     if order == "raster":
         return np.lexsort((voxels[:, 0], voxels[:, 1], voxels[:, 2]))
     return np.argsort(morton_encode(voxels - origin_of(voxels)), kind="stable")

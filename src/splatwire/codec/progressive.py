@@ -179,7 +179,7 @@ class ProgressiveDecoder(Arrivals):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _check(self) -> None:
-        """Checks once that the digest of all decoded integers equals the digest in the manifest."""
+        """Checks that the hash of all decoded integers equals the hash in the manifest."""
         with self.lock:
             if self._checked or not self.has_every_packet:
                 return

@@ -165,7 +165,7 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
-    """Creates a codec schema from the properties that stream readers need, and an encoder and decoder.
+    """Creates a codec schema from the properties of its streams, and its encoder and decoder.
 
     Args:
         stream: Properties of the streams, such as name and format version.

@@ -162,7 +162,7 @@ def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.
     Args:
         twos: log2 of the largest power of two that divides each weight.
         some: Mask of non-zero weights; the others are ignored.
-        axis: Axis over which the minimum is taken: 0 for a result by column, 1 for a result by row.
+        axis: 0 for a result by column, 1 for a result by row.
     """
     least = np.where(some, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
     return np.maximum(np.where(some.any(axis=axis), least, 0), 0)

@@ -21,9 +21,9 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
         mean1: Mean of the second component.
         scale1: Standard deviation of the second component.
         weight: Weight of the first component.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 
     Returns:

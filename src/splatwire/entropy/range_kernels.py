@@ -1,6 +1,6 @@
 """Numba kernels of the range coder.
 
-The state of a coder is an int64 array of three numbers: low or code, range, and position in the bytes.
+The state of an encoder or a decoder is an int64 array of three numbers, changed in place.
 """
 # `tests/reference/range_coder.py` is the same in plain Python.
 # State: encoder `[low, range, position]`, decoder `[code, range, position]`. Numbers stay below 2**49, so signed 64-bit
@@ -153,7 +153,7 @@ def decode_raw(data, end, state):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_bits(buffer, state, value, bits):
-    """Encodes the low `bits` bits of a number, up to 63, with equal probabilities, most significant first."""
+    """Encodes the low `bits` bits (at most 63) of a number with equal probabilities."""
     while bits > 0:
         some = min(bits, RAW_BITS)
         bits -= some

@@ -57,10 +57,8 @@ def normal_table() -> np.ndarray:
 
 
 def _half_plus_integral(z: decimal.Decimal, norm: decimal.Decimal) -> decimal.Decimal:
-    """Returns the CDF of the standard normal distribution at z >= 0, computed by a series.
-
-    The series is `1/2 + norm * exp(-z^2 / 2) * (z + z^3/3 + z^5/15 + ...)`, where `norm` is `1 / sqrt(2 pi)`.
-    """
+    """Returns the CDF of the standard normal distribution at z >= 0, computed by a series."""
+    # The series is `1/2 + norm * exp(-z^2 / 2) * (z + z^3/3 + z^5/15 + ...)`, where `norm` is `1 / sqrt(2 pi)`.
     term = total = z
     square, k = z * z, 1
     while term > decimal.Decimal("1e-20"):
@@ -128,12 +126,12 @@ def weight_table() -> np.ndarray:
 
 @functools.cache
 def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
-    """Tabulates `1 + tanh(q)`, the factor on an anchor's quantisation steps for the network output q (as in HAC++).
+    """Tabulates `1 + tanh(q)`, the factor on an anchor's quantisation steps for the network output q (HAC++).
 
     Args:
         cells_per_unit: Table entries per unit of q.
-        limit: The table has entries for q from -limit to limit.
-        bits: Fractional bits of the entries; an entry is in units of `2**-bits`.
+        limit: Range of q: from -limit to limit.
+        bits: Fractional bits of the entries.
 
     Returns:
         int64 of length `2 * limit * cells_per_unit + 1`.
@@ -146,7 +144,7 @@ def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
 
 @functools.cache
 def exp2_table(cell_bits: int, bits: int) -> np.ndarray:
-    """Returns a table of powers of two: entry i is `2**(i / 2**cell_bits)`, from 1 to 2, with `bits` fractional bits.
+    """Returns a table of powers of two: entry i is `2**(i / 2**cell_bits)`, with `bits` fractional bits.
 
     Returns:
         int64 of length `2**cell_bits + 1`.

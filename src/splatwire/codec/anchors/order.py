@@ -147,7 +147,7 @@ def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray)
 
 
 class AnchorEncoder:
-    """Encodes the anchors of a scene in chunks of whole packets with about `CHUNK` anchors each.
+    """Encodes the anchors of a scene, many packets at once.
 
     Args:
         coder: Anchor coder.
@@ -161,7 +161,8 @@ class AnchorEncoder:
         self._most = p.packet_bytes - HEADER_BYTES if p.hashed else None
 
     def runs(self) -> Iterator[slice]:
-        """Yields slices of consecutive packets with about `CHUNK` anchors, which can be encoded in parallel."""
+        """Yields slices of consecutive packets that can be encoded in parallel."""
+        # Each slice contains about `CHUNK` anchors.
         return chunks(np.diff(self._starts))
 
     def encode(self, run: slice) -> CodedPackets:

@@ -146,9 +146,9 @@ def encode_packets(
         firsts: First column in `symbols` of each stage (attributes predicted together), and the end of the last.
         form: Index of the stage before which the masks are coded.
         weights: Table of probabilities by logit, see `offset_probability`.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
     """
@@ -195,7 +195,7 @@ def anchor_bits(
 def start_packets(data, ends, states):
     """Initialises the range decoder of every packet.
 
-    Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`; the states are written to `states`.
+    Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
     """
     for p in range(states.shape[0]):
         decoder_start(data, ends[p], ends[p + 1], states[p])
@@ -239,9 +239,9 @@ def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, ta
         states: State of the range decoder of each packet, changed in place.
         scales: Scale table index of each symbol.
         coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         symbols: Output: symbols; 0 for symbols that are not coded.
     """
     for p in range(states.shape[0]):

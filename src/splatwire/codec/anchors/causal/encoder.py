@@ -42,8 +42,8 @@ def causal_encoder(
             for the default.
 
     Raises:
-        InvalidValueError: If packaging is separated or the order is not Morton, or the scene exceeds the format's
-            limits.
+        InvalidValueError: If the packets are separated by attribute, the order is not Morton, or the scene exceeds the
+            format's limits.
     """
     _check_common(packetization)
     scene = replace(scene, anchors=_with_sizes(scene.anchors))
@@ -65,7 +65,7 @@ def causal_repack_encoder(
         The encoder, and the side information of the new stream, which is unchanged.
 
     Raises:
-        InvalidValueError: If packaging is separated or the order is not Morton.
+        InvalidValueError: If the packets are separated by attribute, or the order is not Morton.
         BitstreamError: If the side information is damaged.
     """
     _check_common(packetization)

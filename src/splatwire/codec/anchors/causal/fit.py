@@ -35,7 +35,7 @@ tolerated noise of a mean.
 
 
 def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
-    """Computes the side information of a scene, with quantised networks and nearly all position bits.
+    """Computes the side information of a scene, with quantised networks.
 
     Args:
         scene: The scene.
@@ -77,7 +77,7 @@ def _sampled(
         scalings: Scalings of the sampled anchors, (n, 6).
 
     Returns:
-        Inputs of each network, by its name; and outputs of each network, by its name.
+        Inputs and outputs of each network, by name.
     """
     inputs, outputs = dict[str, np.ndarray](), dict[str, np.ndarray]()
 

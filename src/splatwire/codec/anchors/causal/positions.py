@@ -46,8 +46,12 @@ class SharedPositions:
     Attributes:
         section: Bytes of the section of the side information.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
-        chances: Probabilities for coding the low bits, in units of 1 / `CHANCES`, int64 (T + 1, T + 1).
+        chances: Probabilities for coding the low bits, in units of 1 / `CHANCES`, int64.
     """
+
+    # `chances` (T + 1, T + 1): The low bits of a Morton code are divided into triples (one bit per axis); triple 0 is
+    # the lowest. Entry (u, t) is for codes with u triples in packets, at most T: the probability that triple t is not 0
+    # if all lower ones are 0.
 
     section: bytes
     known: AnchorPositions

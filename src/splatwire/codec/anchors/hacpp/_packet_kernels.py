@@ -79,7 +79,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts network outputs to the second normal distribution in the mixtures of one feature group, and its weight.
+    """Converts network outputs to the second component of the mixture distributions of one feature group.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
@@ -138,9 +138,9 @@ def encode_packets(
         offset_scale: Scale table indices of the offsets.
         group_starts: First channel of each feature group, and the end of the last.
         weights: Table of mixture weights.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
     """
@@ -197,9 +197,9 @@ def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, tabl
         mean1: Mean of the second component.
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
     """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
     if low <= symbol <= high:
@@ -326,9 +326,9 @@ def decode_group(
         scale1: Scale table indices of the second mixture component, for this group only.
         weight: Index into `weights` of the weight of the first mixture component, for this group only.
         weights: Table of mixture weights.
-        inverses: Table of the entropy coder, see `entropy.coder.tables`.
-        widths: Table of the entropy coder, see `entropy.coder.tables`.
-        table: Table of the entropy coder, see `entropy.coder.tables`.
+        inverses: Reciprocals of the standard deviations, by scale index.
+        widths: Largest distance from the mean without an escape code, by scale index.
+        table: Standard normal CDF, from `normal_table`.
         features: Output: feature symbols.
     """
     for p in range(len(starts) - 1):

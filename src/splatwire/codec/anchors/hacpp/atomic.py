@@ -91,7 +91,7 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Second normal distribution of each feature's mixture, and weight of the first one, for the entropy coder.
+    """Second component of each feature's mixture distribution, and weight of the first component.
 
     Attributes:
         mean: Means in quantisation steps with 12 fractional bits, int32 (n, F).
@@ -105,7 +105,7 @@ class Mixture:
 
 
 def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
-    """Predicts the second normal distribution of each feature's mixture, for an encoder.
+    """Predicts the second component of each feature's mixture distribution, for an encoder.
 
     Args:
         context: Coding context.
@@ -257,7 +257,7 @@ def _indices(
 def predict_group(
     context: CodingContext, group: int, shared: np.ndarray, activations: np.ndarray, outputs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicts the second normal distribution in the mixtures of one group of features, for n anchors.
+    """Predicts the second component of the mixture distributions of one feature group, for n anchors.
 
     Args:
         context: Coding context, which contains the networks.

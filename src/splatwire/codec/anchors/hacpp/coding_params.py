@@ -61,7 +61,7 @@ def inverse_step_table(base: float) -> np.ndarray:
     """Returns the reciprocals of all quantisation steps of an attribute, `INVERSE_STEP_BITS` fractional bits.
 
     Args:
-        base: The attribute's base step, world units.
+        base: Quantisation step of the attribute before multiplication with the factor.
 
     Returns:
         int64, one entry for each entry of `factor_table`.
@@ -160,7 +160,7 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """Weights of the channel networks' first layers for the outputs of the prior network, side by side."""
+        """Part of the first-layer weights of all channel networks that is multiplied by the prior network's outputs."""
         # float64 (3 F, total of hidden units)
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(

@@ -33,7 +33,7 @@ class GridLevels:
 
     @property
     def num_rows(self) -> int:
-        """Number of rows of the concatenated table."""
+        """Number of rows of the table."""
         return int(self.rows.sum())
 
 
