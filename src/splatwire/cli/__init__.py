@@ -1,4 +1,6 @@
-"""The command `splatwire`: one file per verb; heavy libraries are loaded only by the verb that runs."""
+"""The command `splatwire`: one file per subcommand."""
+
+# Heavy libraries are loaded only by the subcommand that runs.
 
 import resource
 import sys

@@ -1,4 +1,4 @@
-"""Threads in which an event loop runs blocking work; the process can end while such a thread still runs."""
+"""Daemon threads for blocking work of an event loop."""
 
 import asyncio
 import threading
@@ -10,8 +10,6 @@ from typing import Any
 def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
     """Runs a function in a daemon thread, which does not delay the end of the process.
 
-    The threads of an executor would delay it.
-
     Args:
         work: Function without arguments.
         name: Name of the thread.
@@ -19,6 +17,7 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
     Returns:
         Future with the result of the function.
     """
+    # The threads of an executor would delay it.
     loop = asyncio.get_running_loop()
     future: asyncio.Future[Any] = loop.create_future()
 

@@ -25,7 +25,7 @@ from splatwire.types.background import Background
 
 
 def check_look(look: LookFrom) -> None:
-    """Raises an error if options about reference pictures contradict each other; called before files are read.
+    """Checks the options about reference pictures, before files are read.
 
     Raises:
         InvalidValueError: If both photos and cameras are given, one of these paths does not exist, or the background is
@@ -39,8 +39,6 @@ def check_look(look: LookFrom) -> None:
 
 def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
     """Returns the views in which a calibration compares pictures, and their description for messages.
-
-    These are the training photos of `--data`, else the cameras of `--cameras`, else views on a sphere around the scene.
 
     Args:
         look: The options about reference pictures.
@@ -106,9 +104,7 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
 
 
 def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Reporter) -> SceneStream:
-    """Adds coarse copies of important elements (a sketch) to a stream, in about the time that encoding takes.
-
-    If no sketch fits, a line is printed on standard error and the stream is returned unchanged.
+    """Adds coarse copies of important elements (a sketch) to a stream.
 
     Args:
         stream: The complete stream.

@@ -31,7 +31,7 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
     Args:
         path: TOML file. A key is the name of an option, with dashes or underscores; a flag is true or false, and an
             option with several values is a list.
-        settings: Options class of the verb.
+        settings: Options class of the subcommand.
         positional: Name of the positional argument, which has several values.
 
     Raises:
@@ -55,14 +55,9 @@ def words_of_file(path: Path, settings: type, positional: str) -> list[str]:
 
 
 def without_flags(options: Any) -> Any:
-    """Returns a copy of the options of a configuration file in which all flags (boolean options) are off.
-
-    It provides the defaults for parsing the command line, because a flag that is on by default would be called
-    `--no-NAME`. After parsing, `with_flags` sets the flags of the file again.
-
-    Args:
-        options: Options as set by the configuration file; may contain nested dataclasses.
-    """
+    """Returns a copy of the options of a configuration file in which all flags (boolean options) are off."""
+    # The copy provides the defaults for parsing the command line, because a flag that is on by default would be called
+    # `--no-NAME`. After parsing, `with_flags` sets the flags of the file again.
     off = {field.name: False for field in dataclasses.fields(options) if getattr(options, field.name) is True}
     nested = {
         field.name: without_flags(getattr(options, field.name))
@@ -110,10 +105,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _option_words(path: Path, key: str, value: object) -> list[str]:
-    """Converts the value of an option in a configuration file to the words that follow the option on a command line.
-
-    A list gives several words.
-    """
+    """Converts the value of an option in a configuration file to the words that follow the option on a command line."""
     values = value if isinstance(value, list) else [value]
     for one in values:
         if isinstance(one, bool) or not isinstance(one, (str, int, float)):

@@ -8,9 +8,7 @@ from splatwire.errors import InvalidValueError
 
 
 def in_datagrams(stream: SceneStream, path: str) -> SceneStream:
-    """Returns a stream whose packets fit into datagrams.
-
-    A stream with larger packets is divided into packets again, which is reported on standard error.
+    """Returns a stream whose packets fit into datagrams; larger packets are divided.
 
     Args:
         stream: The stream.

@@ -9,12 +9,12 @@ minor release."""
 
 
 def with_current_names(verb: str, words: Sequence[str], renamed: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Replaces former option names in the arguments of a verb; prints a warning on standard error for each of them.
+    """Replaces former option names in the arguments of a subcommand; prints a warning for each of them.
 
     Args:
-        verb: Name of the verb.
-        words: Command-line arguments after the verb; an option and its value may be joined by `=`.
-        renamed: Table of former names, like `DEPRECATED_OPTIONS`.
+        verb: Name of the subcommand.
+        words: Command-line arguments after the subcommand.
+        renamed: Table of former names.
     """
     names, current = renamed.get(verb, {}), []
     for word in words:

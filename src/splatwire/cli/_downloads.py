@@ -54,9 +54,9 @@ def check_formats(formats: tuple[str, ...]) -> None:
 
 
 class MadeDownloads:
-    """Converter of streams to files of other formats, by `splatwire convert`.
+    """Converter of streams to files of other formats for download.
 
-    Each file is made once, one at a time, and kept in a folder.
+    Each file is made once and kept in a folder.
 
     Args:
         folder: Folder of the files; the caller removes it.
@@ -81,10 +81,7 @@ class MadeDownloads:
         return self._formats
 
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
-        """Returns the file of a stream in another format; makes it in a separate process if it does not exist yet.
-
-        Requests for the same file wait for one process. A stream that could not be converted is not tried again for
-        some time.
+        """Returns the file of a stream in another format, which is made at the first request.
 
         Args:
             stream: Content of the stream's `.swz` file.
@@ -98,6 +95,7 @@ class MadeDownloads:
         Raises:
             SplatwireError: If the stream cannot be converted.
         """
+        # Requests for the same file wait for one process.
         key = (tag, form)
         if key not in self._files:
             self._files[key] = asyncio.get_running_loop().create_task(self._make(stream, tag, form))
@@ -147,7 +145,7 @@ class MadeDownloads:
         return found
 
     async def _run(self, *words: str) -> None:
-        """Runs a verb of splatwire in a separate process, and waits for its end.
+        """Runs a subcommand of splatwire in a separate process, and waits for its end.
 
         Raises:
             SplatwireError: If it fails, or takes longer than the maximum duration.
@@ -171,11 +169,10 @@ class MadeDownloads:
     async def _evict(self, kept: tuple[str, str]) -> None:
         """Removes the oldest converted files until the total size of all is within the limit.
 
-        Responses that are still sending a removed file are not affected.
-
         Args:
             kept: Key of a file that is not removed, because it is about to be sent.
         """
+        # Responses that are still sending a removed file are not affected.
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
         total = sum(task.result().num_bytes for task in done.values())
         removed = []
@@ -199,10 +196,8 @@ def _opened_file(path: Path) -> _FinishedConversion:
 
 
 def _opened_folder(path: Path) -> _FinishedConversion:
-    """Prepares a folder, the result of a conversion, for download: computes its size and the entity tag of each file.
-
-    Unlike a single file, the files of a folder are not kept open, because there may be thousands.
-    """
+    """Prepares a folder for download: computes its size and the entity tag of each file."""
+    # Unlike a single file, the files of a folder are not kept open, because there may be thousands.
     total, tags = 0, {}
     for file in path.rglob("*"):
         if file.is_file():

@@ -1,7 +1,6 @@
-"""Rarely used parts of `splatwire encode`: cameras, pruning, target sizes, sketch, refitting.
+"""Rarely used parts of `splatwire encode`: cameras, pruning, target sizes, sketch, refitting."""
 
-They are imported on demand, because their libraries take a second to load.
-"""
+# Imported on demand, because the libraries take a second to load.
 
 from collections.abc import Callable
 from functools import partial

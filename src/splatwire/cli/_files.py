@@ -1,4 +1,4 @@
-"""Input and output paths of the verbs; `-` means standard input or standard output."""
+"""Input and output paths of subcommands; `-` means standard input or standard output."""
 
 import shutil
 import sys
@@ -36,13 +36,13 @@ _HEAD_BYTES = 1 << 16
 
 
 def stream_name(path: str) -> str:
-    """Returns the name of a stream: clients request it by this name, and web pages show it as their title."""
+    """Returns the name under which clients request a stream."""
     return "scene" if path == STANDARD else Path(path).resolve().name.removesuffix(FILE_SUFFIX)
 
 
 @contextmanager
 def input_path(name: str) -> Iterator[Path]:
-    """Yields the path of an input, which is opened once; standard input is first copied to a temporary file.
+    """Yields the path of an input; standard input is first copied to a temporary file.
 
     Raises:
         InvalidValueError: If standard input is closed.
@@ -73,7 +73,7 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
 
     Args:
         name: Output path given by the user, or `-`.
-        suffix: Required file name suffix with its dot; empty for scene files, which have no fixed suffix.
+        suffix: Required file name suffix with its dot; empty for any.
         json: True if standard output is reserved for a JSON object.
 
     Raises:
@@ -98,9 +98,6 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
 def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = None) -> Path:
     """Checks that an output path can be written, before the work.
 
-    Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
-    `/dev/null`.
-
     Args:
         path: Output path.
         folder: True if the output may be a folder.
@@ -113,6 +110,8 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
         InvalidValueError: If the path exists and is not an ordinary file, its parent folder does not exist or is not
             writable, or the suffix is that of another format.
     """
+    # Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
+    # `/dev/null`.
     found = path.suffix.lower()
     if suffix is not None and found in _FORMATS and found != suffix:
         written = _FORMATS.get(suffix) or (f"a {suffix} file" if suffix else "a scene file")
@@ -144,7 +143,7 @@ def output_folder(name: str) -> Iterator[Path]:
 
 
 def check_folder(path: Path) -> None:
-    """Checks an output folder before the work: it is created later, but its parent folder must exist.
+    """Checks, before the work, that an output folder can be created.
 
     Raises:
         InvalidValueError: If the path exists and is not a folder, or its parent folder does not exist or is not
@@ -156,12 +155,10 @@ def check_folder(path: Path) -> None:
 
 
 def check_output(verb: Any) -> None:
-    """Checks before the work that the output of a verb can be written.
-
-    Verbs check further requirements, such as the suffix, themselves.
+    """Checks, before the work, that the output of a subcommand can be written.
 
     Args:
-        verb: Options of the verb, or options that contain those of a subcommand.
+        verb: Options of the subcommand.
 
     Raises:
         InvalidValueError: If the output cannot be written.
@@ -177,7 +174,7 @@ def check_inputs(*paths: Path | None) -> None:
     """Raises an error before the work if an input file is missing.
 
     Raises:
-        InvalidValueError: If a path does not exist; None is ignored.
+        InvalidValueError: If a path does not exist.
     """
     for path in paths:
         if path is not None and not path.exists():
@@ -185,7 +182,7 @@ def check_inputs(*paths: Path | None) -> None:
 
 
 def read_report_json(report: ReadReport) -> dict[str, object]:
-    """Converts a report about the packets that were missing or damaged when a stream was read, to JSON values."""
+    """Converts the report on missing and damaged packets of a stream to JSON values."""
     return {
         "num_expected": report.num_expected,
         "num_received": report.num_received,

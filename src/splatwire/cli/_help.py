@@ -15,12 +15,11 @@ import tyro
 def set_help_texts(settings: type) -> None:
     """Sets the help text of each option from the docstring of its field.
 
-    tyro alone would keep the line breaks of docstrings, which do not fit the terminal width, and would print defaults
-    that are None.
-
     Args:
-        settings: A dataclass with a docstring for each field, including fields of base classes and nested dataclasses.
+        settings: A dataclass with a docstring for each field.
     """
+    # tyro alone would keep the line breaks of docstrings, which do not fit the terminal width, and would print defaults
+    # that are None.
     for owner in settings.__mro__[:-1]:
         texts = {entry.arg_name: entry.description for entry in docstring_parser.parse_from_object(owner).params}
         own, kinds = inspect.get_annotations(owner), typing.get_type_hints(owner, include_extras=True)

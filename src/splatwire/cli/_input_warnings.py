@@ -25,14 +25,15 @@ _NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 class InputWarnings(logging.Handler):
-    """Log handler that prints each warning once, even if a verb reads a file several times.
+    """Log handler that prints each warning once, even if a file is read several times.
 
-    Among the files of a folder, such as the frames of a clip, a warning is printed for the first file only;
-    `summarize` prints the number of the others. Warnings that differ only in numbers count as the same.
+    Of the files of a folder, such as frames, only the first is named; `summarize` prints the number of the others.
 
     Attributes:
         damaged: True if a stream with damaged bytes was read.
     """
+
+    # Warnings that differ only in numbers count as the same.
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -41,9 +42,7 @@ class InputWarnings(logging.Handler):
         self.damaged = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints a warning as one line on standard error.
-
-        It is not printed if the same warning was printed for another file of the same folder.
+        """Prints a warning as one line on standard error, unless it repeats an earlier one.
 
         Args:
             record: Log record of the warning.
@@ -64,7 +63,7 @@ class InputWarnings(logging.Handler):
         self._print(kind, text)
 
     def summarize(self) -> None:
-        """Prints the number of other files in a folder with a warning that was printed for the first one."""
+        """Prints how many other files of a folder had the same warning."""
         for repeated in self._repeated.values():
             if text := repeated.describe_others():
                 self._print(repeated.kind, text)
@@ -84,7 +83,7 @@ class _Repeated:
         first: The file that it was printed for.
         kind: `warning: `, or empty for information.
         reason: Text of the warning after the name of the file.
-        others: Names of other files with the same warning, at most `_MAX_FILES`.
+        others: Names of other files with the same warning.
     """
 
     first: Path
@@ -107,7 +106,7 @@ class _Repeated:
 
 @contextmanager
 def input_warnings() -> Iterator[InputWarnings]:
-    """Context that prints warnings about inputs while a verb runs."""
+    """Context that prints warnings about inputs."""
     handler, loggers = InputWarnings(), [logging.getLogger(name) for name in _TELLING]
     before = [logger.level for logger in loggers]
     for logger in loggers:

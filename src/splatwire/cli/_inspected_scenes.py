@@ -37,10 +37,7 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
 
 
 def _describe_gaussians(path: Path, kind: str) -> tuple[dict[str, Any], SceneMetadata]:
-    """Describes a file of explicit Gaussians for the output of `inspect`.
-
-    The description includes the numbers of invisible and of invalid Gaussians, which are neither drawn nor encoded.
-    """
+    """Describes a file of explicit Gaussians for the output of `inspect`."""
     content, rows = read_all_rows(path)
     splats = content.splats
     kept = splats if rows.complete else splats.select(rows.kept)
@@ -62,6 +59,7 @@ def _describe_gaussians(path: Path, kind: str) -> tuple[dict[str, Any], SceneMet
 
 
 def _size(path: Path) -> int:
-    """Returns the size of a file or folder in bytes; for a 3DGS model folder that of the PLY that is read."""
+    """Returns the size of a file or folder in bytes."""
+    # For a model folder of 3DGS, that of the PLY that is read.
     path = (trained_ply(path) if path.is_dir() else None) or path
     return sum(file.stat().st_size for file in path.iterdir()) if path.is_dir() else path.stat().st_size

@@ -1,4 +1,4 @@
-"""Common code of the verbs that serve streams: a server over UDP or QUIC, and an optional web page with a viewer."""
+"""Common code of the subcommands that serve streams over UDP or QUIC, with an optional web page."""
 
 import asyncio
 import contextlib
@@ -130,10 +130,8 @@ async def open_server(
 
 
 def stop_on_signals() -> asyncio.Event:
-    """Returns an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the process immediately.
-
-    Errors of the event loop outside of any request, such as exhausted file descriptors, are printed as one line each.
-    """
+    """Returns an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the process immediately."""
+    # Errors of the event loop outside of any request, such as exhausted file descriptors, are printed as one line each.
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
 
     def end(number: int) -> None:
@@ -147,10 +145,8 @@ def stop_on_signals() -> asyncio.Event:
 
 
 def reload_on_hangup() -> asyncio.Event:
-    """Returns an event that is set by SIGHUP.
-
-    If standard input is a terminal, SIGHUP keeps its meaning: the terminal was closed, and the process ends.
-    """
+    """Returns an event that is set by SIGHUP, unless standard input is a terminal."""
+    # With a terminal, SIGHUP means that the terminal was closed, and ends the process.
     reload = asyncio.Event()
     if hasattr(signal, "SIGHUP") and not (sys.stdin is not None and sys.stdin.isatty()):
         asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, reload.set)
@@ -158,7 +154,7 @@ def reload_on_hangup() -> asyncio.Event:
 
 
 async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Event:
-    """Waits until one of two events is set and returns it; the first if both are set."""
+    """Waits until one of two events is set and returns it."""
     waits = [asyncio.ensure_future(event.wait()) for event in (first, second)]
     try:
         await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
@@ -169,9 +165,7 @@ async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Ev
 
 
 class LoopErrors:
-    """Handler for event-loop errors outside of any request: system errors are printed at most once per `REPORT_S`.
-
-    All other errors are passed to asyncio's default handler.
+    """Handler of event-loop errors outside of any request; repeated system errors are printed at intervals.
 
     Args:
         clock: Returns the current time, seconds.
@@ -184,7 +178,7 @@ class LoopErrors:
         self._clock, self._next_at, self._report = clock, -math.inf, report or _print_error
 
     def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handles an error of the event loop: reports system errors, and passes all others to asyncio's handler."""
+        """Handles an error of the event loop."""
         error = context.get("exception")
         if not isinstance(error, (OSError, MemoryError)):
             loop.default_exception_handler(context)

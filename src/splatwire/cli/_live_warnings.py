@@ -29,7 +29,7 @@ class Warnings:
         self._held = 0
 
     def __call__(self, text: str) -> None:
-        """Prints a warning, or only counts it if another one was printed recently."""
+        """Prints a warning, or counts it if another one was printed recently."""
         now = self._clock()
         if now < self._next_at:
             self._held += 1
@@ -76,7 +76,7 @@ def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
     """Context in which warnings about single frames are passed to a function instead of the log.
 
     Args:
-        warn: Function that receives the text of a warning, and limits how many it prints.
+        warn: Function that receives the text of a warning.
     """
     passed, loggers = _Forward(warn), [logging.getLogger(name) for name in LOGGERS]
     for logger in loggers:

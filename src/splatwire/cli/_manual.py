@@ -1,4 +1,4 @@
-"""Manual page `splatwire(1)`, made from the help of all verbs."""
+"""Manual page `splatwire(1)`, made from the help of all subcommands."""
 
 import contextlib
 import io
@@ -42,7 +42,7 @@ def _lines() -> Iterator[str]:
 
 
 def _help_lines(verb: str) -> Iterator[str]:
-    """Yields the help of a verb without the frames and rules around its options."""
+    """Yields the help of a subcommand without the frames around its options."""
     text = io.StringIO()
     with _plain_terminal(), contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
         _parsing.parse_verb(verb, ["--help"])

@@ -1,4 +1,6 @@
-"""Options common to several verbs; this module imports no heavy library, like all modules with options."""
+"""Options common to several subcommands."""
+
+# This module imports no heavy library, like all modules with options.
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +25,7 @@ def quality_option(value: str) -> str | float:
 
 @dataclass(frozen=True, kw_only=True)
 class Listening:
-    """Options of the verbs that serve: address, rate, transport, log."""
+    """Options of the subcommands that serve: address, rate, transport, log."""
 
     port: int = 4840
     """UDP port; 0 lets the system choose."""

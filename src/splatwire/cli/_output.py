@@ -1,4 +1,4 @@
-"""Output conventions of the verbs: results on standard output, everything else on standard error."""
+"""Output conventions of subcommands: results on standard output, everything else on standard error."""
 
 import os
 import sys
@@ -23,7 +23,7 @@ def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
     """Raises an error if any of the given options differs from its default.
 
     Args:
-        options: Options of a verb.
+        options: Options of a subcommand.
         names: Names of the fields to check.
         why: End of the error message after the name of the option.
 
@@ -79,10 +79,8 @@ def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, alig
 
 
 def _rich() -> Any:
-    """Imports the module that prints with the library rich.
-
-    The import is deferred, because results as JSON and progress in plain lines do not need rich.
-    """
+    """Imports the module that prints with the library rich."""
+    # Deferred, because results as JSON and progress in plain lines do not need rich.
     from splatwire.cli import _rich as drawn
 
     return drawn
@@ -90,7 +88,7 @@ def _rich() -> Any:
 
 @contextmanager
 def progress_bars() -> Iterator[Reporter]:
-    """Shows progress on standard error: bars on a terminal, plain lines otherwise or if rich is not installed."""
+    """Shows progress on standard error: bars on a terminal, otherwise plain lines."""
     with ExitStack() as stack:
         shown = None
         if sys.stderr.isatty() or any(name in os.environ for name in _TERMINAL_ANYWAY):
@@ -100,10 +98,7 @@ def progress_bars() -> Iterator[Reporter]:
 
 
 def _plain_reporter() -> Reporter:
-    """Returns a progress reporter that needs no rich.
-
-    It prints a line when a task starts, and its finished share at intervals.
-    """
+    """Returns a progress reporter that prints plain lines."""
     printed: dict[str, float] = {}
     started = time.perf_counter()
 

@@ -1,4 +1,6 @@
-"""Parsing of options with tyro, whose import takes 0.1 s; `splatwire --help` works without it."""
+"""Parsing of command-line options with tyro."""
+
+# The import of tyro takes 0.1 s; `splatwire --help` works without it.
 
 import importlib
 from collections.abc import Sequence
@@ -22,10 +24,9 @@ _CONFIG = (
 
 
 def _skip_typeguard_import() -> None:
-    """Replaces tyro's type check of option defaults by a simpler one, because importing typeguard takes long.
-
-    The simpler check ignores the items of tuples and lists. A static type checker has already checked these defaults.
-    """
+    """Replaces tyro's type check of option defaults by a simpler one."""
+    # Importing typeguard, which tyro uses, takes long. A static type checker has already checked these defaults, so
+    # that the items of tuples and lists can be ignored.
     resolver: Any = getattr(tyro, "_resolver", None)  # private: a release without it checks as before
     checked: Any = getattr(resolver, "is_instance", None)
 
@@ -43,14 +44,14 @@ _skip_typeguard_import()
 
 
 def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
-    """Parses the options of one verb; only the module of that verb is imported.
+    """Parses the options of one subcommand.
 
     Args:
-        verb: Name of the verb.
-        arguments: Command-line arguments after the verb.
+        verb: Name of the subcommand.
+        arguments: Command-line arguments after the subcommand.
 
     Returns:
-        Instance of the verb's options class.
+        Instance of the subcommand's options class.
 
     Raises:
         SystemExit: If help was printed, or a word cannot be parsed.
@@ -63,14 +64,7 @@ def parse_verb(verb: str, arguments: Sequence[str]) -> Any:
 
 
 def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path) -> Any:
-    """Parses the options of a verb from a configuration file and the command line, which takes precedence.
-
-    Args:
-        verb: Name of the verb.
-        settings: Class of its options.
-        words: Command-line arguments after the verb.
-        path: The configuration file.
-    """
+    """Parses the options of a subcommand from a configuration file and the command line, which takes precedence."""
     in_file = words_of_file(path, settings, "streams")
     configured = tyro.cli(settings, prog=f"splatwire {verb} --{OPTION} {path}:", args=in_file, config=_CONFIG)
     given = tyro.cli(
@@ -80,7 +74,7 @@ def _parse_with_file(verb: str, settings: Any, words: Sequence[str], path: Path)
 
 
 def parse_any(arguments: Sequence[str]) -> Any:
-    """Parses arguments with the options of all verbs, as required to generate shell completions.
+    """Parses arguments with the options of all subcommands, as required to generate shell completions.
 
     Args:
         arguments: Command-line arguments after the program name.
@@ -95,7 +89,7 @@ def parse_any(arguments: Sequence[str]) -> Any:
 
 
 def settings_of(verb: str) -> Any:
-    """Returns the options class of a verb with its help texts; only the module of that verb is imported."""
+    """Returns the options class of a subcommand with its help texts."""
     found = VERBS[verb]
     settings = getattr(importlib.import_module(f"splatwire.cli.{found.module}"), found.settings)
     set_help_texts(settings)

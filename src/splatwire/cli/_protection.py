@@ -10,17 +10,17 @@ from splatwire.transport import Protection
 
 
 def plan_of_file(path: Path) -> tuple[Protection, int]:
-    """Reads a plan written by `splatwire plan`; see `splatwire.planning.plan_file.read_plan`."""
+    """Reads a plan written by `splatwire plan`."""
     with path.open("rb") as file:
         return read_plan(file.read(MOST_BYTES + 1), str(path))
 
 
 def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
-    """Converts the options for redundancy to a `Protection`. A share is the number of repair symbols per source symbol.
+    """Converts the options for redundancy to a `Protection`.
 
     Args:
-        side_repair: Share for the side information.
-        texts: `motion=SHARE` for the motion of clips, or `tierN=SHARE` for importance tier N (`parse_tiers`).
+        side_repair: Repair symbols per source symbol of the side information.
+        texts: `motion=SHARE` for the motion of clips, or `tierN=SHARE` for importance tier N.
 
     Raises:
         InvalidValueError: If the text has another form, or a number is out of range.
@@ -33,9 +33,7 @@ def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
 
 
 def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
-    """Parses options such as `tier0=0.5`, in any order: share of repair symbols for each importance tier.
-
-    Tiers that are not named get 0.
+    """Parses options such as `tier0=0.5`: repair symbols per source symbol of each importance tier.
 
     Raises:
         InvalidValueError: If the text has another form, or a tier is named twice.

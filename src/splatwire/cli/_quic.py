@@ -28,7 +28,7 @@ async def open_server(
     stack: contextlib.AsyncExitStack, origins: tuple[str, ...], live: str | None, public: str | None,
     access: Access | None,
 ) -> RunningServer:  # fmt: skip
-    """Starts a server over QUIC; see `splatwire.cli._listening.open_server`."""
+    """Starts a server over QUIC."""
     page = None
     if listening.page is not None:
         page = Page(listening.page, public, listening.certificate is None, live, parse_networks(listening.proxy))

@@ -25,10 +25,8 @@ __all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]
 
 
 def viewpoint_of_options(command: Receive) -> Viewpoint | None:
-    """Returns the viewpoint of the first camera in the file of `--camera`; None without this option.
-
-    Checks first that the concealer of `--conceal` exists.
-    """
+    """Returns the viewpoint of the first camera in the file of `--camera`; None without this option."""
+    # Checks first that the concealer of `--conceal` exists.
     if command.conceal is not None:
         check_concealer(command.conceal)
     return None if command.camera is None else viewpoint_of(load_cameras(command.camera))
@@ -42,7 +40,7 @@ def keep_preview(command: Receive, preview: bytes) -> str:
         preview: The received bytes of the preview.
 
     Returns:
-        End of the error message about the transfer, which states what became of the preview.
+        What became of the preview, for the error message about the transfer.
     """
     try:
         shown = preview_scene(preview)

@@ -55,11 +55,10 @@ def resource_problem(error: BaseException) -> str | None:
 def address_space_warning() -> str:
     """Returns a warning if the process's address space is limited to less than libraries need; otherwise empty.
 
-    Such a process may be aborted inside a library, before Python can print an error.
-
     Raises:
         MemoryError: If the limit is so low that libraries would certainly fail.
     """
+    # Such a process may be aborted inside a library, before Python can print an error.
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY or limit >= _LEAST_ADDRESS_SPACE:
         return ""
@@ -72,10 +71,8 @@ def address_space_warning() -> str:
 
 
 def _address_space_hint() -> str:
-    """Returns a sentence for out-of-memory errors with the limit of the process's address space; empty if unlimited.
-
-    The libraries alone need over 1 GB of address space, so that a low limit is a likely cause.
-    """
+    """Returns a sentence for out-of-memory errors with the limit of the address space; empty if unlimited."""
+    # The libraries alone need over 1 GB of address space, so that a low limit is a likely cause.
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit == resource.RLIM_INFINITY:
         return ""

@@ -41,7 +41,7 @@ class _Printable:
 def print_rows(
     headings: Sequence[str], rows: Sequence[Sequence[str]], title: str, caption: str | None, best: Sequence[int]
 ) -> None:
-    """Prints a table of texts on standard output; see `splatwire.cli._output.print_table`."""
+    """Prints a table of texts on standard output."""
     table = Table(title=title, title_justify="left", caption=caption, caption_justify="left")
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="right" if number else "left")
@@ -51,7 +51,7 @@ def print_rows(
 
 
 def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, aligned: bool) -> None:
-    """Prints names and values on standard output; see `splatwire.cli._output.print_facts`."""
+    """Prints names and values on standard output."""
     table = Table(title=title, title_justify="left", show_header=False)
     if aligned:
         table.add_column(style="bold")
@@ -65,7 +65,7 @@ def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, alig
 
 @contextlib.contextmanager
 def bars() -> Iterator[Callable[[str, float], None] | None]:
-    """Shows a progress bar for each task on standard error; yields None if rich cannot draw bars there."""
+    """Shows a progress bar for each task on standard error; yields None if that is impossible."""
     shown = console(stderr=True)
     if not shown.is_terminal:
         yield None

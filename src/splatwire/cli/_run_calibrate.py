@@ -37,12 +37,7 @@ def run(command: Calibrate) -> None:
 
 
 def _read_and_decode(command: CalibrateSketch | CalibratePreview, show: Reporter) -> tuple[SceneStream, ReceivedScene]:
-    """Reads the stream to calibrate, and decodes its scene.
-
-    Args:
-        command: Options of the verb.
-        show: Called with the name of the current task and its finished share, 0 to 1.
-    """
+    """Reads the stream to calibrate, and decodes its scene."""
     stream = complete_stream(command.source, show)
     return stream, decode_stream(stream, progress=lambda share: show("decoding", share))
 

@@ -57,7 +57,7 @@ def _embeds(command: CalibrateGnn) -> bool:
 
 
 def _check(command: CalibrateGnn) -> None:
-    """Checks the values of the options, and rejects options that have no effect in combination with others."""
+    """Checks the values and the combination of the options."""
     if command.precision is not None and command.precision not in PRECISIONS:
         raise UnknownNameError("precision", command.precision, PRECISIONS)
     if command.precision is not None and _embeds(command):
@@ -120,13 +120,13 @@ def _write(command: CalibrateGnn, stream: SceneStream, result: CalibrationResult
     """Writes the network weights to a separate file or into the stream.
 
     Args:
-        command: Options of the verb.
+        command: Options of `splatwire calibrate gnn`.
         stream: The stream of the scene.
         result: The trained network.
         bits: Number of bits per weight in the stream.
 
     Returns:
-        Bytes of the weights, bytes of the stream, and their ratio, by name.
+        Bytes of the weights and of the stream, and their ratio, by name.
     """
     if _embeds(command):
         bare = without_concealment(stream, SECTION)

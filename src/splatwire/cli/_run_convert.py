@@ -84,7 +84,7 @@ def run(command: Convert) -> None:
 
 
 def convert(chosen: Conversion, command: Convert) -> None:
-    """Converts one input with the verb for its kind and the output format; prints the result of that verb.
+    """Converts one input with the subcommand for its format, and prints the result.
 
     Args:
         chosen: The input, the output and its format.
@@ -117,13 +117,7 @@ def convert(chosen: Conversion, command: Convert) -> None:
 
 
 def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
-    """Writes the frames of a sequence as files of another format.
-
-    Args:
-        path: Path of the sequence.
-        chosen: The conversion, with output and format.
-        as_json: True to print the result as JSON.
-    """
+    """Writes the frames of a sequence as files of another format."""
     started, suffix = time.perf_counter(), format_named(chosen.form).suffix
     with progress_bars() as report, output_folder(chosen.output) as folder:
         count = write_frame_files(open_sequence(path), folder, suffix, report)
@@ -135,13 +129,7 @@ def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
 
 
 def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None:
-    """Writes the levels of detail of a still scene as 3D Tiles or as streamed SOG into a new folder.
-
-    Args:
-        path: Path of the scene.
-        chosen: The conversion, with output and format.
-        as_json: True to print the result as JSON.
-    """
+    """Writes the levels of detail of a still scene as 3D Tiles or as streamed SOG into a new folder."""
     started = time.perf_counter()
     if _is_timed(path):
         raise InvalidValueError(
@@ -165,14 +153,7 @@ def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None
 
 
 def _convert_sequence(path: Path, chosen: Conversion, form: SequenceFormat, *, as_json: bool) -> None:
-    """Writes the frames of a sequence to one file.
-
-    Args:
-        path: Path of the sequence.
-        chosen: The conversion, with the output.
-        form: Format of the output.
-        as_json: True to print the result as JSON.
-    """
+    """Writes the frames of a sequence to one file."""
     started = time.perf_counter()
     output = prepared_output(Path(chosen.output))
     with progress_bars() as report:
@@ -198,7 +179,7 @@ def _reported(frames: Iterator[FileContent], count: int, report: Reporter) -> It
 
 
 def _checked_form(name: str) -> str:
-    """Returns the name of an output format of `--to` as it is registered.
+    """Returns the registered name of an output format of `--to`.
 
     Raises:
         UnknownNameError: If nothing of that name can be written.
@@ -276,10 +257,8 @@ def _convert_inputs(command: Convert, form: str) -> None:
 
 
 def _output_name(source: str, form: str) -> str:
-    """Returns the name of an output in a folder: that of its input, with the suffix of the output format.
-
-    Outputs that are folders, such as frames, have no suffix.
-    """
+    """Returns the name of an output in a folder: that of its input, with the suffix of the output format."""
+    # Outputs that are folders, such as frames, have no suffix.
     path = Path(source).resolve()
     of_sequences = (suffix for known in SEQUENCE_FORMATS for suffix in known.suffixes)
     suffixes = sorted(
@@ -307,8 +286,8 @@ def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
         accept_damage: True to convert also a stream with damaged bytes.
 
     Returns:
-        Source, output, exit status, facts about the result for the JSON output, size of the output in bytes (None if it
-        failed), and messages on standard error.
+        Source, output, exit status, facts about the result, size of the output in bytes (None if it failed), and
+        messages on standard error.
     """
     names = (chosen.source, chosen.output)
     source, output = (f"./{name}" if name.startswith("-") else name for name in names)  # no options

@@ -92,11 +92,9 @@ def study(options: Demo) -> Study:
 
 
 def _decode(stream: SceneStream) -> ReceivedScene:
-    """Decodes a received stream of the demo.
-
-    A stream with losses is decoded in a new process, as proof that decoding needs nothing but the received bytes. The
-    exception is the stream with contiguous packets, which the demo only shows for comparison.
-    """
+    """Decodes a received stream of the demo, in a new process if it has losses."""
+    # The new process proves that decoding needs nothing but the received bytes. The stream with contiguous packets,
+    # which is only shown for comparison, is decoded here.
     manifest = stream.manifest
     here = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
     return (decode_stream if here else _subprocess.decode_in_fresh_process)(stream)

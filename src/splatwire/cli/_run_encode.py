@@ -110,7 +110,7 @@ def _check(command: Encode) -> None:
 
 
 def _tuning(command: Encode) -> "Tuning":
-    """Returns the options of the fine-tuning of Gaussians that `--effort best` does while encoding.
+    """Returns the options of the fine-tuning of Gaussians by `--effort best`.
 
     Raises:
         InvalidValueError: If the loss model or the seed is not valid.
@@ -121,10 +121,8 @@ def _tuning(command: Encode) -> "Tuning":
 
 
 def _effort(command: Encode) -> str:
-    """Returns the value of `--effort`.
-
-    By default, Gaussians are pruned if there is a target size or PSNR; otherwise all are kept.
-    """
+    """Returns the value of `--effort`, or its default."""
+    # By default, Gaussians are pruned if there is a target size or PSNR.
     if command.effort is not None:
         return command.effort
     return "fast" if command.size is None and command.psnr is None else "default"
@@ -136,7 +134,7 @@ def _needs_rate_control(command: Encode) -> bool:
 
 
 def _needs_copies(command: Encode) -> bool:
-    """True if the options request redundant coarse copies of the most important elements in the stream (a sketch)."""
+    """True if the options request coarse copies of the most important elements (a sketch) in the stream."""
     return command.preset == "datagram" and command.levels != "auto"
 
 
@@ -217,10 +215,8 @@ def _encode_scene(command: Encode, source: Path) -> None:
 
 
 def _optional_steps() -> ModuleType:
-    """Imports the module with the optional steps of encoding.
-
-    The import is deferred, because the libraries of this module take a second to load.
-    """
+    """Imports the module with the optional steps of encoding."""
+    # Deferred, because the libraries of this module take a second to load.
     from splatwire.cli import _encode_extras
 
     return _encode_extras
@@ -268,11 +264,9 @@ def _print_result(
 
 
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
-    """Returns the axis that viewers should show as up; None if the stream need not store it.
-
-    The axis is that of `--up`, or estimated with `--up auto`. No axis is estimated if the metadata of the scene has an
-    up axis or a view, or if cameras are given. An estimated axis equal to the default, -y, is not stored either.
-    """
+    """Returns the axis that viewers show as up, from `--up` or estimated; None if the stream need not store it."""
+    # No axis is estimated if the metadata of the scene has an up axis or a view, or if cameras are given. An estimated
+    # axis equal to the default, -y, is not stored either.
     if command.up != "auto":
         return command.up
     known = metadata_of(scene)
@@ -282,13 +276,7 @@ def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
 
 
 def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray | None:
-    """Returns the importance tier of each element, by the area that it covers in views; None for a single tier.
-
-    Args:
-        command: Options of the verb.
-        scene: The scene.
-        cameras: The views; None for views around the scene.
-    """
+    """Returns the importance tier of each element, by the area that it covers in views; None for a single tier."""
     if not command.tiers:
         return None
 
@@ -297,7 +285,7 @@ def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray
 
 
 def packetization_of(command: Encode, schema: str, num_elements: int) -> Packetization:
-    """Returns the packetization preset with the changes of the options applied.
+    """Returns the packetization of the preset and the options.
 
     Args:
         command: Options of `splatwire encode`.

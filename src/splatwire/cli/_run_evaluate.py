@@ -101,13 +101,7 @@ def _evaluate_scene(command: Evaluate, path: Path, files: InputFiles) -> None:
 
 
 def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[[], None]) -> None:
-    """Prints the results as JSON or as a table, and the path of the report.
-
-    Args:
-        command: Options of `splatwire evaluate`.
-        content: The results, for JSON.
-        show: Prints the table.
-    """
+    """Prints the results as JSON or as a table, and the path of the report."""
     if command.json:
         print_json(content)
         return
@@ -117,10 +111,7 @@ def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[
 
 
 def _check(command: Evaluate) -> Link | None:
-    """Raises an error if two options contradict each other; called before any file is read.
-
-    Returns:
-        The simulated network link if a camera path is evaluated, else None.
+    """Checks the options, before files are read; returns the simulated network link of `--path`, if any.
 
     Raises:
         InvalidValueError: If options are missing, or mean nothing here.

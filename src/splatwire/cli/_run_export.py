@@ -73,7 +73,7 @@ def run(options: Export) -> None:
 
 
 def _check(options: Export) -> None:
-    """Raises an error if two options contradict each other; called before any file is read."""
+    """Checks the options, before files are read."""
     if str(options.output) == "-":
         raise InvalidValueError("an export is read back to be measured: give -o a file")
     prepared_output(options.output, suffix=Path(f"x{_format(options).suffix}").suffix)
@@ -95,10 +95,8 @@ def _check(options: Export) -> None:
 
 
 def _limited(options: Export, splats: Splats, degree: int) -> Splats:
-    """Returns Gaussians with harmonics of at most a degree.
-
-    For `.splat`, they are returned unchanged, because its writer drops harmonics and reports that itself.
-    """
+    """Returns Gaussians with harmonics of at most a degree."""
+    # For `.splat`, they are returned unchanged, because its writer drops harmonics and reports that itself.
     return splats if options.kind == "splat" else splats.at_most_degree(degree)
 
 
@@ -134,16 +132,14 @@ def _outliers(options: Export) -> Outliers:
 
 
 def _read_back(options: Export, scene: Scene) -> Scene:
-    """Reads the exported file again; returns its Gaussians relative to the origin of the exported scene."""
+    """Reads the exported Gaussians again, relative to the origin of the exported scene."""
     written: Any = open_scene(options.output)
     return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))
 
 
 def _views(options: Export, scene: Scene) -> "_Views | None":
-    """Returns the cameras to which exported Gaussians are fitted, and the cameras in which the export is measured.
-
-    Returns None if neither is needed: for explicit Gaussians without options that request a measurement.
-    """
+    """Returns the cameras to fit exported Gaussians to and those to measure the export; None if not needed."""
+    # Neither is needed for explicit Gaussians without options that request a measurement.
     if options.data is not None:
         test = open_dataset(options.data, split="test", background=scene.background)
         return _Views(open_dataset(options.data, split="train").cameras, test.cameras, test)

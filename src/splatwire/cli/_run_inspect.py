@@ -108,7 +108,7 @@ def _describe_update(stream: SceneStream) -> dict[str, Any]:
     """Describes an update: the streams before and after it, and the size of its list of removed elements in bytes.
 
     Returns:
-        The description, with a digest of each stream's manifest; empty if the stream is no update.
+        The description; empty if the stream is no update.
     """
     if UPDATE not in (sections := sections_of(stream)):
         return {}

@@ -70,7 +70,7 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
     """Encodes and serves the frames, until a signal or the last frame.
 
     Returns:
-        None if the encoder has ended. Otherwise the process should end at once, with the exit status returned.
+        Exit status if the process should end at once; None if the encoder has ended.
     """
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
@@ -119,12 +119,8 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end, after a request to stop.
-
-    Returns:
-        True as soon as the encoder is compiling a kernel, which takes too long to wait for. False if the encoder has
-        ended, or `STOP_S` after the request.
-    """
+    """Waits for the encoder to end, after a request to stop; True if it is compiling a kernel instead."""
+    # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_S` after the request.
     end = time.monotonic() + STOP_S - COMPILING_S
     while not encoding.done():
         if is_compiling():
@@ -136,7 +132,7 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
 
 
 async def _await_last_packets(opened: RunningServer) -> None:
-    """Waits until all transfers have ended, so that clients receive the last packets, for at most `LAST_S`."""
+    """Waits, for a limited time, until clients have received the last packets."""
     end = time.monotonic() + LAST_S
     while opened.server.core.num_transfers and time.monotonic() < end:
         await asyncio.sleep(0.05)

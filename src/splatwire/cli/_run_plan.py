@@ -84,7 +84,7 @@ def _plan_sequences(options: PlanCommand, streams: Sequence[SceneStream], loss: 
 
 
 def _check(options: PlanCommand) -> None:
-    """Raises an error if two options contradict each other; called before any file is read."""
+    """Checks the options, before files are read."""
     if not options.streams:
         raise InvalidValueError("name at least one stream to plan for")
     if options.output is not None:
@@ -124,14 +124,7 @@ def _budget_bytes(options: PlanCommand, plain: int) -> float:
 
 
 def _print_result(options: PlanCommand, content: dict[str, Any], path: str, show: Callable[[str], None]) -> None:
-    """Writes the plan for a stream to a file and prints a summary.
-
-    Args:
-        options: Options of `splatwire plan`.
-        content: The plan as a JSON object.
-        path: Path of the stream.
-        show: Prints the plan, given the command that serves the stream with it.
-    """
+    """Writes the plan for a stream to a file and prints a summary."""
     if options.output is not None:
         atomic_write(options.output, (json.dumps(content, indent=1) + "\n").encode())
     if options.json:

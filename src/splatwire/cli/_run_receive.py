@@ -128,10 +128,8 @@ def print_warning(text: str) -> None:
 
 
 def _decoding_module() -> ModuleType:
-    """Imports the module that decodes received streams.
-
-    The import is deferred, because an installation that only relays streams lacks the libraries of this module.
-    """
+    """Imports the module that decodes received streams."""
+    # Deferred, because an installation that only relays streams lacks the libraries of this module.
     from splatwire.cli import _received_scenes
 
     return _received_scenes
@@ -143,7 +141,7 @@ def _transfer(
     """Receives the stream, and writes all datagrams to a capture file (pcap) if requested.
 
     Args:
-        command: Options of the verb.
+        command: Options of `splatwire receive`.
         address: Address of the server.
         options: Options of the receiver.
         note: Called with each event of the transfer.
@@ -161,10 +159,8 @@ def _transfer(
 
 
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
-    """Writes a finished period of an endless live clip to a file whose name has the number of the period.
-
-    The last period is written to the regular output.
-    """
+    """Writes one period of an endless live clip to a file with the number of the period in its name."""
+    # The last period is written to the regular output.
     path = prepared_output(Path(command.output).resolve().with_suffix(f".{number:03}{FILE_SUFFIX}"))
     write_stream(stream, path)
 
@@ -205,15 +201,13 @@ def _print_result(
 def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
     """True if a transfer delivered everything that it could deliver.
 
-    A stream is complete if all packets arrived. A stream with levels of detail is complete if everything that the
-    camera sees arrived. A live clip is complete if the server ended it and everything sent since this receiver joined
-    arrived. A transfer ended by a deadline is not complete.
-
     Args:
         reason: Reason for the end of the transfer, such as `complete`, `seen` or `sent`.
         live: True for a live clip.
-        num_missed: Number of packets of a live clip that were lost since this receiver joined.
+        num_missed: Number of packets of a live clip that were lost.
     """
+    # A stream with levels of detail is complete if everything that the camera sees arrived. A live clip is complete if
+    # the server ended it and everything sent since this receiver joined arrived.
     over = reason in ("complete", "seen") or (reason == "sent" and live)
     return over and not num_missed
 
@@ -234,7 +228,7 @@ class TransferTimes:
         return time.perf_counter() - self._began if self.end is None else self.end
 
     def note(self, event: Event, show: Reporter) -> None:
-        """Records the time of an event of the receiver; also prints interruptions and reports the progress.
+        """Records the time of an event of the receiver, and reports the progress.
 
         Args:
             event: The event.

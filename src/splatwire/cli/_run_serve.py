@@ -93,7 +93,7 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
     """Reads the streams to serve and prepares them for sending.
 
     Args:
-        command: Options of the verb.
+        command: Options of `splatwire serve`.
         protection: Amount of redundancy.
         planned: Id of the stream for which the redundancy was planned; None without a plan.
 
@@ -126,9 +126,10 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:
-    """Returns the amount of redundancy, from a plan file (`--plan`) or from options.
+    """Returns the amount of redundancy from the options, and the id of the stream that a plan file is for.
 
-    Also returns the id of the stream for which the plan was made; None without a plan.
+    Returns:
+        The redundancy, and the id; None without a plan.
 
     Raises:
         InvalidValueError: If a number is out of range, the plan file is invalid, or both a plan and explicit
@@ -171,7 +172,7 @@ def allowed_origins(command: Serve) -> tuple[str, ...]:
 
 
 def _access(command: Serve) -> Access | None:
-    """Returns which scenes are private or unlisted, and how access tokens are checked; None if all scenes are public.
+    """Returns which scenes are private or unlisted, and how access tokens are checked; None without such scenes.
 
     Raises:
         InvalidValueError: If an option is missing, a name is no served scene, or the key is invalid.
@@ -225,10 +226,8 @@ async def _serve(command: Serve, scenes: _Scenes, access: Access | None) -> None
 
 
 async def _offer_downloads(command: Serve, opened: RunningServer, stack: contextlib.AsyncExitStack) -> None:
-    """Lets the page server offer streams for download in the formats of `--downloads`.
-
-    Converted files are stored in a temporary folder until the server stops.
-    """
+    """Lets the page server offer streams for download in the formats of `--downloads`."""
+    # Converted files are stored in a temporary folder until the server stops.
     if not command.downloads or opened.page is None or not isinstance(opened.page.content, PageContent):
         return
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="splatwire-"))
@@ -238,14 +237,8 @@ async def _offer_downloads(command: Serve, opened: RunningServer, stack: context
 
 
 async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
-    """Publishes changed scenes to the clients of a server whenever updates appear in the folder of `--updates`.
-
-    An unexpected error is logged, once if it repeats itself, and the next updates are still served.
-
-    Args:
-        scenes: The served scenes.
-        opened: The running server.
-    """
+    """Publishes changed scenes to clients whenever updates appear in the folder of `--updates`."""
+    # An unexpected error is logged, once if it repeats itself, and the next updates are still served.
     last = ""
     while True:
         await asyncio.sleep(LOOK_S)
@@ -264,15 +257,8 @@ async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
 
 
 async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> None:
-    """Replaces the streams and the certificate of a running server by the current content of their files.
-
-    The previous ones remain, and an error is logged, if a file is invalid.
-
-    Args:
-        command: Options of `splatwire serve`.
-        opened: The running server.
-        scenes: The served scenes, which are changed.
-    """
+    """Replaces the streams and the certificate of a running server by the current content of their files."""
+    # The previous ones remain, and an error is logged, if a file is invalid.
 
     def read() -> _Scenes:
         return _served_streams(command, *protection(command))
@@ -288,7 +274,7 @@ async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> Non
 
 
 def program_of(stream: SceneStream, protection: Protection) -> ServedStream:
-    """Converts a stream to the form in which a server sends it, with redundancy and the preview of the scene.
+    """Prepares a stream for sending, with redundancy and the preview of the scene.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or its packets do not fit into datagrams.

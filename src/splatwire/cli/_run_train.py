@@ -194,11 +194,9 @@ def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
 def check_device(name: str) -> str:
     """Checks that the requested device is available for training, and returns its name, `cpu` or `cuda`.
 
-    `auto` selects the GPU if torch finds one and gsplat works on it; a message is printed if only gsplat is missing.
-
     Raises:
-        UnknownNameError: There is no such device.
-        BackendUnavailableError: It is a GPU. The message names what is missing, first of all on this machine.
+        UnknownNameError: If there is no such device.
+        BackendUnavailableError: If the GPU cannot be used.
     """
     if name not in _DEVICES:
         raise UnknownNameError("device", name, _DEVICES)

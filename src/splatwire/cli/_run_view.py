@@ -54,7 +54,7 @@ def _read(command: View) -> SceneStream:
 
 
 async def _forward(command: View, cameras: Cameras | None) -> None:
-    """Receives a stream from another server, and serves the viewer page that shows it while it arrives."""
+    """Receives a stream from another server, and shows it on the viewer page while it arrives."""
     name, url = parse_url(command.stream).name or "scene", without_token(command.stream)
     relay = _create_relay(command)
     receiving = asyncio.create_task(relay.run())
@@ -77,7 +77,7 @@ async def _serve(
     """Serves the page until a signal, or until receiving fails.
 
     Args:
-        command: Options of the verb.
+        command: Options of `splatwire view`.
         content: Content of the page.
         receiving: Task that receives the stream; None for a local one.
         relay: Object that receives the stream; None for a local one.
@@ -106,10 +106,10 @@ async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], pa
     """Receives the updates of a scene after the scene itself, and offers them to the page.
 
     Args:
-        command: Options of the verb.
+        command: Options of `splatwire view`.
         relay: Object that receives the scene.
-        receiving: Task that receives the scene; its end is awaited first.
-        page: Server of the page; gets the updates.
+        receiving: Task that receives the scene.
+        page: Server of the page.
     """
     await asyncio.wait({receiving})
     if relay.manifest is None or relay.failure() or not _went_well(receiving):
@@ -137,12 +137,12 @@ async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], pa
 
 
 def newest_updates(updates: Mapping[str, ServedStream | bytes], name: str, update: bytes) -> dict[str, bytes]:
-    """Adds an update to those that the page may request; the oldest are dropped beyond `MAX_UPDATES` and `MAX_BYTES`.
+    """Adds an update to those that the page may request, and drops the oldest if there are too many.
 
     Args:
         updates: Files of earlier updates by name, the oldest first.
         name: Name of the new update.
-        update: File of the new update; always kept.
+        update: File of the new update.
     """
     kept, size = {name: update}, len(update)
     for key, data in reversed(list(updates.items())):

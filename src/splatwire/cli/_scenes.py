@@ -1,4 +1,4 @@
-"""Checks of option values common to several verbs."""
+"""Checks of option values common to several subcommands."""
 
 from splatwire.cli._options import BackgroundOption, OutliersOption
 from splatwire.errors import InvalidValueError
@@ -24,7 +24,7 @@ def chosen_outliers(option: OutliersOption, name: str) -> Outliers:
         name: Name of the output file, or its suffix.
 
     Raises:
-        InvalidValueError: If the option is given for a format without shared steps.
+        InvalidValueError: If the format does not support this option.
     """
     if option is None:
         return DEFAULT

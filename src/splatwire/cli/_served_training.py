@@ -32,7 +32,7 @@ class ServedTraining:
         self._error = ""
 
     def iterated(self, scene: Callable[[], SplatScene]) -> None:
-        """Sends the present state if it is time.
+        """Sends the present state, but not more often than every few seconds.
 
         Args:
             scene: Returns the scene of the present state.
@@ -59,7 +59,8 @@ class ServedTraining:
 
     @contextmanager
     def _reported(self) -> Iterator[None]:
-        """Prints a warning instead of an error, once if it repeats itself."""
+        """Context that prints a warning instead of raising an error."""
+        # A warning that repeats itself is printed once.
         try:
             yield
         except SplatwireError as error:
@@ -103,6 +104,6 @@ def served_training(command: Train) -> Iterator[ServedTraining]:
 
 
 def _connectable(host: str) -> str:
-    """Returns the address under which this machine reaches a server that listens on an address, for a URL."""
+    """Returns the host for the URL of a server that listens on an address of this machine."""
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"[{host}]" if ":" in host else host

@@ -30,8 +30,7 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
     """Returns the scenes that can be updated, by name, each as a chain of the scene and its updates.
 
     Args:
-        streams: Two streams of each scene, by name: the content of its file, and the same scene in packets that fit
-            into datagrams.
+        streams: Two streams of each scene, by name: as in its file, and in packets that fit into datagrams.
 
     Raises:
         InvalidValueError: If no scene can be updated.
@@ -52,20 +51,19 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
 class UpdateFolder:
     """Applies updates to served scenes when update files appear in a folder.
 
-    An update changes one version of a scene. Its file waits until a scene has reached this version, so the order of the
-    files does not matter. Scenes with equal content change together. While a file waits, only the version that it
-    changes is stored. A file that is removed is forgotten. An object of this class must not be used by several threads
-    at once.
+    An update waits until a scene has the version that it changes. Not thread-safe.
 
     Args:
-        folder: Folder with the updates: `.swz` files, each written by `encode --update`. It may be missing at first.
+        folder: Folder with the updates, `.swz` files that `encode --update` wrote; it may be missing at first.
         chains: Scenes that can be updated, by name.
         prepare: Prepares a stream for sending.
 
     Attributes:
-        updates: Prepared updates by the name under which receivers request them; None for an update that is still
-            expected.
+        updates: Prepared updates by the name under which receivers request them; None for an expected update.
     """
+
+    # The order of the files does not matter. Scenes with equal content change together. While a file waits, only the
+    # version that it changes is stored. A file that is removed is forgotten.
 
     def __init__(
         self, folder: Path, chains: Mapping[str, UpdateChain], prepare: Callable[[SceneStream], ServedStream]
@@ -111,10 +109,7 @@ class UpdateFolder:
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
     def _next(self) -> tuple[list[str], Path] | None:
-        """Returns the names of the scenes to which a waiting update applies, and the file of the update.
-
-        Returns None if no such update is waiting.
-        """
+        """Returns the scenes to which a waiting update applies, and the file of the update; None if none waits."""
         states: dict[str, list[str]] = {}
         for name, chain in self._chains.items():
             states.setdefault(chain.source_digest, []).append(name)
@@ -123,21 +118,17 @@ class UpdateFolder:
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
         """Checks that no scene reaches a version that another scene has left.
 
-        Receivers request the next update by the version that they have, and would get that of the other scene.
-
-        Args:
-            changed: Scenes that an update has changed, by name.
-
         Raises:
             InvalidValueError: If a scene reaches such a version.
         """
+        # Receivers request the next update by the version that they have, and would get that of the other scene.
         reached = {update_name(manifest_digest(chain.scene.manifest)) for chain in changed.values()}
         for name, chain in self._chains.items():
             if name not in changed and any(chain.offers().get(each) is not None for each in reached):
                 raise InvalidValueError(f"{' and '.join(changed)} would have the content that '{name}' had before")
 
     def _read_new(self, now: float) -> None:
-        """Reads files that are new or have changed, and forgets files that were removed."""
+        """Reads files that are new or have changed."""
         present = sorted(self._folder.glob("*.swz"))
         for known in (self._seen, self._read, self._waiting):
             _forget_removed(known, set(present))

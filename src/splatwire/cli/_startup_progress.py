@@ -13,7 +13,7 @@ _COMPILER = logging.getLogger("splatwire.ops.compiled")
 
 
 class StartupProgress(logging.Handler):
-    """Log handler that prints why a verb has not produced output yet: loading of libraries, or compilation."""
+    """Log handler that prints what delays a subcommand: loading of libraries, or compilation of kernels."""
 
     def __init__(self, verb: str) -> None:
         super().__init__(logging.INFO)
@@ -22,15 +22,15 @@ class StartupProgress(logging.Handler):
         self._kernels, self._began, self._told = 0, 0.0, 0.0
 
     def loading(self, verb: str) -> None:
-        """Prints that the libraries which a command needs are being loaded.
+        """Prints that libraries are being loaded.
 
         Args:
-            verb: Name of the command, such as `encode`.
+            verb: Name of the subcommand, such as `encode`.
         """
         print(f"splatwire {verb}: loading", file=sys.stderr, flush=True)
 
     def start(self) -> None:
-        """If standard error is a terminal, starts the timer after which a message about loading is printed."""
+        """Starts the timer of the loading message if standard error is a terminal."""
         if sys.stderr.isatty():
             self._loading.start()
 
@@ -39,11 +39,7 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Reports the compilation of kernels on standard error, given the compiler's log record of one kernel.
-
-        A message is printed for the first kernel, then the number of compiled kernels every few seconds. Warnings are
-        printed as they are.
-        """
+        """Reports the compilation of kernels on standard error."""
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return
@@ -61,7 +57,7 @@ class StartupProgress(logging.Handler):
 
 @contextmanager
 def startup_messages(verb: str) -> Iterator[None]:
-    """Context in which a message is printed if loading of libraries or compilation delays the output of a verb."""
+    """Context that prints a message if loading of libraries or compilation of kernels takes long."""
     handler, before = StartupProgress(verb), _COMPILER.level
     _COMPILER.addHandler(handler)
     _COMPILER.setLevel(logging.INFO)

@@ -1,4 +1,4 @@
-"""Runs verbs in a new process: as proof that decoding needs nothing but the stream, and to use several processors."""
+"""Runs subcommands in a new process."""
 
 import json
 import subprocess
@@ -19,7 +19,7 @@ _WARNING = "splatwire: warning: "
 
 
 def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
-    """Writes a stream to a file, decodes it with a new Python interpreter, and reads the decoded scene.
+    """Decodes a stream in a new Python interpreter.
 
     Args:
         stream: The received stream.
@@ -41,17 +41,17 @@ def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
 
 @contextmanager
 def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Runs a verb in a separate process, which ends with the `with` block at the latest.
+    """Runs a subcommand in a separate process, which ends with the `with` block at the latest.
 
     Args:
-        verb: Name of the verb.
-        *arguments: Command-line arguments of the verb.
+        verb: Name of the subcommand.
+        *arguments: Command-line arguments of the subcommand.
 
     Yields:
-        Function that waits for the process, prints its warnings, and returns the JSON object printed by the verb.
+        Function that waits for the process, prints its warnings, and returns the JSON object that it printed.
 
     Raises:
-        SplatwireError: From the yielded function, if the process failed; with the error message of the process.
+        SplatwireError: From the yielded function, if the process failed.
     """
     command = [sys.executable, "-m", "splatwire", verb, *map(str, arguments), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -1,7 +1,6 @@
 """Safe output to a terminal: control characters are escaped.
 
-Names of files and streams, messages of servers and contents of files are untrusted. An escape sequence in them
-could rewrite the screen, the title or the clipboard, and a bidirectional override could show another file name.
+Names of files and streams, messages of servers and contents of files are untrusted.
 """
 
 import contextlib
@@ -15,18 +14,16 @@ _KEPT = "\n\t"
 
 
 def printable(text: str) -> str:
-    """Returns a text in which every character that may control a terminal is replaced by its escape sequence.
-
-    These are control characters (C0 but for line feed and tab, and C1), format characters such as bidirectional
-    overrides and zero-width characters, line and paragraph separators, lone surrogates, and unassigned characters.
-    """
+    """Returns a text in which every character that may control a terminal is replaced by its escape sequence."""
+    # These are control characters (C0 but for line feed and tab, and C1), format characters such as bidirectional
+    # overrides and zero-width characters, line and paragraph separators, lone surrogates, and unassigned characters.
     if text.isascii() and text.isprintable():
         return text
     return "".join(c if _is_harmless(c) else _escaped(c) for c in text)
 
 
 def one_line(text: str) -> str:
-    """Returns a printable text without line breaks: runs of white space become one space each."""
+    """Returns a printable text in one line; white space becomes single spaces."""
     return printable(" ".join(text.split()))
 
 
@@ -44,9 +41,6 @@ class PrintableStream:
 
     Args:
         target: Stream that receives the escaped text.
-
-    Attributes:
-        target: The stream that receives the escaped text.
     """
 
     def __init__(self, target: Any) -> None:
@@ -68,7 +62,7 @@ class PrintableStream:
 
 @contextlib.contextmanager
 def printable_streams() -> Iterator[None]:
-    """Makes standard output and standard error escape control characters; closed streams stay closed."""
+    """Makes standard output and standard error escape control characters."""
     with contextlib.ExitStack() as stack:
         if sys.stdout is not None:
             stack.enter_context(contextlib.redirect_stdout(PrintableStream(sys.stdout)))

@@ -200,7 +200,8 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
 
 
 def columns() -> tuple[ProgressColumn, ...]:
-    """Returns the columns of the progress bar; counter and remaining time have priority over the description."""
+    """Returns the columns of the progress bar."""
+    # Counter and remaining time have priority over the description.
     whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return (
         MofNCompleteColumn(table_column=whole),
@@ -238,11 +239,14 @@ def parsed_size(text: str) -> int:
 
 
 def checked_size(scene: AnchorScene, wanted: int) -> int | None:
-    """Returns the size of a trained scene's stream in bytes, and prints a message if it is far from the target size.
+    """Returns the size of a trained scene's stream in bytes; prints a message if it misses the target.
 
     Args:
         scene: The scene.
-        wanted: Target size, bytes; 0 for no target. The result is then None.
+        wanted: Target size, bytes; 0 for none.
+
+    Returns:
+        The size; None without a target.
     """
     if not wanted:
         return None

@@ -1,4 +1,6 @@
-"""Table of the verbs (subcommands) of `splatwire`; only the module of the chosen verb is imported."""
+"""Table of the subcommands of `splatwire`."""
+
+# Only the module of the chosen subcommand is imported.
 
 import difflib
 import shutil
@@ -13,7 +15,7 @@ DESCRIPTION = """Compresses 3D Gaussian splats, and streams them over networks t
 
 
 class Verb(NamedTuple):
-    """A verb (subcommand) of the command line.
+    """A subcommand of the command line.
 
     Attributes:
         module: Name of the module in `splatwire.cli` with the options class, which imports no heavy library.
@@ -150,7 +152,7 @@ def overview() -> str:
 
 
 def unknown_verb(name: str) -> str:
-    """Returns the error message for an unknown verb: it lists similar verbs, or all verbs."""
+    """Returns the error message for an unknown subcommand, with the names of similar ones."""
     near = difflib.get_close_matches(name, VERBS, n=3)
     known = f"did you mean {' or '.join(near)}?" if near else f"the verbs are {', '.join(VERBS)}"
     return f"'{name}' is no verb: {known} (`splatwire --help` describes them)"

@@ -1,4 +1,4 @@
-"""Entry point of the command line: dispatches to verbs and prints errors."""
+"""Entry point of the command line: runs the subcommand and prints errors."""
 
 import atexit
 import contextlib
@@ -30,8 +30,8 @@ _OBJECTS = 200_000
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits the process.
 
-    The exit status is 0 on success, and 2 for a user error, which is explained by one line on standard error. It is 3
-    if the result comes from a damaged input or an incomplete transfer, 130 after Ctrl-C, and 143 after SIGTERM.
+    The exit status is 0 on success, 2 for a user error, 3 for a damaged input or an incomplete transfer, 130 after
+    Ctrl-C, and 143 after SIGTERM.
 
     Args:
         arguments: Command-line arguments after the program name; None for those of this process.
@@ -76,7 +76,8 @@ def _flush_stdout(status: int) -> int:
 
 @contextmanager
 def _standard_streams() -> Iterator[None]:
-    """Redirects a closed standard error to the null device, because `print` would use standard output instead."""
+    """Redirects a closed standard error to the null device."""
+    # `print` would use standard output instead.
     if sys.stderr is not None:
         yield
         return
@@ -86,7 +87,7 @@ def _standard_streams() -> Iterator[None]:
 
 @contextmanager
 def _rare_collections() -> Iterator[None]:
-    """Makes Python's garbage collections rare while a command runs, for a faster start and exit."""
+    """Makes Python's garbage collections rare, for a faster start and exit."""
     # Loading libraries creates half a million objects, none of which becomes garbage. Default collections, one per 700
     # new objects, take a sixth of a command's start-up time, and two at the end of the process another tenth.
     atexit.register(gc.freeze)
@@ -169,10 +170,8 @@ def _print_damage(verb: Any) -> int:
 
 
 def _signal_status(error: BaseException) -> int | None:
-    """Returns the exit status if a signal caused an error; None for other errors.
-
-    Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
-    """
+    """Returns the exit status if a signal caused an error; None for other errors."""
+    # Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
@@ -184,10 +183,10 @@ def _signal_status(error: BaseException) -> int | None:
 
 
 def _parse(arguments: list[str]) -> Any:
-    """Parses the command-line arguments after the program name into the options of a verb.
+    """Parses the command-line arguments after the program name into the options of a subcommand.
 
     Raises:
-        InvalidValueError: If the first word is no verb, or an argument is empty.
+        InvalidValueError: If the first word is no subcommand, or an argument is empty.
         SystemExit: If help was printed, or a later word cannot be parsed.
     """
     if arguments[0] not in VERBS and not arguments[0].startswith("--tyro-"):
@@ -206,7 +205,8 @@ def _parse(arguments: list[str]) -> Any:
 
 @contextmanager
 def _help_output() -> Iterator[None]:
-    """Discards help texts if standard output is closed, because tyro needs a stream."""
+    """Discards help texts if standard output is closed."""
+    # tyro needs a stream.
     if sys.stdout is not None:
         yield
         return
@@ -215,11 +215,8 @@ def _help_output() -> Iterator[None]:
 
 
 def _execute(verb: str, options: Any) -> None:
-    """Checks that the output of a verb can be written, and runs the verb.
-
-    The verb's code is the function `run` of `_run_MODULE`. This module is imported only here, because its libraries
-    would delay `--help`.
-    """
+    """Checks that the output of a subcommand can be written, and runs the subcommand."""
+    # `_run_MODULE` is imported only here, because its libraries would delay `--help`.
     from splatwire.cli._files import check_output  # imports numpy
 
     check_output(options)
