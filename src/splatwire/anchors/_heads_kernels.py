@@ -1,7 +1,6 @@
 """Numba kernels that generate the Gaussians of anchors with the networks of a scene (see `head_gradients` for numpy).
 
-Sixteen anchors are processed at a time, one per SIMD lane. The output layers of covariance and colour are an exception:
-most offsets of an anchor have no Gaussian, so one Gaussian is processed at a time, with one output per lane.
+Sixteen anchors, or outputs of one Gaussian, are processed at a time, one per SIMD lane (element of a vector).
 
 Common arguments: `anchors` (positions, features, scalings, offsets, mask); `hints` (result of loss concealment: hidden
 anchors, factors on size, factors on opacity; empty arrays if there is none); `camera` (pose, focal lengths and
@@ -29,7 +28,7 @@ _MIN_ALPHA, _LEAST_NORM = 1.0 / 255.0, np.float32(1e-12)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _layer(packed, num_inputs, num_groups, x, slope, out):
-    """Evaluates a network layer (affine map, leaky ReLU) for sixteen anchors, one per SIMD lane.
+    """Evaluates a network layer (affine map, leaky ReLU) for sixteen anchors.
 
     Args:
         packed: Biases and weights of the layer, six outputs at a time.
@@ -68,7 +67,7 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
 @njit(inline="always")
 @no_type_check
 def _in_view(positions, scalings, n, camera):
-    """True if anchor `n` may be visible to the camera (pre-filter of HAC++, as in `head_gradients.visible_anchors`)."""
+    """True if anchor `n` may be visible to the camera (pre-filter of HAC++)."""
     pose, (fx, fy, cx, cy), _, width, height = camera
     p0, p1, p2 = np.float64(positions[n, 0]), np.float64(positions[n, 1]), np.float64(positions[n, 2])
     z = pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2 + pose[2, 3]
@@ -97,14 +96,6 @@ def _in_view(positions, scalings, n, camera):
 def _choose_anchors(n, last, anchors, hints, camera, chosen):
     """Collects the indices of up to sixteen visible anchors.
 
-    Args:
-        n: Index of the first anchor to test.
-        last: End of the range of anchors (exclusive).
-        anchors: See the common arguments of the module.
-        hints: See the common arguments of the module.
-        camera: See the common arguments of the module.
-        chosen: Output: indices of the visible anchors.
-
     Returns:
         Number of visible anchors found, and index of the next anchor to test.
     """
@@ -128,8 +119,8 @@ def _fill_inputs(positions, features, center, chosen, count, x):
         features: Features of all anchors.
         center: Camera centre.
         chosen: Indices of the anchors.
-        count: Number of these anchors; unused lanes (from `count` on) repeat the last anchor.
-        x: Output: the inputs, sixteen lanes for each input.
+        count: Number of these anchors.
+        x: Output: the inputs, sixteen values for each.
     """
     num_features = features.shape[1]
     for lane in range(LANES):
@@ -146,7 +137,7 @@ def _fill_inputs(positions, features, center, chosen, count, x):
 @njit(inline="always")
 @no_type_check
 def _exp_minus(value):
-    """Returns e ** -value, clamped to finite results."""
+    """Returns e ** -value, limited to finite results."""
     power = smaller(value * _LOG2E, spread(_MOST))
     return power_of_two(smaller(_ZERO - power, spread(_MOST)))
 
@@ -159,7 +150,7 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
     Args:
         logits: Outputs of the opacity network, sixteen anchors for each offset; overwritten.
         mask: Mask of the existing offsets of all anchors, (N, K).
-        gains: Factor on the opacity of each anchor's Gaussians, set by loss concealment, (N); empty for none.
+        gains: Factor on the opacity of each anchor's Gaussians, (N); empty for none.
         chosen: Indices of the anchors.
         count: Number of these anchors, at most sixteen.
         opacities: Output: opacities, (16, K); 0 for Gaussians that are not drawn.
@@ -187,9 +178,7 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
 @njit(inline="always")
 @no_type_check
 def _output(table, row, num_hidden, hidden):
-    """Evaluates the output layers for the shape and the colour of one Gaussian.
-
-    The shape takes the first half of the SIMD lanes, the colour the second half.
+    """Evaluates the output layers for the shape and the colour of one Gaussian, eight results each.
 
     Args:
         table: Biases and weights of both layers for all offsets.
@@ -216,8 +205,8 @@ def _write(n, k, at, anchors, gains, numbers, out):
         n: Index of the Gaussian's anchor.
         k: Index of the Gaussian's offset within the anchor.
         at: Row to write.
-        anchors: See the common arguments of the module.
-        gains: Factor on the size of each anchor's Gaussians, set by loss concealment; empty for none.
+        anchors: Arrays of all anchors.
+        gains: Factor on the size of each anchor's Gaussians; empty for none.
         numbers: The sixteen network outputs of the Gaussian, then their sigmoids.
         out: Output arrays: means, quaternions, scales, opacities (unchanged) and colours.
     """
@@ -238,21 +227,18 @@ def _write(n, k, at, anchors, gains, numbers, out):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers, other_layers, slopes):
-    """Generates the Gaussians of the visible anchors in a range, ordered by anchor.
-
-    Gaussians with opacity below 1/255 are omitted, because no renderer draws them.
+    """Generates the Gaussians of the visible anchors in a range, ordered by anchor; opacities are at least 1/255.
 
     Args:
         first: Index of the first anchor.
         last: End of the range of anchors (exclusive).
-        anchors: See the common arguments of the module.
-        hints: See the common arguments of the module.
-        camera: See the common arguments of the module.
+        anchors: Arrays of all anchors.
+        hints: Result of loss concealment; empty arrays if there is none.
+        camera: Pose and intrinsics.
         num_hidden: Number of hidden units of each network.
-        opacity_layers: Hidden layer and output layer of the opacity network, in the layout of `_layer`.
-        other_layers: Three arrays: hidden layer of the covariance network and hidden layer of the colour network, both
-            in the layout of `_layer`; and the output layers of both, combined for each offset
-            (`compiled_heads._by_offset`).
+        opacity_layers: Hidden layer and output layer of the opacity network, packed for the kernel.
+        other_layers: Hidden layers of the covariance and colour networks, and their combined output layers, packed for
+            the kernel.
         slopes: Factors on negative hidden units (leaky ReLU) of the opacity, covariance and colour networks.
 
     Returns:

@@ -64,7 +64,7 @@ class SceneReader:
         return shape[0]
 
     def tensor(self, name: str, shape: tuple[int, ...], dtype: type = np.float32) -> np.ndarray:
-        """Reads a tensor; shape and type are checked before it is allocated.
+        """Reads a tensor after checking its shape and type.
 
         Raises:
             BitstreamError: If the tensor is missing, has another shape or type, or contains values that are not finite.
@@ -81,7 +81,7 @@ class SceneReader:
         return value
 
     def network(self, name: str, num_inputs: int, num_outputs: int) -> Mlp:
-        """Reads a network of two affine layers; the file determines the width of the hidden layer.
+        """Reads a network of two affine layers.
 
         Raises:
             BitstreamError: If a tensor has a wrong shape, or the header lacks the slope of the leaky ReLU.
@@ -105,11 +105,10 @@ class SceneReader:
         )
 
     def voxel_size(self, positions: np.ndarray) -> float:
-        """Reads the voxel size, and checks that the positions are multiples of the voxel size.
+        """Reads the voxel size, and checks that the positions are multiples of it.
 
         Raises:
-            BitstreamError: If the voxel size is not a positive number, or a position is not a multiple of the voxel
-                size.
+            BitstreamError: If the voxel size is not a positive number, or a position is not a multiple of it.
         """
         try:
             value = float.fromhex(self.header["voxel_size"])
@@ -120,7 +119,7 @@ class SceneReader:
         return value
 
     def background(self) -> Background:
-        """Reads the background colour; returns black if the file contains no background.
+        """Reads the background colour; black if the file contains none.
 
         Raises:
             BitstreamError: If the value is not a colour.
@@ -142,7 +141,7 @@ class SceneReader:
 
 @contextmanager
 def open_scene_file(path: Path, file_format: str, version: int, kind: str | None) -> Iterator[SceneReader]:
-    """Opens a scene file and checks format, version and kind (complete or lossy; None for any) in the header.
+    """Opens a scene file, and checks format, version and kind (complete or lossy; None for any) in its header.
 
     Raises:
         UnsupportedVersionError: If the file has a version that this release does not support.

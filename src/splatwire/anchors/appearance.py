@@ -1,6 +1,6 @@
 """Functions that return the Gaussians of a scene in a view, and other properties, for all types of scenes.
 
-Each scene type registers its functions here (`functools.singledispatch`); other packages may register scene types.
+Other packages may register scene types (`functools.singledispatch`).
 """
 
 from dataclasses import replace
@@ -34,8 +34,7 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
         value: A scene; the result of a decoder without losses; or explicit Gaussians, which get a black background.
 
     Raises:
-        InvalidValueError: If the value has another type, or elements were lost; the message explains how to get a
-            scene.
+        InvalidValueError: If the value has another type, or elements were lost.
     """
     if isinstance(value, ReceivedScene):
         if value.loss_mask.num_lost:
@@ -52,7 +51,7 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
 
 
 def _conversion_hint(value: object) -> str:
-    """Returns a hint for an error message, in brackets, on how to convert a value to a scene."""
+    """Returns a hint, in brackets, on how to convert a value to a scene, for an error message."""
     if isinstance(value, SceneStream):
         return "(`decode_stream` decodes a stream)"
     if isinstance(value, Gaussians):
@@ -62,10 +61,9 @@ def _conversion_hint(value: object) -> str:
 
 @singledispatch
 def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
-    """Returns the Gaussians that camera `view` draws; not differentiable.
+    """Returns the Gaussians that camera `view` draws, relative to the scene's origin; not differentiable.
 
-    If losses were concealed, the concealer's factors on size and opacity (`scene.hints`) are applied. Positions are
-    relative to the scene's origin. The call `cameras.relative_to(origin_of(scene))` gives cameras in these coordinates.
+    The cameras must be relative to that origin, too: `cameras.relative_to(origin_of(scene))`.
 
     Raises:
         InvalidValueError: If `scene` is not a scene.
@@ -88,8 +86,7 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
     """Returns the Gaussians of a scene seen by camera `view`, and the index of the element that generated each.
 
-    The factors on size and opacity that a loss concealer has set (`scene.hints`) are not applied. Scene types that
-    register no function here must have one Gaussian per element.
+    Results of loss concealment (`scene.hints`) are not applied.
     """
     own = np.arange(scene.num_elements)
     return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, np.zeros_like(own))
@@ -110,7 +107,7 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
 
 @singledispatch
 def antialiased(scene: Scene) -> bool:
-    """True if the opacity of small Gaussians must be reduced when they are widened to a pixel (Mip-Splatting)."""
+    """True if training reduced the opacity of Gaussians that are widened to a pixel (Mip-Splatting)."""
     return False
 
 
@@ -148,10 +145,7 @@ def _(scene: AnchorScene) -> SceneMetadata:
 
 @singledispatch
 def explicit_gaussians(scene: Scene) -> Splats | None:
-    """Returns the Gaussians that every view of a scene draws; None if the Gaussians depend on the view.
-
-    The factors on size and opacity that a loss concealer has set (`scene.hints`) are applied.
-    """
+    """Returns the Gaussians that every view of a scene draws; None if the Gaussians depend on the view."""
     return None
 
 

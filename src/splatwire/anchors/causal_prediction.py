@@ -1,6 +1,6 @@
 """Predicts the distributions of anchor attributes for entropy coding: context model of the codec schema `causal`.
 
-The predictions are in floating point, from numpy arrays or torch tensors.
+For numpy arrays and torch tensors.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,8 +21,8 @@ class CausalPrediction:
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Logits that each offset exists.
-        form: Means and log2 of standard deviations of the four logarithms of an anchor's sizes: scale of its offsets,
-            then base size of its Gaussians along three axes.
+        form: Means and log2 of standard deviations of four logarithms: scale of the anchor's offsets, and base size of
+            its Gaussians along three axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 
@@ -37,10 +37,7 @@ class CausalPrediction:
 def position_inputs(
     coordinates: Float[Any, "M 3"], join: Callable[[list[Any], int], Any] = np.concatenate
 ) -> Float[Any, "M P"]:
-    """Computes the inputs of the position network: bounded coordinates, and a positional encoding of them.
-
-    A coordinate x is mapped to x / (1 + |x|), between -1 and 1. The encoding consists of triangle waves of these
-    values.
+    """Computes the inputs of the position network: coordinates mapped to (-1, 1), and a positional encoding of them.
 
     Args:
         coordinates: Positions relative to the centre of the scene, divided by the extent of the scene.
@@ -65,8 +62,7 @@ def predict_causal(
 ) -> CausalPrediction:
     """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
 
-    The first network reads an anchor's position. Each further network also reads the attributes that were predicted
-    before. The result is differentiable if the networks and `join` work on torch tensors.
+    Differentiable if the networks and `join` work on torch tensors.
 
     Args:
         networks: The networks by name.
@@ -75,9 +71,8 @@ def predict_causal(
         feature: Features in units of their quantisation steps.
         form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
             steps.
-        quantised: Function that rounds attributes as a decoder reconstructs them, for the inputs of the further
-            networks. Called with the name of a network, the means that it predicts, and the attributes. None to use
-            `feature` and `form` unchanged.
+        quantised: Function that rounds attributes as a decoder reconstructs them, given the name of a network, the
+            means that it predicts, and the attributes. None to use `feature` and `form` unchanged.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)

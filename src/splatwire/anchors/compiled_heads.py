@@ -34,20 +34,15 @@ class SpawnedGaussians:
 
 
 def drawn_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
-    """Generates the Gaussians seen by camera `view`, without anchor indices; see `drawn_with_anchors`."""
+    """Generates the Gaussians seen by camera `view`."""
     return drawn_with_anchors(scene, cameras, view).gaussians
 
 
 def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Generates the Gaussians seen by camera `view` and the indices of the anchors that they belong to, in float32.
-
-    The networks of the scene predict opacity, shape and colour of each Gaussian from viewing direction and distance.
-    The factors on size and opacity that a loss concealer has set (`scene.hints`) are applied. The kernel is compiled on
-    first use.
+    """Generates the Gaussians seen by camera `view` and the indices of the anchors that they belong to.
 
     Returns:
-        The Gaussians of all visible anchors with opacity of at least 1/255, ordered by anchor. The result does not
-        depend on the number of threads.
+        The Gaussians with opacity of at least 1/255, ordered by anchor.
     """
     from splatwire.anchors import _heads_kernels
 
@@ -63,7 +58,7 @@ def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> Spawn
 
 
 def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object, ...]:
-    """Returns the arguments of the kernel `spawn_block` that are equal for all ranges of anchors."""
+    """Returns the arguments of the compiled kernel that are equal for all ranges of anchors."""
     anchors, hints, nothing = to_arrays(scene.anchors), to_arrays(scene.hints), np.empty(0, np.float32)
     fields = (anchors.positions, anchors.features, anchors.scalings, anchors.offsets, anchors.mask)
     gains: tuple[np.ndarray, ...] = (np.empty(0, np.bool_), nothing, nothing)
@@ -101,10 +96,10 @@ def _packed(heads: GaussianHeads, num_inputs: int, num_offsets: int) -> tuple[ob
 
 
 def _widened(network: Mlp, width: int, num_inputs: int, num_outputs: int) -> Mlp:
-    """Pads the hidden layer of a network with zeros to `width`, which is equal for all networks in the kernel.
+    """Pads the hidden layer of a network with zeros to `width`.
 
     Raises:
-        ValueError: If the number of inputs or outputs is wrong, which the kernel does not check.
+        ValueError: If the number of inputs or outputs is wrong.
     """
     spare, hidden, output = width - network.hidden.bias.shape[0], network.hidden, network.output
     if (hidden.weight.shape[1], output.bias.shape[0]) != (num_inputs, num_outputs):
@@ -114,7 +109,7 @@ def _widened(network: Mlp, width: int, num_inputs: int, num_outputs: int) -> Mlp
 
 
 def _packed_layer(layer: Linear) -> np.ndarray:
-    """Returns biases and weights of a layer in the layout of the kernel: six outputs at a time, zero-padded."""
+    """Returns biases and weights of a layer in the layout of the kernel: six outputs at a time."""
     from splatwire.anchors._heads_kernels import ROWS
 
     table = np.concatenate([layer.bias[None], layer.weight.T])
@@ -123,11 +118,7 @@ def _packed_layer(layer: Linear) -> np.ndarray:
 
 
 def _by_offset(shape: Mlp, color: Mlp) -> np.ndarray:
-    """Combines the output layers for shape and for colour in the order in which the compiled kernel reads them.
-
-    Each offset has a row of biases, then a row of weights for each hidden unit. In each row, the outputs of `shape`
-    precede those of `color`.
-    """
+    """Combines the output layers for shape and for colour, offset by offset, in the memory layout of the kernel."""
     from splatwire.anchors._heads_kernels import COLOR, LANES
 
     num_offsets, num_hidden = color.output.bias.shape[0] // 3, color.hidden.bias.shape[0]

@@ -18,9 +18,8 @@ _LEAST_NORM = 1e-12
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[np.ndarray, "N"]:
     """Returns the mask of the anchors that camera `view` may see (HAC++ pre-filter).
 
-    An anchor is projected as an axis-aligned Gaussian whose standard deviations are the anchor's first three scalings.
-    It is visible if its depth exceeds 0.2 and a square around its centre overlaps a tile of the image. Half the side of
-    the square is three standard deviations.
+    An anchor may be visible if its depth exceeds 0.2 and its extent, three times its first three scalings, reaches the
+    image.
     """
     projected = project(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)
@@ -36,12 +35,12 @@ def head_inputs(
 
 
 def sigmoid(values: np.ndarray) -> np.ndarray:
-    """Returns the logistic function of the values, in their dtype and without overflow."""
+    """Returns the logistic function of the values, in their dtype."""
     return 0.5 * (1 + np.tanh(0.5 * values))
 
 
 def unit_quaternions(raw: Float[np.ndarray, "G 4"]) -> tuple[Float[np.ndarray, "G 4"], Float[np.ndarray, "G 1"]]:
-    """Normalises quaternions; returns them and their original lengths, at least 1e-12."""
+    """Normalises quaternions; returns them and their original lengths."""
     norm = np.maximum(np.linalg.norm(raw, axis=1, keepdims=True), raw.dtype.type(_LEAST_NORM))
     return raw / norm, norm
 
@@ -65,8 +64,6 @@ class AnchorGradients:
 
 class Spawning:
     """Gaussians of some anchors in one view, computed in numpy, through which gradients can be back-propagated.
-
-    `splatwire.anchors.compiled_heads` generates the same Gaussians faster, without gradients.
 
     Args:
         anchors: The anchors, none of which may be at the camera centre.
@@ -106,8 +103,7 @@ class Spawning:
         """Back-propagates gradients to the anchors.
 
         Args:
-            upstream: Gradients of the loss with respect to means, quats, scales, opacities and colors of the Gaussians,
-                one row per Gaussian.
+            upstream: Gradients of the loss with respect to means, quats, scales, opacities and colors of the Gaussians.
         """
         means, quats, scales, opacities, colors = upstream
         anchors, drawn, row, offset = self._anchors, self.gaussians, self.anchor_index, self.offset_index
@@ -131,7 +127,7 @@ class Spawning:
 
 
 class _Pass:
-    """Forward pass of a network for a batch of inputs; keeps the values that back-propagation needs."""
+    """Forward pass of a network for a batch of inputs, with the values that back-propagation needs."""
 
     def __init__(self, network: Mlp, inputs: Float[np.ndarray, "N in"]) -> None:
         self._network = network

@@ -30,7 +30,7 @@ class Projected:
         means2d: Centres in pixels, (0, 0) is the centre of the top-left pixel.
         covs2d: Entries xx, xy, yy of the dilated covariance, square pixels.
         depths: Distance along the viewing axis.
-        radii: Three standard deviations along the longest axis, rounded up to whole pixels; 0 if too near.
+        radii: Three standard deviations along the longest axis, whole pixels; 0 for Gaussians too near to the camera.
     """
 
     means2d: Float[np.ndarray, "N 2"]
@@ -49,9 +49,7 @@ class Projected:
         return np.concatenate([np.clip(low, 0, grid), np.clip(high, 0, grid)], axis=1)
 
     def touches_image(self, width: int, height: int) -> Bool[np.ndarray, "N"]:
-        """Returns the mask of Gaussians that the image may show: not too near, and overlapping a tile of the image.
-
-        The visibility test is that of HAC++ when it decodes a single view.
+        """Returns the mask of Gaussians that the image may show, as in HAC++: not too near, and overlapping a tile.
 
         Args:
             width: Width of the image, pixels.
@@ -68,7 +66,7 @@ def project(
     cameras: Cameras,
     view: int,
 ) -> Projected:
-    """Projects Gaussians; `splatwire.neural.model.tensor_projection` is the differentiable version.
+    """Projects Gaussians to the image of a camera.
 
     Args:
         means: World coordinates.
@@ -78,9 +76,8 @@ def project(
         view: Index of the camera.
 
     Returns:
-        The Gaussians on the image. The covariance is J W S W^T J^T + 0.3 I, with the world covariance S and the
-        rotation W of the camera. The Jacobian J of the projection is evaluated at the centre, clamped to 1.3 times the
-        half field of view (HAC++, decoding of a view).
+        The Gaussians on the image. The covariance is J W S W^T J^T + 0.3 I, with the world covariance S, the rotation W
+        of the camera and the Jacobian J of the projection at the centre (HAC++, decoding of a view).
     """
     pose, K = (to_numpy(values[view]).astype(means.dtype) for values in (cameras.viewmats, cameras.Ks))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
@@ -107,12 +104,9 @@ def project(
 
 
 def _radii(covs2d: Float[np.ndarray, "N 3"], near: Bool[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
-    """Returns the radius of each Gaussian: three standard deviations of its longest axis, rounded up to whole pixels.
-
-    The radius is 0 if the Gaussian is too near. The longest axis follows from the eigenvalues of the covariance. As in
-    3DGS, the term under the square root of their formula is at least 0.1.
-    """
+    """Returns the radius of each Gaussian: three standard deviations of its longest axis, in whole pixels."""
     xx, xy, yy = covs2d.T
     middle = (xx + yy) / 2
+    # larger eigenvalue of the covariance; the root of at least 0.1 is that of 3DGS
     longest = middle + np.sqrt(np.maximum(middle * middle - (xx * yy - xy * xy), 0.1))
     return np.where(near, covs2d.dtype.type(0), np.ceil(3 * np.sqrt(longest)))

@@ -1,8 +1,7 @@
 """Files of anchor scenes: one safetensors file per scene, validated strictly and written atomically.
 
-The only metadata entry, `splatwire`, is a JSON object: format, version, kind, voxel size as an exact hexadecimal float,
-configuration, slopes of the leaky ReLUs, and the background unless it is black. The signs of the hash grid are packed
-into bits.
+The only metadata entry, `splatwire`, is a JSON object: format, version, kind, voxel size as a hexadecimal float,
+configuration, slopes of the leaky ReLUs, and background. The signs of the hash grid are packed into bits.
 """
 
 from pathlib import Path
@@ -34,10 +33,9 @@ def save_scene(scene: Scene, path: Path, *, loss_mask: LossMask | None = None) -
     """Writes a scene file atomically; equal scenes give equal bytes.
 
     Args:
-        scene: The scene; the factors on size and opacity that a loss concealer has set are stored, too.
+        scene: The scene, with results of loss concealment.
         path: Path of the file; its folder must exist.
-        loss_mask: Mask of the attributes that were received, as opposed to estimated by concealment; stored for
-            information only. None if the scene was never transmitted.
+        loss_mask: Mask of the received attributes, for information; None if the scene was never transmitted.
 
     Raises:
         InvalidValueError: If `scene` is not a scene of anchors.
@@ -52,7 +50,7 @@ def save_scene(scene: Scene, path: Path, *, loss_mask: LossMask | None = None) -
 
 
 def load_scene(path: Path) -> AnchorScene:
-    """Reads the file of a complete scene; all values are bit-exact.
+    """Reads the file of a complete scene.
 
     Args:
         path: The file.
@@ -62,8 +60,7 @@ def load_scene(path: Path) -> AnchorScene:
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.
-        BitstreamError: If the file is absent, is not a scene file or contains a scene with losses. Also if a tensor is
-            missing, has a wrong shape or type, or is not finite.
+        BitstreamError: If the file is absent, damaged, not a scene file or contains a scene with losses.
     """
     scene, loss_mask = load_scene_file(path)
     if isinstance(scene, AnchorScene):
@@ -99,10 +96,7 @@ def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene
 
 
 def save_partial(partial: ReceivedScene[AnchorScene], path: Path) -> None:
-    """Writes a received scene with losses.
-
-    The file also contains the loss mask, the predicted distributions of all attributes (prior), and the side
-    information for loss concealment.
+    """Writes a received scene with losses, its loss mask, and the side information for loss concealment.
 
     Raises:
         OSError: If the file cannot be written.
@@ -128,7 +122,7 @@ def save_partial(partial: ReceivedScene[AnchorScene], path: Path) -> None:
 
 
 def load_partial(path: Path) -> ReceivedScene[AnchorScene]:
-    """Reads a received scene with losses, written by `save_partial`; all values are bit-exact.
+    """Reads a received scene with losses, written by `save_partial`.
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.

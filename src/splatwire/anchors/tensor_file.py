@@ -20,11 +20,9 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
     """Writes tensors with a JSON header; atomically replaces an existing file.
 
     Args:
-        tensors: Arrays by name: numpy arrays, or torch tensors on any device; arrays may share memory.
-        header: JSON-serialisable header. The header is the only metadata entry of the file, because safetensors does
-            not keep the order of several entries.
-        path: Path of the file. The file gets default permissions; safetensors itself would make the file private to its
-            owner.
+        tensors: Arrays by name: numpy arrays, or torch tensors on any device.
+        header: JSON-serialisable header.
+        path: Path of the file.
 
     Raises:
         OSError: If the file cannot be written.
@@ -32,8 +30,10 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
     plain = {name: np.ascontiguousarray(to_numpy(value)) for name, value in tensors.items()}
     with atomic_output(path) as unfinished:
         unfinished.touch()
+        # default permissions; safetensors would make the file private to its owner
         permissions = unfinished.stat().st_mode & 0o777
         try:
+            # one metadata entry only, because safetensors does not keep the order of several
             save_file(plain, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
         except SafetensorError as error:
             raise OSError(f"{path}: cannot be written: {error}") from error
@@ -41,7 +41,7 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
 
 
 def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Reads the output of `write_tensors`.
+    """Reads a file written by `write_tensors`.
 
     Args:
         path: The file.
@@ -69,7 +69,7 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndar
 
 
 def parse_header(text: str | None) -> dict[str, Any]:
-    """Parses the JSON header; returns an empty dictionary if the header is invalid."""
+    """Parses the JSON header; empty if it is invalid."""
     try:
         header = json.loads(text or "null")
     except (ValueError, RecursionError):
@@ -78,10 +78,9 @@ def parse_header(text: str | None) -> dict[str, Any]:
 
 
 def tensor_bytes(path: Path) -> dict[str, int]:
-    """Returns the number of bytes that each group of tensors takes in a valid scene file.
+    """Returns the number of bytes that each group of tensors takes in a scene file.
 
-    The key of a group is the part of its tensors' names before the first dot. The key `header` has the other bytes of
-    the file.
+    The name of a group is the part of its tensors' names before the first dot, or `header` for all other bytes.
     """
     parts: dict[str, int] = {}
     with open_regular(path, BitstreamError) as file:

@@ -14,15 +14,14 @@ MAX_VOXEL_INDEX = (1 << 21) - 1
 
 
 def voxel_indices(positions: Float[Any, "N 3"], voxel_size: float) -> Int64[np.ndarray, "N 3"]:
-    """Returns `positions` as integer multiples of the voxel size; the inverse of `voxel_positions`.
+    """Returns positions as integer multiples of the voxel size.
 
     Args:
         positions: World coordinates.
         voxel_size: World units per voxel.
 
     Raises:
-        InvalidValueError: If the voxel size is not positive and finite, or a position is not an integer multiple of the
-            voxel size within float32 precision.
+        InvalidValueError: If the voxel size is not positive and finite, or a position is not a multiple of it.
     """
     check_voxel_size(voxel_size)
     with np.errstate(over="ignore"):  # checked in the next line
@@ -45,7 +44,7 @@ def voxel_indices(positions: Float[Any, "N 3"], voxel_size: float) -> Int64[np.n
 
 
 def voxel_positions(indices: Int64[Any, "N 3"], voxel_size: float) -> Float[np.ndarray, "N 3"]:
-    """Returns the world coordinates of voxels, computed in float64 and rounded to float32; equal on every machine."""
+    """Returns the world coordinates of voxels, equal on every machine."""
     return (to_numpy(indices).astype(np.float64) * voxel_size).astype(np.float32)
 
 

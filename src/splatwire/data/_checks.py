@@ -28,9 +28,7 @@ def make_cameras(
 ) -> Cameras:
     """Builds cameras after checking that they are finite, rigid and have positive focal lengths.
 
-    Logs a warning if principal points are so far from the centre that the intrinsics may be those of another size.
-
-    Cameras far from 0 are stored relative to an origin, because float32 is too coarse for map coordinates.
+    Cameras far from 0 are stored relative to an origin.
 
     Args:
         source: Source file, for messages.
@@ -113,7 +111,7 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def view_names(paths: Sequence[str]) -> tuple[str, ...]:
-    """Returns a name for each view: the stem of its photo's file name, with the folder if needed for uniqueness."""
+    """Returns a name for each view: the stem of its photo's file name, with the folder if stems are equal."""
     pure = [PurePosixPath(path) for path in paths]
     if len({path.stem for path in pure}) == len(pure):
         return tuple(path.stem for path in pure)
@@ -156,9 +154,7 @@ def is_file(path: Path, source: Path) -> bool:
 
 
 def check_distinct(source: Path, names: Sequence[str], photos: Sequence[Path | None]) -> None:
-    """Checks that no photo is listed for two views, because these could be in different splits.
-
-    Photos are identified by file, independent of names, links and letter case.
+    """Checks that no photo is listed for two views, which could be in different splits.
 
     Args:
         source: File with the list of views, for messages.
@@ -182,7 +178,7 @@ def check_distinct(source: Path, names: Sequence[str], photos: Sequence[Path | N
 
 
 def child(root: Path, name: str, source: Path) -> Path:
-    """Returns the path of a file below a folder; an absolute name must also be below the folder.
+    """Returns the path of a file in a folder or below it.
 
     Args:
         root: The folder.

@@ -17,7 +17,7 @@ _LEAST_CAMERA_BYTES = 24 + 8 * min(count for _, count in MODELS)
 
 
 class _Cursor:
-    """Sequential reader of the records of a binary file; skipped bytes are not loaded."""
+    """Sequential reader of the records of a binary file."""
 
     def __init__(self, path: Path, file: io.BufferedIOBase) -> None:
         self.path = path

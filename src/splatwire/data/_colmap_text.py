@@ -42,9 +42,7 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _warn_of_missing_entries(path: Path, count: int) -> None:
-    """Logs a warning if the number of entries in a file differs from that in its header.
-
-    This is a sign that the file was truncated.
+    """Logs a warning if the number of entries in a file differs from that in its header, as in a truncated file.
 
     Args:
         path: The file.
@@ -84,8 +82,6 @@ def read_cameras(path: Path) -> list[RawCamera]:
 def read_images(path: Path) -> list[RawImage]:
     """Reads `images.txt`; the lines of 2D points are skipped.
 
-    COLMAP writes a line of 2D points after each image, empty if there are none. Other programs omit that line.
-
     Raises:
         DatasetError: If a line is neither an image nor the 2D points of the image above it.
     """
@@ -118,15 +114,12 @@ def _is_points(line: str) -> bool:
 
 
 def _has_pose(line: str) -> bool:
-    """Returns True if a line of `images.txt` that consists of numbers describes an image; False for 2D points.
-
-    The line of an image ends with its file name, which may also consist of numbers, such as `12 34 56`. The second to
-    fifth number of an image are its rotation, a quaternion of length 1. In a line of 2D points, these are coordinates
-    and an id, which practically never form a vector of length 1.
-    """
+    """True if a line of `images.txt` that consists of numbers describes an image; False for a line of 2D points."""
     words = line.split(maxsplit=9)
     if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():
         return False
+    # An image has a quaternion here, of length 1; points have coordinates and an id. The file name at the end of an image
+    # may also consist of numbers, such as `12 34 56`.
     return abs(math.hypot(*map(float, words[1:5])) - 1) < _UNIT_TOLERANCE
 
 

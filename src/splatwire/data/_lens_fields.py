@@ -1,8 +1,4 @@
-"""Detection of fields in camera files that describe an unsupported lens or projection.
-
-If fisheye photos or panoramas were read as pinhole photos, the trained scene would be wrong. There is no standard for
-the names of such fields, so they are found by patterns.
-"""
+"""Detection of fields in camera files that describe an unsupported lens or projection, by patterns of their names."""
 
 import math
 import re
@@ -52,7 +48,7 @@ _AXES = re.compile(
 
 
 def states_axes(name: str, value: object) -> bool:
-    """Returns True if a field is a text that probably states the axes or the direction of poses."""
+    """True if a field is a text that probably states the axes or the direction of poses."""
     if not isinstance(value, str) or not _CONVENTION.fullmatch(name):
         return False
     return name.lower() not in _BARE or _AXES.search(value) is not None
@@ -60,9 +56,6 @@ def states_axes(name: str, value: object) -> bool:
 
 def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float], size: tuple[int, int]) -> str | None:
     """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.
-
-    Angles above pi are in degrees. An angle without an axis may be horizontal, vertical or diagonal. `camera_angle_y`
-    may also refer to Blender's sensor, as written by BlenderNeRF (`is_sensor_angle`).
 
     Args:
         values: Fields of the camera.
@@ -80,6 +73,7 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
         if key == "camera_angle_y" and _is_square_pinhole(values, focals):
             continue
         angle = value if abs(value) < math.pi else math.radians(value)
+        # an angle without an axis may be horizontal, vertical or diagonal
         axis = "".join(letter for letter in named.groups() if letter).lower() or "xyd"
         allowed = [ratios[letter] for letter in axis]
         if key == "camera_angle_y" and is_sensor_angle(values):
@@ -95,23 +89,19 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """Returns True if a camera's angle of view along y can be ignored, because other fields determine its lens.
-
-    These are two equal focal lengths and the angle along x. BlenderNeRF writes them with an angle along y that is
-    wrong, because it is computed for a sensor of another shape.
+    """True if a camera's angle of view along y can be ignored, because other fields determine its lens.
 
     Args:
         values: Fields of the camera.
         focals: Focal lengths along x and y, pixels.
     """
+    # BlenderNeRF writes these with an angle along y that is computed for a sensor of another shape
     stated = {"fl_x", "fl_y", "camera_angle_x"} <= values.keys()
     return stated and math.isclose(*focals, rel_tol=_SAME_ANGLE)
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
-    """Returns True if the vertical angle of view probably refers to Blender's sensor instead of the picture.
-
-    The two angles of view then have the ratio of the sensor's sides.
+    """True if the vertical angle of view probably refers to Blender's sensor instead of the picture.
 
     Args:
         values: Fields of the camera; angles in radians.
@@ -128,16 +118,13 @@ def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()
 
     Args:
         values: Fields of a camera or of a whole camera file; may contain objects with further fields.
-        known: Names of fields that are skipped, because the reader applies them or checks them itself.
+        known: Names of fields that are skipped.
     """
     return [name for name, value in values.items() if name not in known and _contains_lens(name, value)]
 
 
 def _contains_lens(name: str, value: object) -> bool:
-    """Returns True if a JSON field, or a field of an object in it, probably describes a lens other than a pinhole.
-
-    An example is the field `type` of an object `lens`.
-    """
+    """True if a JSON field, or a field of an object in it, probably describes a lens other than a pinhole."""
     objects = [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, dict)]
     inner = [(word, part) for fields in objects for word, part in fields.items()]
     return _states_lens(name, value) or any(
@@ -154,7 +141,7 @@ def _states_lens(name: str, value: object) -> bool:
 
 
 def _has_numbers(value: object) -> bool:
-    """Returns True for a number other than 0, and for a list, list of lists or object that contains one."""
+    """True for a number other than 0, and for a list or an object that contains one."""
     if isinstance(value, dict):
         value = list(value.values())
     parts = value if isinstance(value, list) else [value]

@@ -20,13 +20,12 @@ _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
     """Reads the views of a `poses_enu.json`; poses are in the order of the sorted photo names.
 
-    Each pose is a row of 17 numbers: a row-major 3 x 5 matrix (camera-to-world rotation with OpenGL axes, position, and
-    height, width and focal length in pixels), then two unused distances.
+    Each pose has 17 numbers: a row-major 3 x 5 matrix (camera-to-world rotation with OpenGL axes, position, and height,
+    width and focal length in pixels), then two unused distances.
 
     Args:
         path: Path of the file; photos are in `images` next to it.
-        images: Image folder to use instead of `images` (e.g. `images_2`); the focal length is scaled to the size of its
-            images.
+        images: Image folder to use instead of `images` (e.g. `images_2`); the focal length is scaled accordingly.
 
     Raises:
         DatasetError: If the file is damaged, a pose is not rigid, or the numbers of poses and photos differ.

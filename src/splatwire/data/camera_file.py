@@ -38,9 +38,7 @@ _CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of t
 
 @checked_except("cameras")
 def save_cameras(cameras: Cameras, path: str | os.PathLike[str]) -> None:
-    """Writes cameras atomically; `load_cameras` returns the same float32 values.
-
-    Matrices in the file are in world coordinates, float64.
+    """Writes cameras to a file atomically, without loss of precision.
 
     Raises:
         InvalidValueError: If `cameras` or `path` has a wrong type, or the folder does not exist.
@@ -68,13 +66,10 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
     """Reads a cameras file of this package, of an official HAC++ result, or of a 3DGS model folder (`cameras.json`).
 
     Args:
-        path: Path of the file. HAC++ files have `w2c`, `K`, `width` and `height` in every camera. 3DGS files are a list
-            of cameras with `img_name`, `width`, `height`, `fx`, `fy` (pixels), `position` and `rotation` (camera to
-            world, OpenCV axes); their principal point is `cx`, `cy`, or else the image centre.
+        path: Path of the file.
 
     Raises:
-        DatasetError: If the file is missing, in none of these formats or of a newer version, or a camera is not rigid
-            and finite.
+        DatasetError: If the file is missing, damaged or in none of these formats, or a camera is not rigid and finite.
     """
     path = path_of(path, "a cameras file")
     content = read_json(path, DatasetError)
@@ -92,6 +87,7 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
         raise DatasetError(f"{path}: a camera has no name")
     names = [view["name"] for view in views]
     _warn_of_lenses(path, views)
+    # files of HAC++ have `w2c`, `K`, `width` and `height` in every camera
     pose_key = "viewmat" if own else "w2c"
     viewmats = np.stack([matrix(path, view["name"], view.get(pose_key), (4, 4)) for view in views])
     intrinsics = np.stack([matrix(path, view["name"], view.get("K"), (3, 3)) for view in views])
@@ -173,10 +169,7 @@ def _check_statements(
 
 
 def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
-    """Logs a warning about fields that name other axes than those of OpenCV, or another direction of the poses.
-
-    `holders` are the JSON objects whose fields are examined.
-    """
+    """Logs a warning about fields that name other axes than those of OpenCV, or another direction of the poses."""
     stated = [(key, value) for holder in holders for key, value in holder.items() if states_axes(key, value)]
     for key, value in dict.fromkeys(stated):
         if value != _CONVENTION and not _OPENCV.search(value):
@@ -184,7 +177,7 @@ def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
 
 
 def _warn_of_lenses(path: Path, views: list[dict[str, Any]]) -> None:
-    """Logs a warning about camera fields that describe a lens: they are ignored, and a pinhole camera is assumed."""
+    """Logs a warning about camera fields that describe a lens, which are ignored."""
     if fields := sorted({name for view in views for name in unread_lens_fields(view)}):
         names = ", ".join(fields)[:120]
         LOG.warning("%s: fields about a lens are left out: %s; pictures are those of pinhole cameras", path, names)
@@ -198,10 +191,7 @@ def _name_in_3dgs(path: Path, number: int, view: dict[str, Any]) -> str:
 
 
 def _as_integer(value: object) -> object:
-    """Converts a float without fraction to an integer; returns other values unchanged.
-
-    Some programs write image sizes as floats.
-    """
+    """Converts a float without fraction to an integer; returns other values unchanged."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 

@@ -71,10 +71,7 @@ class ColmapView:
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """Returns the folder below `root` that contains a COLMAP reconstruction, or None.
-
-    Of numbered reconstructions, the one with the lowest number is chosen.
-    """
+    """Returns the folder below `root` that contains a COLMAP reconstruction, or None."""
     for name in ("sparse/0", "sparse", "colmap/sparse/0"):
         if _has(root / name, "images"):
             return root / name
@@ -91,10 +88,7 @@ def _numbered_folders(folder: Path) -> list[Path]:
 
 
 def warn_of_other_reconstructions(folder: Path) -> None:
-    """Logs other numbered reconstructions next to a numbered one, whose photos are not used.
-
-    COLMAP writes several reconstructions (`0`, `1`, …) if it cannot connect all photos.
-    """
+    """Logs a warning about further reconstructions, which COLMAP writes if it cannot connect all photos."""
     if not folder.name.isdecimal():
         return
     found = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
@@ -110,8 +104,6 @@ def _has(folder: Path, what: str) -> bool:
 
 def read_views(folder: Path) -> list[ColmapView]:
     """Reads cameras and images of a reconstruction (`.bin` preferred to `.txt`), sorted by image name.
-
-    Logs a warning if there are both, and they disagree.
 
     Args:
         folder: Folder of the reconstruction, usually `sparse/0`.
@@ -142,7 +134,7 @@ def _warn_of_other_text(folder: Path, views: list[ColmapView]) -> None:
 
 
 def _are_alike(one: ColmapView, other: ColmapView) -> bool:
-    """Returns True if two views have the same size and lens, and about the same intrinsics and pose."""
+    """True if two views have the same size and lens, and about the same intrinsics and pose."""
     if type(one.lens) is not type(other.lens) or (one.width, one.height) != (other.width, other.height):
         return False
     first, second = (np.array([*v.K.flat, *v.viewmat.flat, *vars(v.lens).values()], np.float64) for v in (one, other))

@@ -12,8 +12,6 @@ _PIECE = 1 << 20
 def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | None], is_test: Sequence[bool]) -> None:
     """Logs a warning if test photos have the same bytes as training photos, which makes test scores too high.
 
-    Only photos of equal file size are read.
-
     Args:
         source: File or folder with the list of views, for messages.
         names: Name of each view.

@@ -46,9 +46,8 @@ class Dataset(CheckedFields):
         points: Sparse points of the reconstruction, if there are any.
         background: RGB visible where a photo's alpha is below 1.
         mask_paths: Mask file of each view, or None for a view without mask; empty if no view has a mask.
-        undistortions: Undistortion of each view, or None for pinhole views; empty if no lens has distortion.
-        upright: True if photos are rotated by their EXIF orientation, because the cameras are those of the rotated
-            photos.
+        undistortions: Undistortion of each view, or None for pinhole views; empty if there are no other views.
+        upright: True if photos must be rotated by their EXIF orientation to fit the cameras.
     """
 
     cameras: Cameras
@@ -113,25 +112,19 @@ def open_dataset(
 ) -> Dataset:
     """Opens a folder of posed photos; photos are loaded on demand.
 
-    Four layouts are supported (`dataset_layout`). COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as
-    in Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`; if a COLMAP
-    reconstruction exists too, it provides the cameras. Blender: `transforms_train.json` and `transforms_test.json`, one
-    per split. nerfstudio: one `transforms.json` with optional `mask_path` per frame, points (`ply_file_path`) and
-    splits (`train_filenames`, `val_filenames`, `test_filenames`).
+    Four layouts are supported. COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in Mip-NeRF 360,
+    Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`. Blender: `transforms_train.json` and
+    `transforms_test.json`. nerfstudio: one `transforms.json`, optionally with masks, points and splits.
 
-    A COLMAP text model may also be in the folder itself. A list of views without splits is sorted by name before it is
-    split. Lens distortion (`splatwire.data.lens`, `fisheye`) is removed. Photos are rotated by their EXIF orientation
-    if the shape of their cameras requires it.
+    Lens distortion is removed, and photos are rotated by their EXIF orientation if their cameras require it.
 
     Args:
         path: The folder.
         split: Split to read, one of `SPLITS`.
-        images: Image folder to use instead of `images` (e.g. `images_4`); intrinsics are scaled to the size of its
-            images.
+        images: Image folder to use instead of `images` (e.g. `images_4`); intrinsics are scaled accordingly.
         max_width: Wider photos are reduced to this width, as in the training of HAC++; None for no limit.
-        test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31 (as for BungeeNeRF). None
-            chooses by layout: a folder with `poses_enu.json` is BungeeNeRF, and a `transforms.json` that lists splits
-            uses these.
+        test_views: Choice of test views, one of `TEST_VIEWS`: every eighth, or the first 31. None for the usual choice
+            of the layout.
         background: RGB visible where a photo's alpha is below 1.
 
     Raises:
@@ -175,10 +168,7 @@ def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | Non
 
 @checked
 def dataset_layout(path: Path) -> str | None:
-    """Returns the layout of a folder, one of `LAYOUTS`, or None.
-
-    A file `poses_enu.json` means BungeeNeRF.
-    """
+    """Returns the layout of a folder, one of `LAYOUTS`, or None."""
     if (path / bungee.FILE).is_file():
         return "bungeenerf"
     if find_reconstruction(path) is not None:
@@ -226,7 +216,7 @@ def _transforms_views(
         path: Folder of the dataset.
         split: `train`, `test` or `all`.
         images: Image folder to use instead of `images`, or None.
-        test_views: Rule that selects the test views; None for the default of the layout.
+        test_views: Rule that selects the test views; None for the usual one of the layout.
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
@@ -274,10 +264,7 @@ def _dataset_nearby(path: Path) -> str:
 
 
 def _has_photos(folder: Path) -> bool:
-    """True for a dataset with photos in the expected place.
-
-    For a folder that is a COLMAP reconstruction itself, the photos must be in this folder.
-    """
+    """True for a dataset with photos in the expected place."""
     layout = dataset_layout(folder)
     if layout == "colmap" and find_reconstruction(folder) == folder:
         return file_kind(folder) == PHOTOS
@@ -291,9 +278,7 @@ def _warn_of_copies(
     split: str,
     tests: Sequence[ColmapView | TransformsView],
 ) -> None:
-    """Logs a warning about test photos that are copies of training photos.
-
-    Does nothing if the training split is opened, so that a program that opens both splits logs the warning once.
+    """Logs a warning about test photos that are copies of training photos; not if the training split is opened.
 
     Args:
         source: File or folder with the list of views, for messages.
@@ -308,7 +293,7 @@ def _warn_of_copies(
 
 
 def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: str) -> None:
-    """Checks that no photo is listed in both the training and the test file; reads both files.
+    """Checks that no photo is listed in both the training and the test file.
 
     Args:
         halves: Transforms file of each split (`train`, `test`), by its name.
@@ -327,10 +312,7 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
 
 
 def _views_of_split(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
-    """Selects the training or test views of a transforms file by the file names that it lists.
-
-    Test views are those of `test_filenames`, else of `val_filenames`. If only one split is listed, the other one has
-    all remaining views.
+    """Selects the training or test views of a transforms file by the splits that it lists.
 
     Args:
         views: All views of the file.
@@ -362,10 +344,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by their names without suffix; empty if the folder is missing.
-
-    A file is found by its exact name and by its name in lower case.
-    """
+    """Returns the files of a folder by their names without suffix, also in lower case."""
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 
@@ -401,7 +380,7 @@ def _cameras(
 ) -> tuple[Cameras, tuple[Undistortion | None, ...]]:
     """Returns the cameras, scaled to the size with which photos are loaded, and the lens undistortion of each view.
 
-    The undistortion of a pinhole view is None. The list is empty if all views are pinhole views.
+    The undistortion of a pinhole view is None; the tuple is empty if there are no other views.
 
     Args:
         source: File or folder with the views, for messages.

@@ -12,8 +12,8 @@ from splatwire.data.lens import LensModel
 class FisheyeLens(LensModel):
     """Equidistant projection with a polynomial: OPENCV_FISHEYE of COLMAP and its fisheye models with fewer terms.
 
-    A ray at angle t to the axis hits the image at distance t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre.
-    The tangential and thin-prism terms of THIN_PRISM_FISHEYE are added.
+    A ray at angle t to the axis hits the image at distance t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre,
+    plus the tangential and thin-prism terms of THIN_PRISM_FISHEYE.
 
     Attributes:
         k1: Radial coefficient of t^2.
@@ -94,7 +94,7 @@ class FovLens(LensModel):
     """COLMAP's FOV (Devernay and Faugeras 2001): r' = atan(2 r tan(omega / 2)) / omega.
 
     Attributes:
-        omega: Field of view of the ideal lens, radians; below 0.001 the lens is treated as a pinhole.
+        omega: Field of view of the ideal lens, radians.
     """
 
     omega: float

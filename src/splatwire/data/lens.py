@@ -32,15 +32,12 @@ class LensModel(ABC):
 
     @abstractmethod
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1.
-
-        NaN for rays that the lens does not image.
-        """
+        """Projects rays (x, y, 1) to points of the image plane at distance 1; NaN for rays outside of the image."""
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Returns the determinant of the Jacobian of `distort`, the factor by which a small area is enlarged.
+        """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.
 
-        It is 0 or negative where the image folds, so that several rays hit the same point.
+        It is 0 or negative where several rays hit the same point.
         """
         step = _DERIVATIVE_STEP * (1 + np.hypot(x, y))
         right, left = self.distort(x + step, y), self.distort(x - step, y)
@@ -92,9 +89,9 @@ class Lens(LensModel):
         return x * radial + tangential_x, y * radial + tangential_y
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Returns the determinant of the Jacobian of `distort`, the factor by which a small area is enlarged.
+        """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.
 
-        It is 0 or negative where the image folds, so that several rays hit the same point.
+        It is 0 or negative where several rays hit the same point.
         """
         square = x * x + y * y
         above, below = self._fraction(square)
@@ -107,7 +104,7 @@ class Lens(LensModel):
         return np.where(below > 0, xx * yy - xy * xy, -1.0)
 
     def _fraction(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns numerator and denominator of the radial factor R in the formula of `Lens`, given r^2."""
+        """Returns numerator and denominator of the radial factor R of the distortion, given r^2."""
         above = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
         return above, 1 + square * (self.k4 + square * (self.k5 + square * self.k6))
 
@@ -123,8 +120,7 @@ class Undistortion:
     Attributes:
         lens: The lens model of the photo.
         photo: fx, fy, cx, cy of the photo, pixels; the centre of the top-left pixel is (0.5, 0.5).
-        zoom: Ratio of the pinhole camera's focal lengths to those of the photo, chosen so that no pixel of the pinhole
-            image is outside the photo.
+        zoom: Ratio of the pinhole camera's focal lengths to those of the photo.
         width: Width of the photo and of the pinhole image, pixels.
         height: Height of the photo and of the pinhole image, pixels.
     """
@@ -178,9 +174,7 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if undistortion at this zoom is possible: the photo covers the whole pinhole image without folding.
-
-    That is, every pixel of the pinhole image is inside the photo, and no two pixels show the same point of it.
+    """True if the photo covers the whole pinhole image at this zoom, and no point of it would be seen twice.
 
     Args:
         lens: The lens.
@@ -202,7 +196,7 @@ def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: i
 
 @functools.lru_cache(_CACHED)
 def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
-    """Returns for each pixel of the pinhole image its position (row and column) in the distorted photo."""
+    """Returns the position (row and column) of each pixel of the pinhole image in the distorted photo."""
     fx, fy, cx, cy = view.photo
     rays_x = (np.arange(view.width) + 0.5 - cx) / (view.zoom * fx)
     rays_y = (np.arange(view.height) + 0.5 - cy) / (view.zoom * fy)
@@ -211,7 +205,7 @@ def _grid(view: Undistortion) -> Float[np.ndarray, "2 H W"]:
 
 
 def _sampled(pixels: np.ndarray, grid: Float[np.ndarray, "2 H W"], order: int) -> np.ndarray:
-    """Resamples an image (H, W, C) at fractional pixel positions, by interpolation with splines of the given order."""
+    """Resamples an image (H, W, C) at fractional pixel positions, by spline interpolation of the given order."""
     from scipy.ndimage import map_coordinates  # takes long to load
 
     planes = [map_coordinates(plane, grid, order=order, mode="nearest") for plane in np.moveaxis(pixels, 2, 0)]

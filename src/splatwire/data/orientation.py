@@ -1,7 +1,6 @@
-"""EXIF orientation: detects whether cameras refer to photos as stored or as rotated by their EXIF orientation.
+"""Detects whether cameras refer to photos as stored or as rotated by their EXIF orientation.
 
-Some pose estimators apply the EXIF orientation (COLMAP 3.8 to 3.11, RealityScan), others use the stored pixels (other
-releases of COLMAP, nerfstudio). Only the shape of the cameras distinguishes them.
+Pose estimators differ in this; only the shape of the cameras tells them apart.
 """
 
 from collections.abc import Sequence
@@ -12,25 +11,25 @@ from splatwire.data.photos import is_turned, photo_size
 from splatwire.data.transforms_json import TransformsView
 from splatwire.errors import DatasetError
 
+# COLMAP 3.8 to 3.11 and RealityScan apply the EXIF orientation; other releases of COLMAP and nerfstudio use the stored
+# pixels.
 _MAX_ASPECT_ERROR_PX = 1.5
 
 
 def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
-    """Returns True if a photo and a camera have the same aspect ratio."""
+    """True if a photo and a camera have the same aspect ratio."""
     return abs(photo[1] - camera[1] * photo[0] / camera[0]) <= _MAX_ASPECT_ERROR_PX
 
 
 def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
-    """Returns True if the cameras refer to photos as rotated by EXIF, False if to the stored pixels.
-
-    This is decided by comparing the aspect ratios of photos and cameras. The result applies to all photos.
+    """True if the cameras refer to photos as rotated by EXIF, False if to the stored pixels; equal for all photos.
 
     Args:
         views: The cameras.
         image_paths: Photo of each view.
 
     Raises:
-        DatasetError: If photos have an EXIF rotation and no shape is decisive, or shapes contradict each other.
+        DatasetError: If photos have an EXIF rotation and aspect ratios do not decide, or contradict each other.
     """
     turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if is_turned(file)]
     if not turned:

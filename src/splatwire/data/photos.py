@@ -119,13 +119,10 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
 
 
 def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:
-    """Returns the image size after the width limit of HAC++: wider images are reduced to `max_width`.
-
-    Both sides are divided by `width / max_width` and truncated, in this order of operations, because another order may
-    give a result that differs by a pixel.
-    """
+    """Returns the image size after the width limit of HAC++: wider images are reduced to `max_width`."""
     if max_width is None or width <= max_width:
         return width, height
+    # as in HAC++: another order of operations may give a result that differs by a pixel
     factor = width / max_width
     return max(1, int(width / factor)), max(1, int(height / factor))
 
@@ -136,7 +133,7 @@ def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
     Args:
         path: The file, for the message.
         image: The image, not yet decompressed.
-        free: Number of pixels that are accepted for any file size.
+        free: Number of pixels that are always accepted.
     """
     size = path.stat().st_size
     if image.width * image.height > max(free, _PIXELS_PER_BYTE * size):

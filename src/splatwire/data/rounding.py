@@ -1,4 +1,4 @@
-"""Conversion of cameras to world coordinates in float32 for training, with a warning about rounding."""
+"""Conversion of cameras to world coordinates for training."""
 
 import logging
 from pathlib import Path
@@ -12,9 +12,7 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to world coordinates for training, which does not support positions relative to an origin.
-
-    Logs a warning if the cameras have an origin: they are then so far from 0 that float32 rounds positions noticeably.
+    """Converts cameras to world coordinates for training; logs a warning if float32 rounds them noticeably.
 
     Args:
         source: Source folder or file, for the message.

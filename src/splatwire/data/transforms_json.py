@@ -61,7 +61,7 @@ class TransformsView:
         height: Image height for `K`, pixels.
         mask_path: Mask of the image, or None.
         lens: Distortion of the lens.
-        size_is_known: False if the transforms file has no image size; width and height are then read from the image.
+        size_is_known: False if the transforms file has no image size; width and height are then those of the image.
     """
 
     name: str
@@ -81,8 +81,7 @@ class Transforms:
 
     Attributes:
         views: The frames in file order.
-        splits: Names of the views in `train_filenames`, `val_filenames` and `test_filenames`, by `train`, `val` and
-            `test`; lists that are missing in the file are omitted.
+        splits: Names of the views in the lists of the file, by `train`, `val` and `test`; without missing lists.
         points: The point cloud named by `ply_file_path`, or None.
     """
 
@@ -95,10 +94,8 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
     """Reads a transforms file.
 
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
-    (common or per frame), or `camera_angle_x` (`camera_angle_y`) with a centred principal point and square pixels. A
-    matrix `intrinsics` or `K` and `fx`, `fy` are read, too. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion
-    (OpenCV's model, as written by nerfstudio). With `camera_model` OPENCV_FISHEYE or `is_fisheye`, `k1` to `k4` are
-    the coefficients of OpenCV's fisheye. Angles of view must not contradict focal lengths.
+    (common or per frame), a matrix, or `camera_angle_x`. `k1`, `k2`, `k3`, `p1` and `p2` are the distortion in OpenCV's
+    model, or `k1` to `k4` that of its fisheye model.
 
     Args:
         path: The file.
@@ -107,9 +104,8 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
     Raises:
         NoViewsError: If its list of frames is empty.
-        DatasetError: If the file is damaged, a lens model is not supported or a pose is not rigid. Also if an image, a
-            mask or the point cloud is missing, a photo is listed twice, a split lists an unknown frame, or a photo is
-            both in `train_filenames` and in the test split.
+        DatasetError: If the file is damaged or contradicts itself, a lens model is not supported, a pose is not rigid,
+            or a file that it names is missing. Also if a photo is listed twice, or for training and test.
     """
     content = read_json(path, DatasetError)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -130,14 +126,12 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
 
 def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
-    """Logs a warning about each field that names another axis convention of camera poses than that of OpenGL.
-
-    Poses are read with the axes of OpenGL nevertheless.
+    """Logs a warning about each field that names other axes of camera poses than those of OpenGL.
 
     Args:
         path: The file, for the message.
         content: JSON object of the file.
-        frames: JSON objects of the frames. Equal fields of several frames are logged once.
+        frames: JSON objects of the frames.
     """
     stated = list(content.items())
     for frame in frames:
@@ -174,7 +168,7 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
 
     Args:
         path: The file.
-        images: See `read_transforms`.
+        images: Folder that replaces a leading `images/` in file paths, or None.
     """
     photos = {}
     with suppress(DatasetError):
@@ -306,8 +300,6 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
 def _with_intrinsics(path: Path, name: str, fields: dict[str, Any]) -> dict[str, Any]:
     """Returns the fields of a view with all intrinsics under their usual names `fl_x`, `fl_y`, `cx` and `cy`.
 
-    The usual names are added for intrinsics in a matrix, or under the names `fx` and `fy`.
-
     Raises:
         DatasetError: If a matrix is not that of a pinhole camera in pixels, or two fields contradict each other.
     """
@@ -332,7 +324,7 @@ def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, f
     """Returns the intrinsics in a list of 3 x 3, 4 x 4 or 9 numbers.
 
     Raises:
-        DatasetError: If it is another value, or has skew or other entries that a pinhole camera does not have.
+        DatasetError: If it is another value, or not the matrix of a pinhole camera without skew.
     """
     if isinstance(value, list) and len(value) == 9:
         value = [value[:3], value[3:6], value[6:]]
@@ -349,7 +341,7 @@ def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, f
 
 
 def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
-    """Returns the lens of a frame: its distortion model with the coefficients that the transforms file has.
+    """Returns the lens of a frame: its distortion model and coefficients.
 
     Raises:
         DatasetError: If the lens model is not supported, e.g. that of a panorama, or a parameter is invalid.
@@ -398,9 +390,7 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
 
 
 def _listed_terms(path: Path, name: str, values: dict[str, Any]) -> dict[str, float]:
-    """Returns the lens parameters in the list `distortion_params` by name; empty if there is no such list.
-
-    The order of nerfstudio is k1, k2, k3, k4, p1, p2.
+    """Returns the lens parameters in nerfstudio's list `distortion_params` by name; empty if there is no list.
 
     Raises:
         DatasetError: If the list has another length, or contradicts a field such as `k1` of the same frame.

@@ -186,6 +186,7 @@ def _is_workspace(space: int) -> bool:
     for part in os.listdir(space):
         with _opened_folder(part, space) as inside:
             names = os.listdir(inside)
+        # a restored hidden folder such as .git could make programs run foreign code
         if len(names) > 1 or (part == _OLD and any(name.startswith(".") for name in names)):
             return False
     return True

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass
 class FitCounts:
-    """Numbers of Gaussians that a conversion wrote or omitted; updated during the conversion.
+    """Numbers of Gaussians that a conversion to explicit Gaussians wrote or omitted; updated during the conversion.
 
     Attributes:
         possible: Number of Gaussians that the scene can have.

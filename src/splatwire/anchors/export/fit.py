@@ -1,8 +1,4 @@
-"""Conversion of an anchor scene to explicit Gaussians.
-
-The networks of an anchor scene predict view-dependent Gaussians. Each explicit Gaussian is fitted independently to the
-predictions for many views.
-"""
+"""Conversion of an anchor scene to explicit Gaussians, which are fitted to their appearance in many views."""
 
 from collections.abc import Callable, Iterator
 
@@ -42,16 +38,13 @@ def fit_splats(
 ) -> Iterator[Splats]:
     """Fits explicit Gaussians to a scene, a few thousand at a time.
 
-    The networks of the scene predict colour, opacity and shape of a Gaussian for each view; its centre is the same in
-    all views. The fit averages these predictions, weighted by the Gaussian's visible area in each view
-    (`visible_areas`). Opacity is the mean, with 0 for views in which the Gaussian is not drawn. Shape is the mean of
-    the logarithms of the covariances, and colour the least-squares fit of spherical harmonics; for both, the weight is
-    area times opacity.
+    The networks of the scene predict colour, opacity and shape of a Gaussian for each view. The fit averages them,
+    weighted by the Gaussian's visible area in each view.
 
     Args:
         scene: The scene.
         cameras: Views of the fit, ideally the training cameras.
-        find: Computes image gradients, see `splatwire.render.cpu.each_gradient_cpu`.
+        find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         degree: Degree of the spherical harmonics, 0 to 3.
         counts: Object whose numbers of written and omitted Gaussians are updated; None for no statistics.
         progress: Called with the name of the current task and its completed fraction.
@@ -90,7 +83,7 @@ def _fit_part(
     degree: int,
     counts: FitCounts,
 ) -> Splats:
-    """Fits the parameters of some Gaussians to the views in which at least one of them is visible.
+    """Fits the parameters of some Gaussians to their appearance in the views.
 
     Args:
         scene: The scene.
@@ -135,8 +128,6 @@ def fit_sh(
 ) -> Float[np.ndarray, "S D 3"]:
     """Fits spherical harmonics to the colours of Gaussians in several views, by weighted least squares.
 
-    A ridge penalty that grows with the degree avoids large coefficients.
-
     Args:
         directions: Unit vectors from the camera to the Gaussian.
         colors: RGB seen from these directions.
@@ -159,8 +150,6 @@ def _mean_shape(
 ) -> tuple[Float[np.ndarray, "S 4"], Float[np.ndarray, "S 3"]]:
     """Averages the shapes of Gaussians over views, as logarithms of their covariances.
 
-    With logarithms, a single view with a very large covariance does not dominate the mean.
-
     Args:
         seen: Quaternions and scales of all Gaussians in each of V views.
         kept: Indices of the S Gaussians to average.
@@ -180,10 +169,7 @@ def _mean_shape(
 
 
 def quaternions(rotations: Float[np.ndarray, "S 3 3"]) -> Float[np.ndarray, "S 4"]:
-    """Converts rotation matrices to unit quaternions (w, x, y, z) with w >= 0.
-
-    The quaternion is the eigenvector of Bar-Itzhack's symmetric 4 x 4 matrix with the largest eigenvalue.
-    """
+    """Converts rotation matrices to unit quaternions (w, x, y, z) with w >= 0 (Bar-Itzhack's method)."""
     r = rotations
     trace = np.trace(r, axis1=1, axis2=2)
     matrix = np.zeros((len(r), 4, 4), r.dtype)

@@ -61,7 +61,7 @@ def slots_of(scene: AnchorScene) -> Slots:
 
 
 def slot_view(scene: AnchorScene, slots: Slots, camera_center: Float[np.ndarray, "3"]) -> SlotView:
-    """Computes with the scene's networks how some Gaussians appear to a camera (as HAC++ decodes a view).
+    """Computes with the scene's networks how some Gaussians appear to a camera.
 
     Args:
         scene: The anchor scene.

@@ -45,7 +45,7 @@ def rerun_arguments(scene: Scene) -> dict[str, Any]:
 
     Returns:
         `centers` and `scales` (G, 3), `quaternions` (G, 4; x, y, z, w), `colors` (G, 4; RGBA in bytes); for degrees
-        above 0 also `sh_coefficients` (G, 15, 3), zero above the scene's degree.
+        above 0 also `sh_coefficients` (G, 15, 3).
 
     Raises:
         InvalidValueError: If the scene's Gaussians depend on the view.

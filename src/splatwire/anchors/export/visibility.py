@@ -22,7 +22,7 @@ import renderers."""
 
 
 class VisibleAreas:
-    """Visible area of each Gaussian in each view, in square pixels, stored as bfloat16.
+    """Visible area of each Gaussian in each view, in square pixels.
 
     Args:
         num_views: Number of views, C.
@@ -33,12 +33,12 @@ class VisibleAreas:
         self._halves: UInt16[np.ndarray, "C S"] = np.zeros((num_views, num_slots), np.uint16)
 
     def put(self, view: int, slots: np.ndarray, areas: Float[np.ndarray, "M"]) -> None:
-        """Stores the visible areas of some Gaussians in a view, rounded to bfloat16 (ties to even).
+        """Stores the visible areas of some Gaussians in a view, rounded to bfloat16.
 
         Args:
             view: Index of the view.
             slots: Indices of the M Gaussians.
-            areas: Their visible areas, square pixels; negative values are stored as 0.
+            areas: Their visible areas, square pixels.
         """
         whole = np.maximum(areas, 0).astype(np.float32).view(np.uint32)
         self._halves[view, slots] = (whole + (0x7FFF + (whole >> 16 & 1))) >> 16
@@ -62,14 +62,11 @@ def visible_areas(
 ) -> VisibleAreas:
     """Measures the visible area of each Gaussian in each view: its area without the parts behind nearer Gaussians.
 
-    A view in which a Gaussian is larger counts more when the exported Gaussian is fitted to several views.
-
     Args:
         scene: The scene.
         slots: Gaussians to measure: all that the anchors of the scene can draw.
         cameras: Views in which areas are measured.
-        find: Renderer with gradients, such as `splatwire.render.cpu.each_gradient_cpu`. The gradients are the blending
-            weights.
+        find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         progress: Called with the completed fraction of the views, 0 to 1.
 
     Raises:
@@ -98,7 +95,7 @@ def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients
     Args:
         gaussians: The Gaussians.
         camera: Camera of the view.
-        find: Computes image gradients, see `splatwire.render.cpu.each_gradient_cpu`.
+        find: Renderer with image gradients.
     """
     weights = np.zeros(gaussians.num_gaussians, np.float32)
 
