@@ -118,7 +118,7 @@ def _has_pose(line: str) -> bool:
     words = line.split(maxsplit=9)
     if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():
         return False
-    # An image has a quaternion here, of length 1; points have coordinates and an id. The file name at the end of an image
+    # An image has a quaternion of length 1 here, points have coordinates and an id; the file name after these numbers
     # may also consist of numbers, such as `12 34 56`.
     return abs(math.hypot(*map(float, words[1:5])) - 1) < _UNIT_TOLERANCE
 
