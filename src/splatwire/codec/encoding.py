@@ -67,6 +67,8 @@ def encode_scene(
             not apply to these elements.
         UnknownNameError: If the quality is unknown.
     """
+    # If both quality and classes are None, a decoded scene is encoded to the same integers. Factors on size and opacity
+    # that a loss concealer has set are not encoded. Skipped elements are logged.
     scene = as_scene(scene)
     check_progress(progress)
     check_threads(threads)

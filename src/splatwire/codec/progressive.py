@@ -41,6 +41,10 @@ class ProgressiveDecoder(Arrivals):
         BitstreamError: If it contradicts the manifest, or packets cannot be decoded individually.
     """
 
+    # The decoded integers are the same as with `decode_stream`. The cost of a packet does not depend on the size of the
+    # scene. The first read of `partial` allocates the scene with predicted values of all elements; until then, only
+    # received elements take memory. A single datagram is decoded in the calling thread.
+
     @checked
     def __init__(
         self,

@@ -113,7 +113,7 @@ class Decoder(Protocol):
         """Decodes packets; any bytes decode without an error. May be called from several threads.
 
         Returns:
-            The integers of the run's elements, packet by packet.
+            The integers of the packets' elements, packet by packet.
         """
 
     def store(self, run: Run, rows: SymbolRows) -> None:
@@ -127,7 +127,8 @@ class Decoder(Protocol):
         """
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds the decoded integers of a run to the hash of the whole stream, which is compared with the manifest."""
+        """Adds decoded integers to the hash of the whole stream, which is compared with the hash in the manifest."""
+        # The division of the elements into runs does not change the hash. Runs with losses are not added.
 
     def scene(self) -> ReceivedScene:
         """Returns the scene decoded so far, with masks of the received elements and the stream's metadata.

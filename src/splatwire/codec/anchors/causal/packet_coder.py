@@ -30,6 +30,8 @@ class Quantised:
             int32 (n, attributes).
     """
 
+    # `symbols` and `numbers` are 0 for missing offsets.
+
     positions: AnchorPositions
     masks: np.ndarray
     logits: np.ndarray

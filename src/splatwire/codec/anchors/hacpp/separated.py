@@ -100,6 +100,9 @@ class DecodedParts:
         received: Mask of received attributes, bool (n, 4), one column per `Attribute`.
     """
 
+    # If only the first channels of a feature were decoded, they are in `symbols`, and the entry of the feature in
+    # `received` is False.
+
     symbols: Symbols
     factors: np.ndarray
     received: np.ndarray
