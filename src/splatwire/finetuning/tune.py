@@ -38,7 +38,9 @@ BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
 _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
 CHECK_EVERY = 50
-"""Number of iterations between two checks of the loss."""
+"""Maximum number of iterations between two checks of the loss."""
+LEAST_CHECKS = 4
+"""Number of checks in a fine-tuning with few iterations, which are then closer together."""
 SLOWER = 0.5
 """Factor on all learning rates after a check that found a larger loss than the check before."""
 _CHECKED_RECEPTIONS = 2
@@ -130,10 +132,10 @@ def tuned_gaussians(
         InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
     """
     # Dividing by the first error (at least `LEAST_SCALE`) gives all views similar weight; a view that becomes much
-    # worse gets more weight. Every `CHECK_EVERY` iterations, the loss is measured in a fixed sample of the pictures
-    # (`Check`). If it has grown since the check before, the Gaussians of that check are restored, and the learning
-    # rates are multiplied by `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above
-    # that of the rounded Gaussians at the start.
+    # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`Check`). If it has
+    # grown since the check before, the Gaussians of that check are restored, and the learning rates are multiplied by
+    # `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above that of the rounded Gaussians
+    # at the start.
     if not scene.num_elements:
         raise InvalidValueError("fine-tuning: there are no Gaussians")
     if pictures.cameras.origin != scene.origin:
@@ -155,8 +157,9 @@ def tuned_gaussians(
         return loss if cost is None else loss + cost.value(latents.harmonics)
 
     best, least, rate = latents.copy(), loss_of(latents), options.rate
+    interval = min(CHECK_EVERY, max(options.iterations // LEAST_CHECKS, 1))
     for step in range(options.iterations):
-        checked = step > 0 and step % CHECK_EVERY == 0
+        checked = step > 0 and step % interval == 0
         if checked:
             loss = loss_of(latents)
             if loss > least:
