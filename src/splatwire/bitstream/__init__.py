@@ -1,7 +1,4 @@
-"""Stream format: packetization, packet layout, manifest and streams on disk.
-
-Uses numpy and the standard library only.
-"""
+"""Stream format: division into packets, packet layout, manifest and streams on disk."""
 
 from splatwire.bitstream.arrangement import Arrangement, Run, arrange, arrived_blocks
 from splatwire.bitstream.container import file_head, file_record, stream_from_bytes, stream_to_bytes

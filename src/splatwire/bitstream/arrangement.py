@@ -1,4 +1,4 @@
-"""Mapping of received packets to elements (anchors or Gaussians), and of lost packets to missing elements."""
+"""Finds which elements (anchors or Gaussians) of a stream were received and which were lost."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -19,10 +19,8 @@ class Arrangement(NamedTuple):
     """Elements (anchors or Gaussians) of a stream in groups that share packets, with the received packets of each.
 
     Attributes:
-        groups: Indices of the elements in coding order (ranks), group after group; every rank occurs once.
-        packets: The packet that contains each group; None for missing packets. If each packet contains a single
-            attribute (separated packaging), each group has `len(plan.parts)` entries. With hashed grouping, the number
-            of lost packets is unknown, so one None may stand for several.
+        groups: Indices of the elements in coding order, group after group.
+        packets: The packets that contain each group, one or one for each attribute; None for missing packets.
     """
 
     groups: PacketGroups
@@ -31,15 +29,14 @@ class Arrangement(NamedTuple):
 
 @checked
 def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
-    """Splits the elements of a stream into groups that were received or lost together.
+    """Divides the elements of a stream into groups that were received or lost together.
 
     Args:
-        plan: The stream's packet plan (mapping between elements and packets).
+        plan: Packet plan of the stream.
         packets: Received packets, in any order.
 
     Returns:
-        Groups in the order of the complete stream: by spatial block, and within a block by lane (the index of a packet
-        within its block). With hashed grouping, the order within a block is the hash order.
+        Groups in the order of the complete stream.
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.
@@ -57,9 +54,9 @@ class Run:
     """Received packets that are decoded together, such as those of one spatial block.
 
     Attributes:
-        block: Block of the first packet. For a run without packets: the block whose packets were all lost.
+        block: Index of the block of the first packet.
         packets: The packets, ascending by id.
-        members: Ranks (indices in coding order) of each packet's elements, int64, in packet order.
+        members: Indices of each packet's elements in coding order, int64.
     """
 
     block: int
@@ -70,7 +67,7 @@ class Run:
 
     @property
     def ranks(self) -> np.ndarray:
-        """Ranks (indices in coding order) of all elements, packet by packet, int64."""
+        """Indices of all elements in coding order, packet by packet, int64."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
 
     @property
@@ -86,12 +83,12 @@ class Run:
 
 @checked
 def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Yields the received packets of one spatial block at a time, with their elements, in ascending order of blocks.
+    """Yields the received packets of one spatial block at a time, with their elements.
 
     Args:
-        plan: The stream's packet plan (mapping between elements and packets).
+        plan: Packet plan of the stream.
         packets: Received packets, in any order.
-        gaps: True to also yield a run without packets for each block without received packets.
+        gaps: True to also yield blocks without received packets.
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.
@@ -123,15 +120,8 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
     """Yields the received packets of a stream, and the gaps of lost packets, in the order of the elements.
 
-    For streams whose number of packets is not known in advance (packets of limited size, with hashed grouping).
-
-    Args:
-        plan: The stream's packet plan.
-        arrived: Received packets, by id.
-
     Yields:
-        Number of elements, and the received packet that contains them; None instead of a packet for a gap. The numbers
-        add up to the number of elements of the stream.
+        Number of elements, and the packet that contains them; None instead of a packet for a gap.
     """
     ordered = sorted(arrived)
     at = 0

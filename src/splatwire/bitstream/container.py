@@ -47,7 +47,7 @@ def stream_to_bytes(stream: SceneStream) -> bytes:
 
 @checked
 def file_head(manifest: Manifest, side_info: bytes) -> bytes:
-    """Serialises the beginning of a stream file: prefix, manifest and side information. Packets follow in any order."""
+    """Serialises the beginning of a stream file: prefix, manifest and side information."""
     text = manifest_to_bytes(manifest)
     return FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(text)) + text + side_info
 
@@ -61,7 +61,7 @@ def file_record(packet: bytes) -> bytes:
 
 @checked
 def stream_from_bytes(data: bytes, name: str = "stream") -> tuple[SceneStream, ReadReport]:
-    """Reads one file's bytes; damaged packets are counted as losses.
+    """Reads a stream from the bytes of a file; damaged packets are counted as losses.
 
     Args:
         data: The file's bytes, possibly truncated.
@@ -77,9 +77,7 @@ def stream_from_bytes(data: bytes, name: str = "stream") -> tuple[SceneStream, R
 
 
 def stream_from_file(file: io.BufferedIOBase, name: str) -> tuple[SceneStream, ReadReport]:
-    """Reads a stream from an open file, starting at the beginning of the file.
-
-    Memory use is limited to the valid packets and the packet being read. Damaged packets are counted as losses.
+    """Reads a stream from an open file; damaged packets are counted as losses.
 
     Args:
         file: The open file, positioned anywhere.
@@ -126,15 +124,7 @@ def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
 
 
 def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: int, intake: PacketIntake) -> None:
-    """Passes each packet of a file to the filter `intake`; searches for the next packet after a damaged one.
-
-    Args:
-        file: The open file.
-        size: Size of the file, bytes.
-        position: Position of the first packet's size field.
-        stream_id: Id of the stream, with which the start of a packet is recognised.
-        intake: Filter that accepts valid packets and counts the others.
-    """
+    """Passes each packet of a file to a filter; searches for the next packet after a damaged one."""
     mark, effort = packet_mark(stream_id), RESYNC_EFFORT * size
     while position < size:
         source, end, num_corrupt = f"byte {position}", _record_end(file, size, position), intake.num_corrupt
@@ -156,10 +146,7 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
 
 
 def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
-    """Reads the size of the packet at a position in a stream file, and returns where the packet ends.
-
-    The file is then positioned at the packet's first byte, so that the caller can read the packet.
-    """
+    """Reads the size of the packet at a position in a stream file, and returns where the packet ends."""
     start = position + RECORD_PREFIX.size
     if start > size:
         return None

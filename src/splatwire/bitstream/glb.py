@@ -1,4 +1,4 @@
-"""Locates a stream within binary glTF, by the draft of the extension EXT_splatwire (docs/gltf.md)."""
+"""Finds a stream within binary glTF (extension EXT_splatwire, `docs/gltf.md`)."""
 
 import json
 import struct
@@ -14,9 +14,7 @@ _HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
 
 
 def json_size(head: bytes, name: str) -> int:
-    """Returns the number of bytes to read after the first 20 bytes of a binary glTF file, to find its stream.
-
-    These bytes are the JSON chunk and the header of the chunk after it.
+    """Returns how many bytes to read after the first 20 bytes of a binary glTF file, to find its stream.
 
     Args:
         head: The first 20 bytes of the file.
@@ -57,10 +55,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns the position of the stream in the binary chunk of a `.glb` file: byte offset and number of bytes.
-
-    Exactly one primitive in the JSON chunk (`document`) must have a stream. Its buffer view gives the position.
-    """
+    """Returns the position of the stream in the binary chunk of a `.glb` file: byte offset and number of bytes."""
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
         for mesh in document["meshes"]

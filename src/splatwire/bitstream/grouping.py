@@ -1,6 +1,6 @@
-"""Assigns the elements of a spatial block to packets; the packets of a block are called lanes.
+"""Assigns the elements of a spatial block to packets.
 
-The assignment depends only on the index of each element in coding order (its rank), so that encoder and decoder agree.
+The assignment depends only on the index of each element in coding order, so that encoder and decoder agree.
 """
 
 import numpy as np
@@ -12,18 +12,16 @@ CHUNK = 1 << 17
 
 
 def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray:
-    """Assigns elements to lanes (packets of a block) by a hash of their index (paper 3.2.2, "Hash Interleaving").
-
-    The lane is `SplitMix64(rank XOR seed) mod lanes`.
+    """Assigns elements to packets of a block by a hash of their index (paper 3.2.2, "Hash Interleaving").
 
     Args:
-        start: Rank (index in coding order) of the first element, counted over the whole scene.
-        stop: One past the rank of the last element.
-        lanes: Number of lanes (packets per block), M.
-        seed: Shared packetization seed, ξ.
+        start: Index of the first element in coding order.
+        stop: Index after the last element.
+        lanes: Number of packets per block, M.
+        seed: Seed of the hash, ξ.
 
     Returns:
-        Lane of each element, uint8 (`stop - start`).
+        Packet of each element, uint8 (`stop - start`).
     """
     out = np.empty(stop - start, np.uint8)
     for first in range(start, stop, CHUNK):
@@ -36,20 +34,17 @@ def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray
 def hash_order(start: int, stop: int, seed: int) -> np.ndarray:
     """Returns the elements of a block in an order that is random, but the same on every machine (hash order).
 
-    Elements are given by their index in coding order (rank), from `start` to `stop - 1`. They are sorted by
-    `SplitMix64(rank XOR seed)`. The hash is a bijection, so that no two are equal.
+    Elements are given by their index in coding order, from `start` to `stop - 1`.
 
     Returns:
-        Ranks, int64 (`stop - start`).
+        Indices of the elements, int64 (`stop - start`).
     """
     ranks = np.arange(start, stop, dtype=np.uint64)
     return start + np.argsort(splitmix64(ranks ^ np.uint64(seed)), kind="stable")
 
 
 def contiguous_bounds(size: int, lanes: int) -> np.ndarray:
-    """Divides the elements of a block into ranges of consecutive elements, one for each lane (packet of the block).
-
-    The lengths of the ranges differ by at most one; longer ranges are first.
+    """Divides the elements of a block into ranges of nearly equal length, one for each packet of the block.
 
     Args:
         size: Number of elements.
@@ -63,13 +58,13 @@ def contiguous_bounds(size: int, lanes: int) -> np.ndarray:
 
 
 def contiguous_lanes(size: int, lanes: int) -> np.ndarray:
-    """Assigns the elements of a block to lanes (packets of the block); each lane gets consecutive elements.
+    """Assigns the elements of a block to packets; each packet gets consecutive elements.
 
     Args:
         size: Number of elements of the block.
-        lanes: Number of lanes.
+        lanes: Number of packets.
 
     Returns:
-        Lane of each element, uint8 (`size`).
+        Packet of each element, uint8 (`size`).
     """
     return np.repeat(np.arange(lanes), np.diff(contiguous_bounds(size, lanes))).astype(np.uint8)

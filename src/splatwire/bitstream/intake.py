@@ -19,16 +19,14 @@ ALREADY_THERE = "was already there"
 
 @dataclass(frozen=True)
 class ReadReport(CheckedFields):
-    """Numbers of lost and rejected packets found while reading a stream; a stream with losses is still valid.
+    """Numbers of lost and rejected packets found while reading a stream.
 
     Attributes:
-        num_expected: Packets of the complete stream.
-        num_missing: Expected packets without a good copy. A packet present only in damaged form is both missing and
-            corrupt.
-        num_corrupt: Files or byte ranges that were rejected: wrong checksum, truncated, wrong file name, newer format
-            version, or a packet that the packet plan does not contain.
-        num_foreign: Intact packets of other streams.
-        num_duplicate: Additional copies of good packets.
+        num_expected: Number of packets of the complete stream.
+        num_missing: Number of these packets that were not received intact.
+        num_corrupt: Number of damaged packets.
+        num_foreign: Number of intact packets of other streams.
+        num_duplicate: Number of additional copies of packets.
         problems: One line of text for each rejected packet, at most 100 lines.
     """
 
@@ -55,10 +53,7 @@ class ReadReport(CheckedFields):
 
     @property
     def damage(self) -> str | None:
-        """Description of damaged and foreign bytes; None if all bytes were good.
-
-        Missing packets and duplicates are not damage: a lossy channel leaves the other packets intact.
-        """
+        """Description of damaged and foreign bytes; None if all bytes were good."""
         counts = ((self.num_corrupt, "damaged"), (self.num_foreign, "of another stream"))
         found = [f"{count:,} packets or stretches of bytes are {kind}" for count, kind in counts if count]
         if not found:
@@ -69,8 +64,6 @@ class ReadReport(CheckedFields):
 
 class PacketIntake:
     """Filter that collects the valid packets of one stream from received bytes. Thread-safe.
-
-    All receivers of a stream in one process can share an instance, so that each packet is validated only once.
 
     Args:
         manifest: Manifest of the stream.
@@ -87,7 +80,7 @@ class PacketIntake:
         self._problems: list[str] = []
 
     def extend(self, manifest: Manifest) -> None:
-        """Replaces the manifest after a live stream has grown; packets accepted before stay accepted."""
+        """Replaces the manifest after a live stream has grown."""
         with self._lock:
             self._manifest, self._plan = manifest, manifest.plan
 
@@ -98,7 +91,7 @@ class PacketIntake:
             return tuple(self._packets[key] for key in sorted(self._packets))
 
     def has(self, packet: Packet) -> bool:
-        """True if exactly this packet object was accepted; False for any other object, even with equal content."""
+        """True if exactly this packet object was accepted."""
         return self._packets.get(packet.id) is packet
 
     @property
@@ -107,12 +100,12 @@ class PacketIntake:
         return self._counts["corrupt"]
 
     def offer(self, data: bytes | memoryview, source: str, expected: PacketId | None = None) -> Packet | None:
-        """Validates the bytes of a packet: accepts the packet, or counts it as rejected.
+        """Validates the bytes of a packet and accepts or rejects it.
 
         Args:
             data: Bytes of exactly one packet.
             source: Source of the bytes, for the report.
-            expected: Expected id of the packet, if known from the source.
+            expected: Expected id of the packet, if known.
 
         Returns:
             The packet if it was accepted, else None.
@@ -130,7 +123,7 @@ class PacketIntake:
         return None
 
     def take(self, packet: Packet, source: str) -> Packet | None:
-        """Accepts a parsed packet if it is not a duplicate and the manifest's packet plan contains it.
+        """Accepts a packet if it fits the manifest and is not a duplicate.
 
         Args:
             packet: A packet of this stream.
@@ -152,14 +145,14 @@ class PacketIntake:
         return None
 
     def count(self, kind: str, problem: str) -> None:
-        """Counts a rejected packet; `kind` is `corrupt`, `foreign` (another stream's) or `duplicate`."""
+        """Counts a rejected packet; `kind` is `corrupt`, `foreign` (of another stream) or `duplicate`."""
         with self._lock:
             self._counts[kind] += 1
             if len(self._problems) < MAX_PROBLEMS:
                 self._problems.append(problem)
 
     def _check(self, packet: Packet) -> None:
-        """Checks that the packet plan contains a packet with this id and this number of elements.
+        """Checks that the stream can have a packet with this id and this number of elements.
 
         Raises:
             CorruptPacketError: If the plan has no such packet.
@@ -172,10 +165,7 @@ class PacketIntake:
             self._check_hashed(packet)
 
     def _check_hashed(self, packet: Packet) -> None:
-        """Checks a packet of a stream with hashed grouping.
-
-        The packet must not be too large, and must not contain an element of another accepted packet of its block.
-        """
+        """Checks size and elements of a packet of a stream with hashed grouping."""
         if packet.num_bytes > self._plan.packetization.packet_bytes:
             raise CorruptPacketError(
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"

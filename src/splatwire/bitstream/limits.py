@@ -1,12 +1,10 @@
-"""Names and limits of the stream format, shared with the web decoder.
-
-`web/scripts/make_tables.py` writes the same values to `web/src/packets/limits.ts`.
-"""
+"""Names and limits of the stream format, which the web decoder shares."""
 
 from dataclasses import dataclass
 
 from splatwire.plugins import Registry
 
+# `web/scripts/make_tables.py` writes the same values to `web/src/packets/limits.ts`.
 SCHEMA = "splatwire/stream"
 FORMAT_VERSION = 5
 """Newest version of the stream format that this release reads."""
@@ -89,23 +87,21 @@ class StreamSchema:
         name: Name in the manifest.
         format_version: Version of the stream format that introduced it.
         elements: Plural name of the elements (`anchors`, `Gaussians`), for messages.
-        sections: Fixed sections of the side information, in order; their names are not stored in the bytes.
-        elements_per_byte: Maximum number of elements per byte of side information; keeps a small forged manifest from
-            announcing billions of elements.
-        layout: True if the manifest contains the attribute sizes of an anchor (feature channels, offsets).
+        sections: Fixed sections of the side information, in order.
+        elements_per_byte: Maximum number of elements per byte of side information, a protection against forged
+            manifests.
+        layout: True if the manifest contains the attribute sizes of an anchor.
         separable: True if packets may contain single attributes (separated packaging).
         spread: True if each packet contains elements from all over the scene by default; False if neighbouring elements
-            share packets. For Gaussians, whose packets contain positions, spreading would take 1 to 9 % more bytes.
-        explicit: True if all views render the same Gaussians, so that the decoded scene can be saved as a file.
+            share packets.
+        explicit: True if all views render the same Gaussians.
         page: True if the web decoder supports it.
-        timed: True for sequences: elements belong to groups of frames, with two tiers per group (keyframe, then
-            motion). Packets are sent in that order; keyframe packets are retransmitted until received.
-        tiled: True if a block is a tile that viewers request individually. Packets are then sent tile by tile.
-        max_tiers: Maximum number of tiers of a plan.
-        codec: `module:name` of the complete `splatwire.codec.schema.Schema` with encoder and decoder, imported on
-            demand. Empty if this object is a complete schema itself, or if no codec exists.
-        scene: `module:name` of the type of its scenes. By this name, an encoder selects the schemas to import for a
-            scene. Empty if this object is a complete schema itself.
+        timed: True for sequences: elements belong to groups of frames, with a tier of keyframes and a tier of motion
+            per group.
+        tiled: True if a block is a tile that viewers request individually.
+        max_tiers: Maximum number of importance tiers.
+        codec: `module:name` of the complete schema with encoder and decoder; empty without one.
+        scene: `module:name` of the type of its scenes; empty for a complete schema.
     """
 
     name: str

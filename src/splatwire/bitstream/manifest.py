@@ -34,24 +34,22 @@ _LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """Description of a stream; the mapping from elements to packets is rebuilt from it alone.
+    """Description of a stream, which is needed before decoding.
 
     Attributes:
         packetization: Parameters of the split into packets.
-        num_elements: Elements of the scene, anchors or Gaussians, N.
-        num_packets: Packets of the complete stream, including lost ones.
+        num_elements: Number of elements (anchors or Gaussians) of the scene, N.
+        num_packets: Number of packets of the complete stream.
         stream_id: Id in every packet of the stream, 32 bits.
-        side_info_bytes: Size of the side information.
+        side_info_bytes: Size of the side information, bytes.
         side_info_digest: SHA-256 of the side information, hexadecimal.
-        symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal. The codec defines the
-            integers and their order.
+        symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal.
         writer: Program that wrote the stream.
         codec: Schema of the elements, a name in `splatwire.bitstream.limits.SCHEMAS`.
         feature_dim: Channels of the anchor feature, F; 0 if the side information contains it.
         num_offsets: Offsets per anchor, K; 0 if the side information contains it.
-        feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
-        tiers: Sizes of the importance tiers; empty for a single tier. The tier of each element is in the side
-            information.
+        feature_groups: Sizes of the feature's channel groups, in coding order.
+        tiers: Sizes of the importance tiers; empty for a single tier.
 
     Raises:
         InvalidValueError: If a field is out of range or contradicts another.
@@ -121,7 +119,7 @@ class Manifest:
         return PacketPlan(self.packetization, self.num_elements, self.tiers, groups)
 
     def _check_num_packets(self) -> None:
-        """Checks the number of packets with little memory, so that a forged manifest causes no large allocations."""
+        """Checks the number of packets with little memory, as the manifest may be forged."""
         num_parts, num_blocks = len(self.plan.parts), self.plan.num_blocks
         lanes = num_parts * sum(min(span.num_elements, span.num_blocks * span.lanes) for span in self.plan.spans)
         most = self.num_elements if self.packetization.hashed else lanes
@@ -149,17 +147,17 @@ _PACKETIZATION_TYPES: dict[str, type] = {f.name: type(f.default) for f in fields
 
 @checked
 def manifest_to_bytes(manifest: Manifest) -> bytes:
-    """Writes a manifest as compact JSON with sorted keys and a digest of itself."""
+    """Writes a manifest as compact JSON with a digest of itself."""
     content = _content(manifest)
     return _dump({**content, "digest": _digest(content)})
 
 
 @checked
 def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
-    """Reads a manifest; checks each field, and that fields do not contradict each other.
+    """Reads a manifest and checks its fields.
 
     Args:
-        data: JSON in UTF-8; layout and order of keys do not matter.
+        data: JSON in UTF-8.
         name: Source of the bytes, for error messages.
 
     Raises:
@@ -209,7 +207,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
 
 
 def _schema(codec: str, name: str) -> StreamSchema | None:
-    """Returns the codec schema (coding method) with a given name, or None for an unknown name.
+    """Returns the codec schema (coding method) with a given name, or None if it is unknown.
 
     Raises:
         BitstreamError: If the package that provides it cannot be used.
@@ -221,12 +219,12 @@ def _schema(codec: str, name: str) -> StreamSchema | None:
 
 
 def packetization_to_json(packetization: Packetization) -> bytes:
-    """Serialises packetization parameters as canonical JSON, from which the stream's id is computed."""
+    """Serialises packetization parameters as canonical JSON."""
     return _dump(_packetization_content(packetization))
 
 
 def _packetization_content(packetization: Packetization) -> dict[str, Any]:
-    """Returns the JSON fields of a packetization; `packet_bytes` only with hashed grouping, which alone uses it."""
+    """Returns the JSON fields of a packetization."""
     content = asdict(packetization)
     # Manifests without hashed grouping stay as they were before it was introduced.
     if not packetization.hashed:
@@ -236,9 +234,6 @@ def _packetization_content(packetization: Packetization) -> dict[str, Any]:
 
 def _expected_fields(version: object, tiers: bool) -> dict[str, type]:
     """Returns names and types of the JSON fields that a manifest must have.
-
-    Manifests of version 1 have no field `codec`, because they always describe anchors. Manifests of later versions have
-    no sizes of an anchor's attributes (`_LAYOUT_FIELDS`), because the side information contains these sizes.
 
     Args:
         version: Version of the stream format.

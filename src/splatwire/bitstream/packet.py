@@ -45,7 +45,7 @@ class Packet:
     """One packet of a stream; created by `make_packet` or `packet_from_bytes`.
 
     Attributes:
-        id: Its id within the stream.
+        id: Id of the packet within the stream.
         num_elements: Number of elements, 1 to 65535.
         data: Header and payload, as transmitted.
     """
@@ -62,7 +62,7 @@ class Packet:
 
     @property
     def payload(self) -> bytes:
-        """Bytes after the packet header: the entropy-coded attributes of the packet's elements."""
+        """Bytes after the packet header: the entropy-coded attributes of the elements."""
         return self.data[HEADER_BYTES:]
 
     @property
@@ -76,9 +76,6 @@ def part_byte(part: int) -> int:
 
     Args:
         part: Index of the attribute in `PARTS`, 1 or more.
-
-    Returns:
-        A byte whose lowest two bits are not both 0: 1, 2, 3, 5, 6, 7, 9 and so on.
     """
     return (part - 1) // 3 * 4 + (part - 1) % 3 + 1
 
@@ -87,10 +84,10 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
     """Creates a packet with header and checksum.
 
     Args:
-        packet_id: Its id within the stream.
+        packet_id: Id of the packet within the stream.
         num_elements: Number of elements, 1 to 65535.
         payload: Entropy-coded attributes of the elements.
-        stream_id: Id of the stream, 32 bits; 0 until `make_stream` sets it.
+        stream_id: Id of the stream, 32 bits.
 
     Raises:
         InvalidValueError: If a number does not fit the header, or the payload is too long.
@@ -120,7 +117,7 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
 
 
 def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet:
-    """Reads a packet; header fields are used only after the checksum is verified.
+    """Reads a packet and checks its header and checksum.
 
     Args:
         data: Exactly one packet.
@@ -163,5 +160,5 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
 
 
 def packet_mark(stream_id: int) -> bytes:
-    """Returns the first five bytes of every packet of a stream, for which readers search after damaged bytes."""
+    """Returns the first five bytes of every packet of a stream, by which packets are found in damaged files."""
     return struct.pack("<BI", PACKET_VERSION, stream_id)

@@ -19,12 +19,12 @@ SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
 
 @dataclass(frozen=True, order=True, slots=True)
 class PacketId:
-    """Id of a packet within its stream; sorts by block, then lane, then part.
+    """Id of a packet within its stream; sorts by block, then packet of the block, then attribute.
 
     Attributes:
         block: Index of the spatial block, t.
-        lane: Lane (index of the packet within the block), λ; with hashed grouping, position of the packet's first
-            element in the block's hash order.
+        lane: Index of the packet within the block, λ; with hashed grouping, index of its first element in the hash
+            order.
         part: Attribute that the packet contains, an index into `PARTS`; 0 for whole elements.
     """
 
@@ -44,7 +44,7 @@ class PacketId:
 
     @classmethod
     def from_filename(cls, name: str) -> "PacketId":
-        """Parses a file name, the inverse of `filename`.
+        """Parses a file name of a packet.
 
         Raises:
             InvalidValueError: If `filename` cannot produce this name.

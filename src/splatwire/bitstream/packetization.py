@@ -1,4 +1,4 @@
-"""Parameters of the packetization: the split of elements into packets."""
+"""Parameters of the division of elements into packets."""
 
 from dataclasses import dataclass
 
@@ -40,15 +40,15 @@ def check_range(what: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Packetization:
-    """Parameters of the split of elements (Gaussians or anchors) into packets (paper 3.2.2 and 4.1).
+    """Parameters of the division of elements (Gaussians or anchors) into packets (paper 3.2.2 and 4.1).
 
     Attributes:
         block_size: Maximum number of elements of a spatial block.
-        lanes: Number of packets (lanes) of each block.
-        seed: Seed of the hash that assigns the elements of a block to packets, 64 bits.
-        order: Coding order of the anchors: `morton` (true Z-order) or `raster` (z, then y, then x, as in HAC++).
+        lanes: Number of packets of each block.
+        seed: Seed of the hash that assigns elements to packets, 64 bits.
+        order: Coding order of the anchors: `morton` (Z-order) or `raster` (z, then y, then x, as in HAC++).
         grouping: Assignment of the elements of a block to packets: `stratified` (by hash), `contiguous` (consecutive
-            elements) or `hashed` (in the order of a hash, each packet filled up to `packet_bytes`; `lanes` is 1).
+            elements) or `hashed` (in random order, each packet filled up to `packet_bytes`; `lanes` is 1).
         packaging: `atomic` (a packet contains whole anchors) or `separated` (separate packets for each feature group,
             for scalings and for offsets, as in HAC++).
         packet_bytes: Maximum packet size with grouping `hashed`, header included; 0 with any other grouping.
@@ -92,11 +92,7 @@ class Packetization:
 
     @property
     def hashed(self) -> bool:
-        """True if packets are filled up to a size limit, with elements in random order (grouping `hashed`).
-
-        The order is that of a hash of the elements' indices, so that each packet is spread over its block. Each packet
-        contains as many elements as fit into `packet_bytes`. Their number is only in the packet's header.
-        """
+        """True if packets are filled up to a size limit, with elements in random order (grouping `hashed`)."""
         return self.grouping == "hashed"
 
     @property
@@ -111,7 +107,7 @@ class Packetization:
 
     @property
     def common(self) -> bool:
-        """True if every codec supports this packetization: packets of whole elements, in Morton order."""
+        """True if every codec supports this packetization."""
         return not self.separated and self.order == "morton"
 
 
@@ -133,15 +129,12 @@ _PACKET_ELEMENTS, _FEWEST_LANES = 375, 8
 
 @checked
 def spread_packetization(num_elements: int) -> Packetization:
-    """Returns a packetization with about 375 elements per packet, each spread over as much of the scene as possible.
-
-    A lost packet then removes few elements of any region. With the usual blocks of 3000 elements in 8 packets, it
-    removes an eighth of the elements of a region. At equal bytes and 20 % loss, spread packets gain up to 0.44 dB
-    (`benchmarks/results/spread.json`).
+    """Returns a packetization whose packets are spread over the scene, so that a loss removes few elements of a region.
 
     Args:
-        num_elements: Elements to encode.
+        num_elements: Number of elements to encode.
     """
+    # At equal bytes and 20 % loss, up to 0.44 dB more than blocks of 3000 elements (`benchmarks/results/spread.json`).
     blocks = max(1, -(-num_elements // MAX_BLOCK_SIZE))
     size = max(1, -(-num_elements // blocks))
     return Packetization(block_size=size, lanes=max(_FEWEST_LANES, -(-size // _PACKET_ELEMENTS)))
@@ -152,9 +145,9 @@ def packetization_named(name: str | None, schema: str, num_elements: int) -> Pac
     """Returns a packetization by its name, for a scene.
 
     Args:
-        name: `SPREAD` or a key of `PRESETS`; None selects the schema's default (`StreamSchema.spread`).
+        name: `SPREAD` or a key of `PRESETS`; None selects the default of the schema.
         schema: Codec schema, a name in `SCHEMAS`.
-        num_elements: Elements to encode.
+        num_elements: Number of elements to encode.
 
     Raises:
         UnknownNameError: If the name is unknown.

@@ -19,16 +19,12 @@ from splatwire.errors import InvalidValueError
 class PacketGroups(NamedTuple):
     """Lists the elements of every packet in one array; the elements of a packet form a group.
 
-    An element is identified by its rank (index in coding order). In a stream with importance tiers, it is identified by
-    its place (index after sorting by tier, then by rank).
-
-    If packets contain whole elements, group g is the packet `PacketPlan.ids[g]`. If each packet contains a single
-    attribute, `len(parts)` packets have the same elements; group g stands for those from `ids[g * len(parts)]` on.
+    If each packet contains a single attribute, the packets of the same elements form one group.
 
     Attributes:
-        ranks: Ranks (or places) of all elements, group after group, int64 (N). Group g has the elements
-            `ranks[starts[g]:starts[g + 1]]`, ascending.
-        starts: Start of each group in `ranks` and the end of the last, int64 (G + 1). Empty groups are left out.
+        ranks: Indices of all elements in coding order, group after group, int64 (N). Group g has the elements
+            `ranks[starts[g]:starts[g + 1]]`.
+        starts: Start of each group in `ranks` and the end of the last, int64 (G + 1).
     """
 
     ranks: np.ndarray
@@ -39,18 +35,14 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their rank: the index in coding order. In a stream with importance tiers, elements are
-    sorted by tier first, and by rank within a tier. The methods then take and return places (indices in this order)
-    instead of ranks; `bitstream.tiers.tier_order` converts places to ranks.
-
-    Names and sizes of packets depend on the plan alone. Construction is cheap: all tables are computed on demand.
+    Elements are given by their index in coding order (rank). In a stream with importance tiers, they are sorted by tier
+    first; `bitstream.tiers.tier_order` converts indices in this order to ranks.
 
     Attributes:
-        packetization: Parameters of the split into packets.
-        num_elements: Elements of the scene, N.
-        tiers: Sizes of the tiers; empty for a single tier.
-        feature_groups: Number of channel groups of the anchor feature if each has packets of its own (separated
-            packaging); otherwise 0.
+        packetization: Parameters of the division into packets.
+        num_elements: Number of elements of the scene, N.
+        tiers: Sizes of the importance tiers; empty for a single tier.
+        feature_groups: Number of channel groups of the anchor feature if each has packets of its own; otherwise 0.
 
     Raises:
         InvalidValueError: If the scene exceeds a limit of the format, or the tiers are inconsistent.
@@ -77,12 +69,12 @@ class PacketPlan:
 
     @functools.cached_property
     def spans(self) -> tuple[Span, ...]:
-        """Range of consecutive blocks of each importance tier, in order."""
+        """Range of consecutive blocks of each importance tier."""
         return spans_of(self.tiers, self.num_elements, self.packetization)
 
     @functools.cached_property
     def num_blocks(self) -> int:
-        """Number of spatial blocks of all tiers, S."""
+        """Number of spatial blocks, S."""
         return sum(span.num_blocks for span in self.spans)
 
     @functools.cached_property
@@ -94,10 +86,7 @@ class PacketPlan:
         return [span.first for span in self.spans]
 
     def persistent(self, block: int) -> bool:
-        """True if a block of a sequence contains keyframe Gaussians, which later groups of pictures also need.
-
-        False if the block contains motion, which only one group of pictures needs.
-        """
+        """True if a block of a sequence contains keyframe Gaussians, which later groups of pictures also need."""
         return self.tier_of(block) % 2 == 0
 
     def tier_of(self, block: int) -> int:
@@ -111,20 +100,14 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Indices of the attributes that have packets of their own: the possible values of `PacketId.part`, ascending.
-
-        The result is (0,) if each packet contains all attributes of its elements.
-        """
+        """Indices of the attributes that have packets of their own; (0,) if packets contain whole elements."""
         if not self.packetization.separated:
             return (0,)
         return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
 
     @functools.cached_property
     def ids(self) -> tuple[PacketId, ...]:
-        """Ids of all non-empty packets, ordered by block, then lane, then part.
-
-        The lane is the index of a packet within its block. The part is the attribute that the packet contains with
-        separated packaging, else 0.
+        """Ids of all packets, ascending.
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -137,9 +120,7 @@ class PacketPlan:
     def packet_index_of(self) -> np.ndarray:
         """Returns the index of the packet that contains each element, int32 (N), in coding order.
 
-        The packets of all blocks are numbered as `block * lanes + lane`, where `lane` is the index of a packet within
-        its block. Empty packets are counted, too. With a separate packet for each attribute, the packets of the same
-        elements share one index.
+        Packets are numbered as `block * lanes + lane`, where `lane` is the index of a packet within its block.
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -154,11 +135,7 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet by their index in coding order (rank).
-
-        With hashed grouping, the plan does not determine where a block is divided into packets. A group is then a whole
-        block, with its elements in the order of the hash.
-        """
+        """Lists the elements of every packet; with hashed grouping, those of every block."""
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
             edges = np.cumsum([0, *map(len, blocks)])
@@ -167,7 +144,7 @@ class PacketPlan:
         return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
 
     def group_counts(self) -> np.ndarray:
-        """Returns the number of elements of each group of packets listed by `groups`, int64 (G).
+        """Returns the number of elements of each packet listed by `groups`, int64 (G).
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -177,20 +154,18 @@ class PacketPlan:
         return counts[counts > 0]
 
     def block_ranks(self, block: int) -> np.ndarray:
-        """Elements of a block, packet after packet, as indices in coding order (ranks), int64."""
+        """Elements of a block, packet after packet, as indices in coding order, int64."""
         if self.packetization.hashed:
             return self._hash_order(block)
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the elements of a packet as indices in coding order (ranks), int64.
-
-        They are ascending, or in hash order with hashed grouping. The cost is proportional to the size of one block.
+        """Returns the elements of a packet as indices in coding order, int64.
 
         Args:
             packet_id: The packet.
-            num_elements: Its number of elements; required with hashed grouping, where only the packet contains it.
+            num_elements: Number of elements of the packet; required with hashed grouping.
 
         Raises:
             InvalidValueError: If the plan has no such block, lane or part, or the number of elements does not fit.
@@ -205,7 +180,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the position of a packet's elements in the list of its block's elements (`block_ranks`), as a range.
+        """Returns the position of a packet's elements in the list of its block's elements (`block_ranks`).
 
         Args:
             packet_id: The packet.
@@ -217,10 +192,7 @@ class PacketPlan:
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Number of elements of one packet; 0 if the plan has no such packet.
-
-        With hashed grouping, the number is not known from the plan. The result is then its maximum.
-        """
+        """Number of elements of one packet, or its maximum with hashed grouping; 0 if there is no such packet."""
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
             return 0
@@ -231,7 +203,7 @@ class PacketPlan:
         return int(_lane_counts(self, packet_id.block)[packet_id.lane])
 
     def fits(self, packet_id: PacketId, num_elements: int) -> bool:
-        """True if the plan allows a packet with this id and this number of elements."""
+        """True if the stream can have a packet with this id and this number of elements."""
         count = self.count(packet_id)
         return 1 <= num_elements <= count if self.packetization.hashed else num_elements == count > 0
 
@@ -243,8 +215,7 @@ class PacketPlan:
         """Returns the id of the packet whose first element is given; only for hashed grouping.
 
         Args:
-            place: Index of the element in `groups().ranks`, which lists the elements of all blocks in the order of
-                their hash.
+            place: Index of the element in `groups().ranks`.
         """
         span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
         block, position = divmod(place - span.first, span.block_size)
@@ -262,14 +233,7 @@ class PacketPlan:
             raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
 
     def _lanes_of(self, span: Span) -> np.ndarray:
-        """Returns the index of each element's packet within its block (lane), for the elements of one importance tier.
-
-        Args:
-            span: Blocks of the tier.
-
-        Returns:
-            uint8, one entry for each element of the tier, in coding order.
-        """
+        """Returns the index of each element's packet within its block, uint8, for one importance tier."""
         p = self.packetization
         if p.grouping == "stratified":
             return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)
@@ -278,14 +242,7 @@ class PacketPlan:
         return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
-        """Returns the index of each element's packet within the block (lane), for the block of a given packet.
-
-        Args:
-            packet_id: A packet of the block.
-
-        Returns:
-            Rank of the block's first element; and the lane of each element of the block, uint8.
-        """
+        """Returns the first element of a packet's block, and the packet of each element of the block, uint8."""
         p = self.packetization
         span = self._span(packet_id.block)
         check_range("lane", packet_id.lane, 0, span.lanes - 1)
@@ -297,10 +254,7 @@ class PacketPlan:
         return start, contiguous_lanes(size, span.lanes)
 
     def _counts(self) -> np.ndarray:
-        """Returns the number of elements of each packet, int64 (S * lanes); 0 for packets that do not exist.
-
-        The entry of a packet has the index `block * lanes + lane`, as in `packet_index_of`.
-        """
+        """Returns the number of elements of each packet, int64 (S * lanes), in the order of `packet_index_of`."""
         lanes = self.packetization.lanes
         counts = np.zeros((self.num_blocks, lanes), np.int64)
         if self.packetization.grouping == "stratified":
@@ -317,13 +271,12 @@ class PacketPlan:
 
 
 def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
-    """Counts the elements of each packet of an importance tier, if a hash assigns elements to packets (lanes).
+    """Counts the elements of each packet of an importance tier, if a hash assigns elements to packets.
 
     Args:
         span: Blocks of the tier.
-        seed: Seed of the lane hash.
-        counts: Output: number of elements by block and lane (index of the packet within its block), int64 (blocks,
-            lanes).
+        seed: Seed of the hash.
+        counts: Output: number of elements by block and packet of the block, int64 (blocks, lanes).
     """
     blocks = max(CHUNK // max(span.block_size, counts.shape[1]), 1)
     for block in range(0, span.num_blocks, blocks):
@@ -336,9 +289,6 @@ def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
 
 @functools.lru_cache(maxsize=2048)
 def _lane_counts(plan: PacketPlan, block: int) -> np.ndarray:
-    """Returns the number of elements in each packet (lane) of a block, int64 (lanes).
-
-    The result is cached, because it is needed for every packet of the block.
-    """
+    """Returns the number of elements in each packet of a block, int64 (lanes)."""
     _, lanes = plan._block_lanes(PacketId(block, 0, plan.parts[0]))
     return np.bincount(lanes, minlength=plan.packetization.lanes)

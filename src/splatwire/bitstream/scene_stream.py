@@ -1,4 +1,4 @@
-"""The stream: side information and packets, complete or after losses."""
+"""An encoded scene: side information and packets, complete or after losses."""
 
 import hashlib
 import struct
@@ -26,7 +26,7 @@ RECORD_PREFIX = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class SceneStream:
-    """An encoded scene: manifest, side information and packets, some of which may be missing after losses.
+    """An encoded scene: manifest, side information and packets, some of which may be missing.
 
     Attributes:
         manifest: Description of the complete stream.
@@ -77,18 +77,16 @@ class SceneStream:
         return self
 
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
-        """Returns a copy with other packets, given in any order, and the same manifest and side information."""
+        """Returns a copy with other packets, in any order."""
         return replace(self, packets=tuple(sorted(packets, key=lambda packet: packet.id)))
 
 
 @checked
 def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequence[Packet]) -> int:
-    """Id of a stream: the first 32 bits of a SHA-256 over its whole content.
-
-    Two encodings of a scene get different ids if they differ in one byte, so their packets are never mixed up.
+    """Returns the id of a stream, 32 bits of a SHA-256 of its content.
 
     Args:
-        packetization: Parameters of the split into packets.
+        packetization: Parameters of the division into packets.
         side_info: The side information.
         packets: All packets of the complete stream, in order.
     """
@@ -121,13 +119,13 @@ def make_stream(
     """Builds a complete stream: sorts the packets, computes the id and creates the manifest.
 
     Args:
-        packetization: Parameters of the split into packets.
-        num_elements: Elements of the scene, N.
+        packetization: Parameters of the division into packets.
+        num_elements: Number of elements of the scene, N.
         side_info: The side information.
-        packets: All packets of the plan, with any stream id.
+        packets: All packets, with any stream id.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
         writer: Name and version of the program.
-        tiers: Sizes of the tiers; empty for a single tier.
+        tiers: Sizes of the importance tiers; empty for a single tier.
         codec: Schema of the elements.
         feature_dim: Channels of the anchor feature, F; 0 for Gaussians.
         num_offsets: Offsets per anchor, K; 0 for Gaussians.
@@ -161,7 +159,7 @@ def make_stream(
 
 
 def _is_complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
-    """True if packets, ascending by id, contain every element of the packet plan exactly once."""
+    """True if packets contain every element exactly once."""
     if not plan.packetization.hashed:
         expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
         return [(packet.id, packet.num_elements) for packet in packets] == expected

@@ -1,4 +1,4 @@
-"""Optional named sections, stored after the fixed part of the side information (docs/format.md)."""
+"""Named sections of the side information, which are optional."""
 
 import hashlib
 import re
@@ -15,10 +15,10 @@ _NAME = re.compile(f"[a-z][a-z0-9_]{{0,{MAX_SECTION_NAME - 1}}}", re.ASCII)
 
 
 def write_sections(sections: Mapping[str, bytes]) -> bytes:
-    """Serialises named sections: for each, sorted by name, the name and the content, each preceded by its size.
+    """Serialises named sections of the side information.
 
     Args:
-        sections: Content by name; an empty mapping gives no bytes.
+        sections: Content by name; may be empty.
 
     Raises:
         InvalidValueError: If a name is invalid, or the number or a size exceeds its limit.
@@ -33,7 +33,7 @@ def write_sections(sections: Mapping[str, bytes]) -> bytes:
 
 
 def read_sections(data: bytes) -> dict[str, bytes]:
-    """Parses the named sections written by `write_sections`, by name; includes sections unknown to this release.
+    """Parses named sections of the side information; returns their content by name.
 
     Raises:
         BitstreamError: If the bytes are damaged, or a name is duplicated or out of order.
@@ -89,8 +89,6 @@ def sections_of(stream: SceneStream) -> dict[str, bytes]:
 def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
     """Returns the size of each section of side information, bytes, by section name.
 
-    A size includes the bytes that frame the section: its stored size, and the name of a named section.
-
     Raises:
         BitstreamError: If the bytes are not side information.
     """
@@ -105,17 +103,15 @@ def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
 
 @checked
 def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
-    """Adds a named section for a concealer to a stream's side information, or replaces the one with this name.
-
-    Packets and the stream's id stay unchanged: a receiver may combine packets of the old and the new stream.
+    """Adds or replaces a named section for a concealer in a stream's side information.
 
     Args:
         stream: The stream, complete or not.
-        name: Name of the section, for example that of the concealer that reads it.
+        name: Name of the section, such as that of the concealer.
         data: Content of the section.
 
     Returns:
-        The stream with new side information and a manifest with its digest.
+        The stream with new side information.
 
     Raises:
         InvalidValueError: If the name is invalid or the section is too large.
@@ -127,14 +123,14 @@ def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
 
 @checked
 def without_concealment(stream: SceneStream, name: str) -> SceneStream:
-    """Removes a concealer's section from a stream's side information; the reverse of `add_concealment`.
+    """Removes a concealer's section from a stream's side information.
 
     Args:
         stream: The stream, complete or not.
         name: Name of the section.
 
     Returns:
-        The stream without the section; an equal stream if the section is absent.
+        The stream without the section.
 
     Raises:
         BitstreamError: If the stream's side information is damaged or missing.

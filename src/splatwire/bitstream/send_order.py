@@ -14,11 +14,8 @@ def send_sequence(stream: SceneStream, send_order: str) -> list[Packet]:
 
     Args:
         stream: The stream, complete or not.
-        send_order: One of these orders. `interleaved`: lane 0 (or the first hash positions) of all blocks, then lane 1
-            and further; a burst loss hits packets of different blocks. `block`: all lanes of block 0, then block 1 and
-            further; a burst loss can remove a whole block. `tiers`: most important tier first; the order within each
-            tier is `interleaved`. Sequences always use `tiers` in place of `interleaved`. Tiled streams
-            (`StreamSchema.tiled`) use `block` in place of `tiers`.
+        send_order: `interleaved`: the first packet of all blocks, then the second packets and so on. `block`: all
+            packets of block 0, then of block 1 and so on. `tiers`: the most important tier first.
 
     Raises:
         UnknownNameError: If the order is unknown.

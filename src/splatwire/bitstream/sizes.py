@@ -1,4 +1,4 @@
-"""Byte counts of a stream: manifest, side information, packets, and packets of each importance tier."""
+"""Sizes of a stream: manifest, side information and packets."""
 
 import statistics
 from dataclasses import asdict, dataclass, field
@@ -10,18 +10,18 @@ from splatwire.bitstream.scene_stream import SceneStream
 
 @dataclass(frozen=True)
 class StreamSizes(CheckedFields):
-    """Sizes of a stream, in bytes; packets are counted with their headers.
+    """Sizes of a stream in bytes; packet headers are included.
 
     Attributes:
         num_bytes: Size of the stream as one file.
-        parts: Bytes of each constituent of the file, by name; they add up to `num_bytes`.
-        num_elements: Elements of the complete scene.
-        num_packets: Available packets.
-        packet_min: Size of the smallest packet; 0 if there are no packets.
+        parts: Bytes of each part of the file, by name.
+        num_elements: Number of elements of the complete scene.
+        num_packets: Number of available packets.
+        packet_min: Size of the smallest packet; 0 without packets.
         packet_median: Median packet size.
         packet_max: Size of the largest packet.
-        bytes_per_element: `num_bytes` over `num_elements`; 0 for an empty scene.
-        tiers: Elements, lanes, packets and packet bytes of each tier; empty for a single tier.
+        bytes_per_element: Bytes per element of the complete scene.
+        tiers: Elements, packets per block, packets and packet bytes of each importance tier; empty for a single tier.
     """
 
     num_bytes: int
@@ -35,13 +35,13 @@ class StreamSizes(CheckedFields):
     tiers: dict[str, dict[str, int]] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        """Returns the sizes as numbers and strings only."""
+        """Returns the sizes as numbers and strings, for JSON."""
         return asdict(self)
 
 
 @checked
 def measure_sizes(stream: SceneStream) -> StreamSizes:
-    """Counts the bytes of a stream by constituent and importance tier."""
+    """Returns the sizes of the parts and importance tiers of a stream."""
     sizes = [packet.num_bytes for packet in stream.packets] or [0]
     num_elements = stream.manifest.num_elements
     return StreamSizes(

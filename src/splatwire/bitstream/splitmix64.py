@@ -1,4 +1,4 @@
-"""SplitMix64, the hash that assigns elements to lanes. It is part of the format and cannot be replaced.
+"""SplitMix64, the hash that assigns elements to packets.
 
 Source of the constants: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, in
 the public-domain form of S. Vigna.

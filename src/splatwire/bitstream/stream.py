@@ -43,7 +43,7 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
 
     Args:
         stream: The stream, complete or not.
-        path: Destination. An existing stream is replaced as a whole.
+        path: Destination. An existing stream is replaced.
 
     Raises:
         InvalidValueError: If `stream` is not a stream, `path` is not a path, or its folder does not exist.
@@ -63,7 +63,7 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
 
 @checked
 def is_stream(path: Path) -> bool:
-    """True if a path is a stream directory (complete or not) or a file that starts with the magic bytes of a stream.
+    """True if a path is a stream file or a stream directory.
 
     Raises:
         BitstreamError: If the path does not exist.
@@ -76,15 +76,13 @@ def is_stream(path: Path) -> bool:
 
 @checked
 def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
-    """Reads a stream from a file or a directory; damaged, foreign, duplicate or misnamed packets are counted as losses.
-
-    Damage is also logged as a warning. Missing packets are not logged, because a lossy channel is their normal cause.
+    """Reads a stream from a file or a directory; damaged packets are counted as losses.
 
     Args:
-        path: A `.swz` file (under any name), a `.glb` file with a stream, or a stream directory.
+        path: A `.swz` file, a `.glb` file with a stream, or a stream directory.
 
     Returns:
-        The stream with its good packets, and a report on all others.
+        The stream with its valid packets, and a report on all others.
 
     Raises:
         InvalidValueError: If `path` is not a path.
@@ -123,7 +121,7 @@ def _write_directory(stream: SceneStream, folder: Path) -> None:
 
 
 def _check_replaceable(target: Path, is_file: bool) -> None:
-    """Refuses to overwrite anything but a stream: a mistyped path must not destroy other files."""
+    """Refuses to overwrite anything but a stream."""
     if not target.exists():
         return
     refusal = f"{target} exists and is not a splatwire stream; it is left alone"

@@ -1,9 +1,7 @@
-"""Importance tiers: elements are grouped by importance into separate packets, so that each tier has its own protection.
+"""Importance tiers: elements are grouped by importance into separate packets, with different protection.
 
-Every element has two indices: its rank, which is the index in coding order, and its *place*, which is the index after
+Every element has two indices: its *rank*, which is the index in coding order, and its *place*, which is the index after
 sorting by tier, then by rank. With one tier, both are equal.
-
-A block is a range of consecutive places within one tier. The block of a packet thus determines its tier.
 """
 
 from dataclasses import dataclass
@@ -22,11 +20,11 @@ LANE_ELEMENTS = 64
 
 @dataclass(frozen=True)
 class TierShape(CheckedFields):
-    """Size of an importance tier: number of elements, and number of packets per block.
+    """Size of an importance tier.
 
     Attributes:
-        num_elements: Elements of the tier.
-        lanes: Packets per block of the tier, at most the packetization's number of lanes.
+        num_elements: Number of elements.
+        lanes: Number of packets per block.
     """
 
     num_elements: int
@@ -34,13 +32,13 @@ class TierShape(CheckedFields):
 
 
 class Span(NamedTuple):
-    """Consecutive blocks of one importance tier; all blocks but the last have equal size.
+    """Consecutive blocks of one importance tier.
 
     Attributes:
-        first: Place (index after sorting by tier, then rank) of the tier's first element.
+        first: Index of the tier's first element, when elements are sorted by tier.
         num_elements: Number of elements.
         block_size: Maximum number of elements of a block.
-        lanes: Packets per block.
+        lanes: Number of packets per block.
         first_block: Index of the first block.
     """
 
@@ -56,27 +54,25 @@ class Span(NamedTuple):
         return -(-self.num_elements // self.block_size)
 
     def block_elements(self, block: int) -> int:
-        """Number of elements of a block; `block` is the index within the stream."""
+        """Number of elements of a block, given its index within the stream."""
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:
-        """Returns the index of a block's first element, when all elements are sorted by tier, then in coding order.
+        """Returns the index of a block's first element, when elements are sorted by tier.
 
         Args:
-            block: Index of the block, counted over all blocks of the stream.
+            block: Index of the block within the stream.
         """
         return self.first + (block - self.first_block) * self.block_size
 
 
 @checked
 def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierShape, ...]:
-    """Chooses how the elements of each importance tier are divided into packets; counts the elements of each tier.
-
-    Returns an empty tuple if all elements are in one tier.
+    """Returns the sizes of the importance tiers; empty for a single tier.
 
     Args:
-        tiers: Tier of each element, integers from 0 (most important), N.
-        packetization: Parameters of the split into packets.
+        tiers: Importance tier of each element, integers from 0 (most important), N.
+        packetization: Parameters of the division into packets.
 
     Raises:
         InvalidValueError: If the number of tiers exceeds its limit, or a tier before the last is empty.
@@ -101,25 +97,23 @@ def _lanes(packetization: Packetization, num_elements: int) -> int:
 
 @checked
 def tier_order(tiers: np.ndarray) -> np.ndarray:
-    """Sorts elements by tier, and within a tier by rank (index in coding order).
+    """Sorts elements by importance tier, and within a tier in coding order.
 
     Args:
         tiers: Tier of each element in coding order, N.
 
     Returns:
-        Rank of the element at each place of the sorted order, int64, N.
+        Indices of the elements in coding order, sorted, int64, N.
     """
     return np.argsort(array_of(tiers, "tiers", ("N",), "i"), kind="stable").astype(np.int64)
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks that the importance tiers of a sequence come in pairs, and that no tier of a static scene is empty.
-
-    A sequence has two tiers for each group of pictures: one for keyframe Gaussians, one for motion. Both may be empty.
+    """Checks that a sequence has two tiers for each group of pictures, and that a static scene has no empty tier.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.
-        timed: True for the tiers of a sequence, see `StreamSchema.timed`.
+        timed: True for a sequence.
 
     Raises:
         InvalidValueError: If a tier of a static scene is empty, or a sequence has no tiers or an odd number.
@@ -131,7 +125,7 @@ def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
 
 
 def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> None:
-    """Checks that sizes of tiers fit the number of elements and the packetization, without allocating arrays.
+    """Checks that sizes of tiers fit the number of elements and the packetization.
 
     Raises:
         InvalidValueError: If they contradict each other or the packetization.
@@ -149,7 +143,7 @@ def check_tiers(tiers: tuple[TierShape, ...], num_elements: int, packetization: 
 
 
 def spans_of(tiers: tuple[TierShape, ...], num_elements: int, packetization: Packetization) -> tuple[Span, ...]:
-    """Divides each tier into blocks of nearly equal size; returns one `Span` (range of blocks) per tier."""
+    """Divides each importance tier into blocks of nearly equal size; returns the range of blocks of each tier."""
     if not tiers:
         return (Span(0, num_elements, packetization.block_size, packetization.lanes, 0),)
     spans: list[Span] = []

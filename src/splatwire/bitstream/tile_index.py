@@ -1,8 +1,4 @@
-"""Index of the tiles of a stream with levels of detail: byte ranges in the file and geometric errors.
-
-The index is a named section of the side information. With it, readers can fetch single tiles of a file by HTTP range
-requests.
-"""
+"""Index of the tiles of a stream with levels of detail, by which readers fetch single tiles of a file over HTTP."""
 
 import math
 from collections.abc import Mapping
@@ -28,9 +24,9 @@ class TileIndex:
 
     Attributes:
         packets: Number of packets of each tile, int64 (B).
-        sizes: Bytes of each tile in the complete file, including the stored sizes of packets, int64 (B).
-        errors: Geometric error of each tile: root-mean-square distance between the centres of the finest Gaussians and
-            of the tile's Gaussians that replace them. World units, float32 (B); 0 in the finest level.
+        sizes: Size of each tile in the file, bytes, int64 (B).
+        errors: Geometric error of each tile: RMS distance of its centres from those of the finest level, world units,
+            float32 (B).
     """
 
     packets: np.ndarray
@@ -41,20 +37,17 @@ class TileIndex:
 
     @property
     def offsets(self) -> np.ndarray:
-        """Position of each tile in the stream file, as byte offset from the end of the side information, int64 (B + 1).
-
-        The last entry is the end of the last tile.
-        """
+        """Position of each tile in the stream file, counted from the end of the side information, int64 (B + 1)."""
         return np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.int64)
 
 
 def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
-    """Adds the index of tiles (packets, bytes and errors of each tile) to the side information of a complete stream.
+    """Adds the index of tiles to the side information of a complete stream.
 
     Args:
         stream: The stream, with all packets.
-        errors: Geometric error of each tile: root-mean-square distance between the centres of the finest Gaussians and
-            of the tile's Gaussians that replace them. World units, float32 (B); 0 in the finest level.
+        errors: Geometric error of each tile: RMS distance of its centres from those of the finest level, world units,
+            float32 (B).
     """
     blocks = np.array([packet.id.block for packet in stream.packets], dtype=np.int64)
     weights = np.array([packet.num_bytes + RECORD_PREFIX.size for packet in stream.packets], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Tiles of a scene with levels of detail: the blocks of its stream, read from the side information alone."""
+"""Tiles of a scene with levels of detail, read from the side information."""
 
 import itertools
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ class Tiles(CheckedFields):
     Attributes:
         levels: Level of detail of each tile, 0 for the finest, int64 (B).
         parents: Coarser tile that replaces each tile, int64 (B); -1 in the coarsest level.
-        counts: Gaussians of each tile, int64 (B).
-        packets: Packets of each tile, int64 (B).
+        counts: Number of Gaussians of each tile, int64 (B).
+        packets: Number of packets of each tile, int64 (B).
         sizes: Bytes of each tile in the file, int64 (B).
-        errors: Geometric error of each tile: root-mean-square distance between the centres of the finest Gaussians and
-            of the tile's Gaussians that replace them. World units, float64 (B); 0 in the finest level.
-        low: Lower corner of the box around the tile's centres, world units, float64 (B, 3).
-        high: Upper corner, float64 (B, 3).
+        errors: Geometric error of each tile: RMS distance of its centres from those of the finest level, world units,
+            float64 (B).
+        low: Lower corner of the bounding box of each tile, world units, float64 (B, 3).
+        high: Upper corner of the box, float64 (B, 3).
     """
 
     levels: np.ndarray
@@ -52,14 +52,12 @@ class Tiles(CheckedFields):
 
     @property
     def first_packets(self) -> np.ndarray:
-        """Index of each tile's first packet in sending order, and the end of the last tile, int64 (B + 1)."""
+        """Index of each tile's first packet in sending order, and the total number of packets, int64 (B + 1)."""
         return np.concatenate([[0], np.cumsum(self.packets)]).astype(np.int64)
 
 
 def parents_of(children: int, parents: int) -> np.ndarray:
     """Returns the index of the coarser tile that replaces each finer tile, int64 (children).
-
-    Consecutive finer tiles share a coarser one, with nearly equal numbers of children.
 
     Args:
         children: Number of finer tiles.

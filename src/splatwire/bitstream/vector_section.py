@@ -1,7 +1,4 @@
-"""Sections of the side information that contain three numbers, such as the origin or the background of a scene.
-
-A section is omitted if its numbers have their default values.
-"""
+"""Sections of the side information that contain three numbers, such as the origin or the background of a scene."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,13 +13,11 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class VectorSection:
-    """Reads and writes a section of the side information that contains three numbers, such as the origin of a scene.
-
-    The section is omitted if the numbers have their default values.
+    """Reads and writes a section of the side information with three numbers, such as the origin of a scene.
 
     Attributes:
         name: Name of the section.
-        usual: Default numbers, which apply to a stream without the section.
+        usual: Default numbers; with these, a stream has no such section.
         check: Function that validates the numbers and returns them, or raises `InvalidValueError`.
         wide: True to store the numbers as `f64`, False for `f32`.
     """
@@ -33,7 +28,7 @@ class VectorSection:
     wide: bool = False
 
     def sections(self, values: Vector) -> dict[str, bytes]:
-        """Serialises three numbers, such as an origin or a colour, as a section of the side information.
+        """Serialises three numbers as a section of the side information.
 
         Returns:
             Content of the section by its name; empty if the numbers are the default.
@@ -46,9 +41,7 @@ class VectorSection:
         return {self.name: writer.bytes()}
 
     def of_stream(self, stream: SceneStream) -> Vector:
-        """Reads the three numbers of the section, such as an origin or a colour, from a stream's side information.
-
-        Returns the default numbers if the section is absent.
+        """Reads the three numbers from a stream, or returns the default.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.
@@ -56,9 +49,7 @@ class VectorSection:
         return self.read(sections_of(stream))
 
     def of_side_info(self, side_info: bytes, codec: str) -> Vector:
-        """Reads the three numbers of the section, such as an origin or a colour, from serialised side information.
-
-        Returns the default numbers if the section is absent.
+        """Reads the three numbers from serialised side information, or returns the default.
 
         Args:
             side_info: The side information.
@@ -70,9 +61,7 @@ class VectorSection:
         return self.read(split_sections(side_info, codec)[1])
 
     def read(self, sections: Mapping[str, bytes]) -> Vector:
-        """Reads the three numbers of the section, such as an origin or a colour, from the sections of a stream.
-
-        Returns the default numbers if the section is absent.
+        """Reads the three numbers from the sections of a stream, or returns the default.
 
         Args:
             sections: All named sections of a stream's side information, by name.

@@ -1,7 +1,4 @@
-"""Selects the tiles to draw and to request for a viewpoint.
-
-`web/src/codec/levels/cut.ts` implements the same selection.
-"""
+"""Selects the tiles to draw and to request for a viewpoint."""
 
 from dataclasses import dataclass, replace
 
@@ -11,6 +8,7 @@ from splatwire.arguments import CheckedFields, array_of, checked
 from splatwire.bitstream.tiles import Tiles
 from splatwire.reprs import summary_repr
 
+# `web/src/codec/levels/cut.ts` implements the same selection.
 BUDGET = 1_000_000
 """Default maximum number of Gaussians to draw."""
 FINE_ENOUGH = 0.48
@@ -32,7 +30,7 @@ class Viewpoint(CheckedFields):
         focal: Focal length, pixels.
         width: Picture width, pixels.
         height: Picture height, pixels.
-        origin: Origin of the coordinates that `viewmat` transforms, world coordinates.
+        origin: Origin of the camera's coordinates, world coordinates.
     """
 
     viewmat: np.ndarray
@@ -44,7 +42,7 @@ class Viewpoint(CheckedFields):
     __repr__ = summary_repr
 
     def relative_to(self, origin: tuple[float, float, float]) -> "Viewpoint":
-        """Returns the same viewpoint with coordinates relative to another origin, usually that of the stream."""
+        """Returns the same viewpoint with coordinates relative to another origin."""
         if origin == self.origin:
             return self
         viewmat = np.array(self.viewmat, dtype=np.float64)
@@ -54,14 +52,11 @@ class Viewpoint(CheckedFields):
 
 @dataclass(frozen=True)
 class Cut(CheckedFields):
-    """Result of the selection of tiles for a viewpoint: tiles to draw and tiles to request.
-
-    A Gaussian of a coarse tile is drawn only if the finer tile that replaces it (`replaces_tile`) is not drawn. Coarse
-    tiles therefore stay in the list if only some of their finer tiles were received.
+    """Tiles to draw and tiles to request for a viewpoint.
 
     Attributes:
         drawn: Received tiles to draw.
-        wanted: Tiles to request: those not yet received, most useful first.
+        wanted: Tiles to request, most useful first.
     """
 
     drawn: tuple[int, ...]
@@ -71,22 +66,15 @@ class Cut(CheckedFields):
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
     """Returns the error in the picture while a tile is missing, for each tile, float64 (B).
 
-    A viewer draws a coarser tile in place of a missing one. In the coarsest level, the error is infinite. Errors of
-    tiles outside the picture are multiplied by a small factor (`BEHIND`).
-
     Args:
         tiles: All tiles of the scene.
-        viewpoint: Position and direction of the viewer; errors are then in pixels. None for errors in world units.
+        viewpoint: Viewpoint; None for errors in world units instead of pixels.
     """
     return _errors_and_usefulness(tiles, viewpoint)[0]
 
 
 def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the error in the picture and the usefulness of each tile, for selecting tiles, float64 (B) each.
-
-    The errors are those of `pixel_errors`. The usefulness is the visible area of the tile in square pixels per byte. It
-    is infinite in the coarsest level.
-    """
+    """Returns the error in the picture and the usefulness (visible area per byte) of each tile, float64 (B) each."""
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if viewpoint is None:
         return errors, errors.copy()
@@ -97,12 +85,10 @@ def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[n
 
 
 def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Projects the boxes of tiles into the picture, to estimate how large and how near each tile appears.
+    """Projects the bounding boxes of tiles into the picture.
 
     Returns:
-        Distance of each box from the camera; mask of boxes that are at least partly in the picture; and area of each
-        box in the picture, square pixels. For a box in the picture, the area is that of its bounding rectangle, clipped
-        to the picture. For other boxes, it is the mean area of the box if the camera looked at it.
+        Distance of each box from the camera; mask of visible boxes; and area of each box, square pixels.
     """
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
     eye = np.array(
@@ -133,22 +119,20 @@ def _project_boxes(tiles: Tiles, viewpoint: Viewpoint) -> tuple[np.ndarray, np.n
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
-    """Euclidean length of each row, (N, 3) to (N)."""
+    """Returns the Euclidean length of each row, (N, 3) to (N)."""
     x, y, z = vectors.T
     return np.sqrt(x * x + y * y + z * z)
 
 
 @checked
 def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budget: int = BUDGET) -> Cut:
-    """Selects the tiles to draw and to request, in order of visible area per byte.
-
-    Tiles are added until the budget is used up or the error in the picture is small everywhere.
+    """Selects the tiles to draw and to request for a viewpoint.
 
     Args:
         tiles: The tiles.
         received: True for tiles that were received, bool (B).
-        viewpoint: The viewpoint; None refines the whole scene from coarse to fine.
-        budget: Maximum number of Gaussians to draw; the coarsest level is drawn in any case.
+        viewpoint: Viewpoint; None refines the whole scene from coarse to fine.
+        budget: Maximum number of Gaussians to draw.
     """
     received = array_of(received, "received", (tiles.num_tiles,), "b")
     chosen = _chosen(tiles, viewpoint, budget)
@@ -161,10 +145,7 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
 
 
 def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarray:
-    """Selects the tiles to draw or to request for a viewpoint; returns them with the most useful first.
-
-    A finer tile always follows the coarser tile that it replaces.
-    """
+    """Selects the tiles to draw or to request for a viewpoint; returns them with the most useful first."""
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
         here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
@@ -177,7 +158,7 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
 
 
 def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
-    """Finds for each Gaussian of a coarser tile the finer tile that replaces it: the one with the nearest bounding box.
+    """Finds for each Gaussian of a coarser tile the finer tile that replaces it.
 
     Args:
         tiles: The tiles.
@@ -185,7 +166,7 @@ def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
         means: Centres of some Gaussians of this tile, float64 (N, 3).
 
     Returns:
-        Index of the finer tile for each Gaussian, int64 (N); -1 if the tile is of the finest level.
+        Index of the finer tile for each Gaussian, int64 (N); -1 in the finest level.
     """
     finer = np.flatnonzero(tiles.parents == tile)
     if not len(finer):

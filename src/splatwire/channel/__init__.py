@@ -1,4 +1,4 @@
-"""Channel simulation: removes lost packets from a stream. Uses numpy and the standard library only."""
+"""Channel simulation: removes lost packets from a stream."""
 
 from splatwire.channel.loss_models import UNITS, Bernoulli, GilbertElliott, LossModel, NoLoss
 from splatwire.channel.loss_text import LOSS_PRESETS, parse_loss

@@ -1,4 +1,4 @@
-"""Packet loss models: each draws a boolean mask of the received packets (or datagrams)."""
+"""Packet loss models, which draw at random which packets are received."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,13 +22,13 @@ def _check_share(what: str, value: float | int) -> None:
 
 
 def _format_number(number: float | int) -> str:
-    """Formats a parameter of a loss model as the shortest text that parses to the same number."""
+    """Formats a parameter of a loss model as the shortest text for this number."""
     return repr(float(number)).removesuffix(".0")
 
 
 @runtime_checkable
 class LossModel(Protocol):
-    """Loss model of a channel: draws which packets (or datagrams) of a transmission are received."""
+    """Loss model of a channel: draws which packets (or datagrams) are received."""
 
     @property
     def name(self) -> str:
@@ -39,11 +39,11 @@ class LossModel(Protocol):
         """Unit of loss: `pak` (whole packets of the stream) or `datagram`."""
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws which of n packets (or datagrams, as `unit` says) are received.
+        """Draws which of n packets (or datagrams) are received.
 
         Args:
             n: Number of packets or datagrams sent.
-            rng: Random generator; the only source of randomness.
+            rng: Random generator.
 
         Returns:
             True for each received packet or datagram, in sending order, bool, shape (n,).
@@ -52,7 +52,7 @@ class LossModel(Protocol):
 
 @dataclass(frozen=True)
 class NoLoss(CheckedFields):
-    """Loss model of a channel without loss: every packet is received."""
+    """Loss model of a channel without loss."""
 
     unit: str = field(default=UNIT, kw_only=True)
 
@@ -62,7 +62,7 @@ class NoLoss(CheckedFields):
         return "none"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Returns a mask of n times True, bool, shape (n,): every packet is received."""
+        """Returns a mask of n times True, bool, shape (n,)."""
         return np.ones(n, bool)
 
 
@@ -71,7 +71,7 @@ class Bernoulli:
     """Loss model that loses each packet (or datagram) independently with the same probability.
 
     Attributes:
-        rate: Probability that a packet is lost, 0 to 1 (both included).
+        rate: Probability that a packet is lost, 0 to 1.
 
     Raises:
         InvalidValueError: If the rate is not between 0 and 1.
@@ -90,21 +90,19 @@ class Bernoulli:
         return f"bernoulli:{_format_number(self.rate)}"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws independently which of n packets (or datagrams) are received, and returns the mask, bool, (n,)."""
+        """Draws which of n packets (or datagrams) are received; returns the mask, bool, (n,)."""
         return rng.random(n) >= self.rate
 
 
 @dataclass(frozen=True)
 class GilbertElliott:
-    """Burst loss: a Markov chain of a good and a bad state, started in its stationary distribution.
+    """Loss model with bursts of losses: a Markov chain of a good and a bad state.
 
-    `r = 1 / mean_burst` is the probability per packet of leaving the bad state. `p = r * b / (1 - b)` is the
-    probability per packet of entering the bad state, where `b` is the share of time spent there. The defaults are the
-    Gilbert model: all packets arrive in the good state, none in the bad one. `b` then is the loss rate. Source:
-    G. Haßlinger, O. Hohlfeld, "The Gilbert-Elliott model for packet loss in real time services on the Internet", 2008.
+    The defaults are the Gilbert model: all packets arrive in the good state, none in the bad one. Source: G. Haßlinger,
+    O. Hohlfeld, "The Gilbert-Elliott model for packet loss in real time services on the Internet", 2008.
 
     Attributes:
-        rate: Long-run fraction of packets lost, 0 to 1 (both included).
+        rate: Fraction of packets lost in the long run, 0 to 1.
         mean_burst: Mean duration of the bad state, packets, at least 1.
         arrival_bad: Probability that a packet sent in the bad state is received, 0 to 1 (h in the source).
         arrival_good: Probability that a packet sent in the good state is received, 0 to 1 (k in the source).
@@ -161,7 +159,7 @@ class GilbertElliott:
         return min(max(share, 0.0), 1.0)  # rounding errors may exceed the range
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws with bursts of losses which of n packets (or datagrams) are received; returns the mask, bool, (n,)."""
+        """Draws which of n packets (or datagrams) are received; returns the mask, bool, (n,)."""
         # A chain that is always bad has no transition to good, whatever the burst length.
         bad = self._states(n, rng) if self.share_bad < 1 else np.ones(n, bool)
         return rng.random(n) < np.where(bad, self.arrival_bad, self.arrival_good)

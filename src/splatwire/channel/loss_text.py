@@ -28,8 +28,8 @@ def parse_loss(spec: str, unit: str = UNIT) -> LossModel:
 
     Args:
         spec: `none`, `bernoulli:RATE`, `gilbert:RATE,BURST`, `gilbert:RATE,BURST,ARRIVAL_BAD,ARRIVAL_GOOD`,
-            `gilbert:PRESET` (a key of `LOSS_PRESETS`) or `trace:FILE[,repeat]`. Rates are from 0 to 1. Models of
-            installed packages are `NAME` or `NAME:PARAMETERS`.
+            `gilbert:PRESET` (a key of `LOSS_PRESETS`), `trace:FILE[,repeat]`, or a model of another package. Rates are
+            from 0 to 1.
         unit: Unit of loss: `pak` (whole packets of the stream) or `datagram`.
 
     Raises:

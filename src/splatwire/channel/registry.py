@@ -1,4 +1,4 @@
-"""Registry of loss models, extensible by installed packages (`splatwire.plugins`, docs/your-own-concealer.md)."""
+"""Registry of loss models, which other packages can extend (`docs/your-own-concealer.md`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class LossText:
     """Entry of the registry: creates one kind of loss model from its parameters as text.
 
     Attributes:
-        make: Function or class that returns the loss model. Called with the text after the colon of `NAME:PARAMETERS`
-            (an empty text if there is no colon) and the keyword `unit`.
-        form: Syntax of the model's text, such as `bernoulli:RATE`; appears in error messages.
+        make: Function or class that returns the loss model, given the text after the colon of `NAME:PARAMETERS` and the
+            keyword `unit`.
+        form: Syntax of the model's text, such as `bernoulli:RATE`, for error messages.
     """
 
     make: Callable[..., LossModel]
@@ -35,14 +35,14 @@ LOSS_MODELS: Registry[LossText] = Registry("loss model", GROUP)
 
 @checked
 def register_loss_model(name: str, *, form: str | None = None) -> Callable[[Make], Make]:
-    """Returns a decorator that registers a function or class as a loss model that users select by name.
+    """Returns a decorator that registers a function or class as a loss model.
 
-    The decorated function or class is called with the parameters of the model as text and with the keyword `unit`, one
-    of `splatwire.channel.UNITS`, and returns the loss model.
+    The function or class is called with the parameters of the model as text and with the keyword `unit`, one of
+    `splatwire.channel.UNITS`, and returns the loss model.
 
     Args:
         name: Name of the model: the text before the colon of `NAME:PARAMETERS`.
-        form: Syntax of the model's text in error messages, such as `bernoulli:RATE`; None for `NAME:...`.
+        form: Syntax of the model's text, such as `bernoulli:RATE`, for error messages; None for `NAME:...`.
 
     Raises:
         InvalidValueError: If another loss model has that name, or the decorated object is not callable.
@@ -58,7 +58,7 @@ def register_loss_model(name: str, *, form: str | None = None) -> Callable[[Make
 
 
 def make_loss(name: str, text: str, unit: str) -> LossModel:
-    """Creates the registered loss model of a name with given parameters.
+    """Creates a registered loss model with given parameters.
 
     Args:
         name: Name under which the model is registered, such as `bernoulli`.
@@ -84,10 +84,10 @@ def make_loss(name: str, text: str, unit: str) -> LossModel:
 
 @dataclass(frozen=True)
 class CheckedLoss:
-    """Wrapper of a loss model from another package that checks the masks which the wrapped model returns.
+    """Loss model of another package, with a check of the masks that it returns.
 
     Attributes:
-        model: Wrapped loss model.
+        model: Loss model of the other package.
         unit: Unit of loss: `pak` (whole packets of the stream) or `datagram`.
     """
 
@@ -96,11 +96,11 @@ class CheckedLoss:
 
     @property
     def name(self) -> str:
-        """Name of the wrapped model with its parameters."""
+        """Name of the model with its parameters."""
         return self.model.name
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws with the wrapped model which of n packets or datagrams are received.
+        """Draws which of n packets or datagrams are received.
 
         Args:
             n: Number of packets or datagrams sent.

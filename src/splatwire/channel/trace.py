@@ -14,15 +14,14 @@ MAX_TRACE_BYTES = 1 << 26
 
 @dataclass(frozen=True)
 class Trace:
-    """Loss model that replays a recorded loss trace from its start, without randomness.
+    """Loss model that replays a recorded loss trace.
 
-    The file is text with one entry per packet: `1` or `received`, `0` or `lost`, in lower or upper case. Entries are
-    separated by white space or commas; digits may also follow each other directly. `#` starts a comment. **1 means
-    that the packet was received.**
+    The file is text with one entry per packet: `1` or `received`, `0` or `lost`. Entries are separated by white space
+    or commas; digits may also follow each other directly. `#` starts a comment.
 
     Attributes:
         path: Path of the trace file.
-        repeat: True to start the trace again when more packets are sent than it has entries; False to raise an error.
+        repeat: True to start again when more packets are sent than the trace has entries; False to raise an error.
         entries: True for each received packet of the trace, bool, shape (number of entries,).
 
     Raises:
@@ -49,7 +48,7 @@ class Trace:
 
         Args:
             n: Number of packets or datagrams sent.
-            rng: Random generator; not used.
+            rng: Not used.
 
         Returns:
             True for each received packet or datagram, in sending order, bool, shape (n,).
@@ -68,7 +67,7 @@ _WORDS = {"received": True, "lost": False}
 
 
 def read_trace(path: Path) -> np.ndarray:
-    """Reads a recorded loss trace from a text file (syntax in `Trace`).
+    """Reads a recorded loss trace from a text file.
 
     Args:
         path: Path of the trace file.

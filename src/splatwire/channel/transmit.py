@@ -38,7 +38,7 @@ class TransmitRecord(CheckedFields):
         num_sent_elements: Number of elements (Gaussians or anchors) in the packets sent.
         bytes_sent: Total size of the packets sent in bytes, with headers.
         bytes_received: Total size of the packets received in bytes, with headers.
-        bytes_protected: Size of manifest and side information in bytes; both always arrive (paper 3.2.2).
+        bytes_protected: Size of manifest and side information in bytes, which always arrive (paper 3.2.2).
         lost: File names of the lost packets, ascending by packet id.
     """
 
@@ -56,7 +56,7 @@ class TransmitRecord(CheckedFields):
     lost: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Returns the statistics as a dictionary of numbers, strings and lists that can be written as JSON."""
+        """Returns the statistics as numbers, strings and lists, for JSON."""
         return {**asdict(self), "lost": list(self.lost)}
 
 
@@ -67,8 +67,7 @@ class PacketLossMask(CheckedFields):
     Attributes:
         received: True for each received packet, in the order of `SceneStream.packets`, bool.
         num_datagrams: Number of datagrams sent.
-        num_lost_datagrams: Number of datagrams lost. If the loss model loses whole packets, all datagrams of a lost
-            packet count as lost.
+        num_lost_datagrams: Number of datagrams lost.
     """
 
     received: np.ndarray
@@ -82,7 +81,7 @@ class PacketLossMask(CheckedFields):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the mask and its length in hexadecimal: equal for transmissions with equal losses."""
+        """SHA-256 of the mask in hexadecimal, equal for equal losses."""
         packed = np.packbits(self.received).tobytes()
         return hashlib.sha256(len(self.received).to_bytes(8, "little") + packed).hexdigest()
 
@@ -98,14 +97,12 @@ def transmit(
 ) -> tuple[SceneStream, TransmitRecord]:
     """Simulates sending a stream over a lossy channel; side information and manifest always arrive (paper 3.2.2).
 
-    Every packet is sent once. In a sequence (dynamic scene), lost packets that later groups of pictures also need are
-    retransmitted until they are received, `ATTEMPTS_PER_GROUP` times per group of pictures. Packets with the motion of
-    one group are not retransmitted.
+    In a sequence (dynamic scene), lost packets that later groups of pictures also need are retransmitted.
 
     Args:
         stream: Stream to send.
-        loss: Loss model, or its text such as `bernoulli:0.2` (syntax in `parse_loss`).
-        seed: Random seed of the losses, an integer of at least 0.
+        loss: Loss model, or its text such as `bernoulli:0.2`.
+        seed: Random seed, at least 0.
         send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
 
     Returns:
@@ -145,17 +142,14 @@ def transmit(
 def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
     """Simulates retransmission in a sequence; returns the mask of lost packets that arrive later.
 
-    Only packets that later groups of pictures also need are retransmitted, not those with the motion of one group.
-
     Args:
         stream: Stream of a sequence (dynamic scene).
         mask: Result of the first transmission.
-        loss: Loss model, also applied to every retransmission.
-        seed: Random seed of the first transmission; the seeds of the retransmissions are derived from it.
+        loss: Loss model.
+        seed: Random seed of the first transmission.
 
     Returns:
-        True for each packet that was lost at first and arrives by retransmission, in the order of
-        `SceneStream.packets`, bool.
+        True for each packet that was lost at first and arrives later, in the order of `SceneStream.packets`, bool.
     """
     return ~mask.received & (arrival_groups(stream, mask, loss, seed=seed) >= 0)
 
@@ -163,13 +157,11 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
     """Simulates retransmission in a sequence; returns during which group of pictures each packet arrives.
 
-    Only packets that later groups of pictures also need are retransmitted, `ATTEMPTS_PER_GROUP` times per group.
-
     Args:
         stream: Stream of a sequence (dynamic scene).
         mask: Result of the first transmission.
-        loss: Loss model, also applied to every retransmission.
-        seed: Random seed of the first transmission; the seeds of the retransmissions are derived from it.
+        loss: Loss model.
+        seed: Random seed of the first transmission.
 
     Returns:
         Index of the group of pictures for each packet, -1 if the packet never arrives, in the order of
@@ -189,7 +181,7 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
 
 
 def _group_of_packets(stream: SceneStream) -> np.ndarray:
-    """Returns for each packet of a sequence the index of its group of pictures, int64, in the order of the packets."""
+    """Returns the index of the group of pictures of each packet, int64."""
     plan = stream.manifest.plan
     return np.array([plan.tier_of(packet.id.block) // 2 for packet in stream.packets], np.int64)
 
@@ -198,15 +190,12 @@ def _group_of_packets(stream: SceneStream) -> np.ndarray:
 def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> PacketLossMask:
     """Draws at random which packets of a stream are received when each is sent once.
 
-    If whole packets are lost, reception of the i-th packet sent depends only on the loss model, the seed and the
-    number of packets. Streams with equally many packets thus get the same losses, so methods are compared fairly. If
-    datagrams are lost, the loss model runs over the datagrams of all packets in sequence. A packet is received if all
-    its datagrams are, because a partial packet is useless.
+    With a loss model of whole packets, streams with equally many packets get the same losses.
 
     Args:
         stream: Stream to send.
         loss: Loss model.
-        seed: Random seed of the losses, an integer of at least 0.
+        seed: Random seed, at least 0.
         send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
 
     Raises:
@@ -226,7 +215,7 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
 
 
 def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
-    """Draws the received packets; a packet is lost if the loss model loses any of its datagrams.
+    """Draws the received packets; a packet is lost with any of its datagrams.
 
     Args:
         datagrams: Number of datagrams of each packet, in sending order, int64.
@@ -234,8 +223,7 @@ def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np
         seed: Random seed.
 
     Returns:
-        True for each received packet, in sending order, bool; and the number of lost packets, or of lost datagrams if
-        the loss model loses datagrams.
+        True for each received packet, in sending order, bool; and the number of lost packets or datagrams.
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     if loss.unit == "pak" or not len(datagrams):
@@ -247,13 +235,10 @@ def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np
 
 
 def datagrams_of(num_bytes: np.ndarray) -> np.ndarray:
-    """Returns how many datagrams of `DATAGRAM_BYTES` each packet fills, given packet sizes in bytes, int64."""
+    """Returns how many datagrams each packet fills, given packet sizes in bytes, int64."""
     return np.maximum(1, -(-num_bytes // DATAGRAM_BYTES))
 
 
 def _num_elements(packets: Sequence[Packet]) -> int:
-    """Returns the number of distinct elements (Gaussians or anchors) in packets.
-
-    With separated attributes, several packets contain different attributes of the same elements, which count once.
-    """
+    """Returns the number of distinct elements (Gaussians or anchors) in packets."""
     return sum({(packet.id.block, packet.id.lane): packet.num_elements for packet in packets}.values())

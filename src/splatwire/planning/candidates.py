@@ -1,4 +1,4 @@
-"""Allocations of redundancy that the planner compares: side information, parity per tier, sending order, baselines."""
+"""Allocations of redundancy that the planner compares: parity of side information and tiers, sending order."""
 
 import bisect
 import itertools
@@ -48,13 +48,13 @@ _NEARLY = 0.95
 
 @dataclass(frozen=True)
 class PlanConstraints(CheckedFields):
-    """Constraints of a plan: limits of the bytes that are sent, and how often the side information must arrive.
+    """Constraints of a plan: limits on bytes, and how often the side information must arrive.
 
     Attributes:
         budget_bytes: Maximum bytes sent.
         max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
         head_target: Required fraction of transfers in which the side information arrives.
-        concealment_bytes: Bytes of the side information that serve loss concealment only and count as redundancy.
+        concealment_bytes: Bytes of the side information for loss concealment, which count as redundancy.
     """
 
     budget_bytes: float | int
@@ -66,7 +66,7 @@ class PlanConstraints(CheckedFields):
         """Returns True if a transfer has no more redundancy than allowed.
 
         Args:
-            sizes: Bytes by purpose, result of `TransferModel.bytes_by_kind`.
+            sizes: Bytes by purpose, from `TransferModel.bytes_by_kind`.
         """
         spent = sizes["side_protection"] + sizes["packet_protection"] + self.concealment_bytes
         return spent <= self.max_protection * sum(sizes.values())
@@ -76,12 +76,9 @@ class PlanConstraints(CheckedFields):
 def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> list[Protection]:
     """Returns the allocations of redundancy that the planner compares for a static scene.
 
-    They differ in the parity of each importance tier, the repair symbols of the init segment, and the sending order.
-
     Args:
         load: Sizes of the stream.
-        traces: Masks of received datagrams in T simulated transfers, bool (T, n); n exceeds the number of datagrams of
-            each allocation.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         constraints: Constraints of the plan.
     """
     traces = transfer_masks(traces, "traces", 1)
@@ -104,7 +101,7 @@ def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraint
 
 @checked
 def largest_head(load: StreamLoad) -> int:
-    """Returns approximately the size in bytes of the largest init segment that the planner considers.
+    """Returns the approximate maximum size of the init segment in bytes.
 
     Args:
         load: Sizes of the stream.
@@ -114,8 +111,6 @@ def largest_head(load: StreamLoad) -> int:
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
     """Lists how many of the most important tiers may be moved from packets into the init segment: none, 1, 2 and so on.
-
-    The init segment may contain at most the share `MOST_IN_HEAD` of all packets.
 
     Args:
         counts: Number of packets of each importance tier.
@@ -132,12 +127,10 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 
 @checked
 def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> dict[str, Protection]:
-    """Returns two simple allocations of redundancy, by name, with which the planner compares optimised ones.
+    """Returns two simple allocations of redundancy, by name, for comparison with optimised ones.
 
     * `whole`: the same share of parity for all packets and the side information, as much as the budget allows.
     * `conceal`: redundancy for the side information only.
-
-    Both mix the packets of all importance tiers, so that a burst of losses does not remove most of one tier.
 
     Args:
         load: Sizes of the stream.
@@ -165,11 +158,11 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
 
 @checked
 def arrival_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> SimulatedTransfers:
-    """Simulates transfers that end when the budget of bytes is spent, and returns what each of them delivered.
+    """Simulates transfers that end when the budget of bytes is spent.
 
     Args:
         model: Model of the datagrams of a transfer.
-        traces: Masks of received datagrams in T simulated transfers, bool (T, n or more) for n datagrams.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         budget_bytes: Maximum bytes sent.
     """
     traces = transfer_masks(traces, "traces", len(model.kind))
@@ -185,10 +178,7 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, head_share: float
 ) -> list[Protection]:
-    """Finds good settings for the redundancy of the init segment, which the planner then compares.
-
-    They deliver the side information in the required fraction of transfers (`PlanConstraints.head_target`), or as often
-    as possible, with the fewest bytes. One setting with additional redundancy is added.
+    """Returns settings for the redundancy of the init segment, which the planner then compares.
 
     Args:
         load: Sizes of the stream.
@@ -212,15 +202,11 @@ def _init_segment_candidates(
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
-    """Returns by which point of a transfer the init segment and all repair symbols should have been sent.
+    """Returns by which fraction of a transfer, 0 to 1, all repair symbols should have been sent.
 
     Args:
         constraints: Constraints of the plan.
         pass_bytes: Bytes of the complete transfer.
-
-    Returns:
-        Fraction of `pass_bytes`, 0 to 1: shortly before the budget of bytes is spent, or 1 if the budget suffices for
-        the complete transfer.
     """
     fit = constraints.budget_bytes / pass_bytes
     return 1.0 if fit >= 1 else _NEARLY * fit
@@ -231,18 +217,12 @@ def _least_repair(
 ) -> Protection:
     """Chooses the smallest redundancy with which the side information arrives in the required fraction of transfers.
 
-    The required fraction is `PlanConstraints.head_target`. If it cannot be reached within the constraints, the largest
-    allowed redundancy is chosen.
-
     Args:
         load: Sizes of the stream.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
         constraints: Constraints of the plan.
-        start: Allocation of redundancy; only its repair symbols for the side information are replaced.
-
-    Returns:
-        The allocation with the chosen number of repair symbols.
+        start: Allocation whose repair symbols for the side information are replaced.
     """
     need = rate / (1 - rate)
     repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})
@@ -263,16 +243,12 @@ def _least_repair(
 
 
 def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
-    """Lists the combinations of safety margins to compare, with one margin for each importance tier.
+    """Lists the combinations of safety margins to compare, one margin for each importance tier.
 
-    A safety margin is redundancy beyond that for the mean loss, in standard deviations of the loss (`SAFETIES`). A less
-    important tier never has a larger margin than a more important tier.
+    A safety margin is redundancy beyond that for the mean loss.
 
     Args:
         tiers: Number of tiers.
-
-    Returns:
-        Tuples with one margin per tier, most important tier first.
     """
     return [
         tuple(SAFETIES[level] for level in combination)
@@ -282,11 +258,11 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
 
 
 def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
-    """Returns the number of repair symbols per packet that is needed for the mean loss and a margin.
+    """Returns the number of repair symbols per packet for the mean loss and a safety margin.
 
     Args:
-        safety: Margin in standard deviations of the number of lost packets; None for no parity at all.
-        need: Repair symbols per packet that make up for the mean loss only.
+        safety: Margin in standard deviations of the number of lost packets; None for no parity.
+        need: Repair symbols per packet for the mean loss.
         num_packets: Number of packets that share the parity.
     """
     if safety is None or need == 0:

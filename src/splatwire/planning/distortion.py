@@ -1,4 +1,4 @@
-"""Model, for the planner, of the picture errors that lost elements of each importance tier cause."""
+"""Predicts the picture errors that lost elements of each importance tier cause."""
 
 import math
 from collections.abc import Callable
@@ -20,10 +20,7 @@ Picture = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True, eq=False)
 class DistortionModel:
-    """Predicts the picture error that packet losses cause after concealment, without rendering, for comparing plans.
-
-    The prediction depends on the lost share of each importance tier. A tier is assumed to lose no more than any less
-    important tier, because important tiers are better protected.
+    """Predicts the picture error after packet losses and concealment, without rendering.
 
     Attributes:
         shares: Lost shares at which the error was measured, ascending from 0, float64 (S).
@@ -47,7 +44,7 @@ class DistortionModel:
             raise InvalidValueError(f"DistortionModel.base_mse must be positive, not {shown(self.base_mse)}")
 
     def psnr(self, lost: np.ndarray) -> np.ndarray:
-        """Predicts the PSNR of simulated transfers from the share of each importance tier that was lost in them.
+        """Predicts the PSNR of simulated transfers.
 
         Args:
             lost: Lost share of each of T tiers in each simulated transfer, float64 (trials, T).
@@ -68,18 +65,15 @@ class DistortionModel:
 
 @dataclass(frozen=True, eq=False)
 class StreamVariant:
-    """One encoded variant of a scene with its distortion model; the planner chooses among several variants.
+    """Encoded variant of a scene with its distortion model, one of several from which the planner chooses.
 
     Attributes:
         load: Sizes of the stream.
-        distortion: Distortion model of losses in each tier.
-        picture: Renders a stream with losses, to compare the best plans; None to compare by the distortion model
-            `distortion` only.
-        concealment_bytes: Bytes of the side information that serve concealment only, such as redundant copies; they
-            count as protection.
-        preview_bytes: Bytes of the preview in the first message of the server (welcome); they count as redundancy and
-            against the budget.
-        blank_psnr: PSNR of a transfer without side information, decibels; PSNR of the preview if the stream has one.
+        distortion: Distortion model of losses in each importance tier.
+        picture: Renders a stream with losses; None to use only the distortion model.
+        concealment_bytes: Bytes of the side information for loss concealment, which count as redundancy.
+        preview_bytes: Bytes of the preview, which count as redundancy.
+        blank_psnr: PSNR of a transfer without side information, decibels.
 
     Raises:
         InvalidValueError: If numbers of tiers differ, or a size is out of range.
@@ -108,13 +102,13 @@ class StreamVariant:
             raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
 
     def budget_after_preview(self, budget_bytes: float | int) -> float:
-        """Returns the bytes of a budget that remain after the server's first message, the welcome."""
+        """Returns the bytes of a budget that remain after the preview was sent."""
         return float(max(budget_bytes - self.preview_bytes, 0))
 
 
 @checked
 def lost_fractions(load: StreamLoad, packets: np.ndarray) -> np.ndarray:
-    """Returns which fraction of the scene elements of each importance tier is lost in simulated transfers.
+    """Returns the lost fraction of the elements of each importance tier in simulated transfers.
 
     Args:
         load: Sizes and tiers of the stream's packets.

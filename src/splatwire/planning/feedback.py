@@ -1,9 +1,6 @@
 """Plans retransmission of lost packets (ARQ) under a budget of bytes, instead of forward error correction.
 
-Side information is always retransmitted if lost. Of the packets, only the first ones in sending order are
-retransmitted, as many as the budget allows. With importance tiers, these are the most important packets.
-
-On average, retransmission needs p / (1 - p) additional bytes per byte at loss rate p. No code needs fewer.
+Side information is always retransmitted if lost, and packets only as far as the budget allows.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,15 +36,14 @@ def plan_retransmission(
 ) -> ScenePlan:
     """Plans retransmission: chooses the stream variant and the number of packets that may be retransmitted.
 
-    The delay of retransmissions is not simulated. If the budget is derived from a deadline and a rate, leave time for a
-    few round trips before the deadline.
+    The delay of retransmissions is not simulated.
 
     Args:
         variants: Variants of the stream, such as one with tiers and one with redundant copies.
         loss: Loss model of the channel, in datagrams.
         budget_bytes: Mean bytes that may be sent, datagram headers included.
-        max_protection: Maximum mean share of bytes for retransmissions and for redundant copies, 0 to 1.
-        rendered_trials: Number of simulated transfers that are rendered to measure the quality.
+        max_protection: Maximum mean share of bytes for retransmissions and loss concealment, 0 to 1.
+        rendered_trials: Number of simulated transfers that are rendered.
         seed: Seed of the simulated losses.
         progress: Called with the completed fraction.
 
@@ -79,19 +75,7 @@ def _plan(
     max_protection: float,
     rendered_trials: int,
 ) -> ScenePlan | None:
-    """Plans the sending of one variant of a stream: as many packets are retransmitted as the limits allow.
-
-    Args:
-        variant: Variant of the stream.
-        number: Index of the variant.
-        received: Masks of received datagrams in simulated transfers.
-        budget_bytes: Mean bytes that may be sent, datagram headers included.
-        max_protection: Maximum mean share of bytes for retransmissions and for redundant copies, 0 to 1.
-        rendered_trials: Number of simulated transfers that are rendered.
-
-    Returns:
-        The plan; None if the limits do not suffice for the side information.
-    """
+    """Plans the retransmission for one variant; None if the limits do not suffice for the side information."""
     sizes = model_transfer(variant.load, Protection(side_repair=0.0)).bytes_by_kind()
     again = OVERHEAD * _lost_per_received(received)
     extra = variant.concealment_bytes + variant.preview_bytes
@@ -118,6 +102,6 @@ def _plan(
 
 
 def _lost_per_received(received: np.ndarray) -> float:
-    """Estimates how many datagrams are lost for each received one: p / (1 - p) at loss rate p."""
+    """Returns how many datagrams are lost for each received one."""
     rate = 1 - float(received.mean())
     return rate / max(1 - rate, 0.05)

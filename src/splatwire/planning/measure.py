@@ -1,4 +1,4 @@
-"""Measures how much the loss of each importance tier degrades the rendered pictures."""
+"""Measures by how much the loss of each importance tier degrades the rendered pictures."""
 
 import itertools
 import math
@@ -40,15 +40,12 @@ ASSUMED_BASE_MSE = 1e-3
 class LossyPictures:
     """Renders a scene after losses and concealment, and compares the pictures with the complete scene or with photos.
 
-    Neighbour searches that do not depend on the losses are made once.
-
     Args:
-        complete: Decoded lossless stream, including the side information sections of concealers.
-        cameras: Views to render; a few are enough.
+        complete: Decoded lossless stream.
+        cameras: Views to render.
         concealer: Name of the concealer.
-        photos: Photos of the views. Without photos, the complete scene is the reference, and `base_mse` is added to the
-            error.
-        base_mse: Assumed mean squared error of the complete scene against photos.
+        photos: Photos of the views; None to compare with the complete scene.
+        base_mse: Mean squared error of the complete scene, added to the error without photos.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.
@@ -132,8 +129,6 @@ def measure_distortion(
 ) -> DistortionModel:
     """Measures the distortion model of a scene by rendering it after simulated losses.
 
-    For each tier and each of `shares`, the tier and all less important tiers lose this share of their elements.
-
     Args:
         pictures: Renderer of the scene.
         tiers: Importance tier of each element, 0 for the most important.
@@ -142,7 +137,7 @@ def measure_distortion(
         progress: Called with the completed fraction.
 
     Returns:
-        Distortion model; errors are made non-decreasing in the lost share.
+        Distortion model.
     """
     tiers = array_of(tiers, "tiers", (pictures.num_elements,), "i", 0, 255)
     _check_shares(shares)
@@ -177,14 +172,13 @@ def variant_of_stream(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> StreamVariant:
-    """Measures how losses degrade the pictures of a complete stream, and returns the result as input of the planner.
+    """Measures how losses degrade the pictures of a complete stream; returns the input of the planner.
 
     Args:
         stream: Complete stream.
         pictures: Renderer of the decoded scene.
-        concealment_bytes: Bytes of the side information that serve concealment only and count as redundancy; the bytes
-            of a preview are added.
-        seed: Seed of the losses in the measurement.
+        concealment_bytes: Bytes of the side information for loss concealment, without the preview.
+        seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
     whole_number(concealment_bytes, "concealment_bytes")
@@ -211,11 +205,11 @@ def measured_variant(
     """Decodes a complete stream and measures how losses degrade its pictures, as input of the planner.
 
     Args:
-        stream: Complete stream. If it has redundant copies of Gaussians (a sketch), losses are concealed with these.
+        stream: Complete stream.
         cameras: Cameras of the scene; None for generated cameras around it.
-        num_views: Maximum number of cameras to render, evenly spaced.
-        concealer: Name of the receiver's concealer for streams without copies; None for the concealer `grow`.
-        seed: Seed of the losses in the measurement.
+        num_views: Maximum number of cameras to render.
+        concealer: Name of the receiver's concealer; None for the default. Not used for streams with redundant copies.
+        seed: Seed of the losses.
         progress: Called with the completed fraction.
 
     Raises:
@@ -231,7 +225,7 @@ def measured_variant(
 
 @checked
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
-    """Lists the elements of each packet, as indices in coding order; the packets are in sending order."""
+    """Lists the elements of each packet, as indices in coding order; packets are in sending order."""
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
     ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}

@@ -25,8 +25,7 @@ class Plan:
         variant: Index of the chosen stream variant.
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
         lost: Mean lost fraction of each importance tier, or of each group's motion.
-        sent_bytes: Bytes sent within the budget, including parity and preview. Retransmissions of keyframe packets are
-            not included.
+        sent_bytes: Bytes sent within the budget, without retransmissions.
     """
 
     protection: Protection
@@ -41,9 +40,9 @@ def plan_content(protection: Protection, stream_id: int, facts: dict[str, Any]) 
     """Returns the content of a plan file as a JSON object.
 
     Args:
-        protection: Amounts of redundancy (forward error correction) that the server sends.
-        stream_id: Id of the stream for which the plan was made.
-        facts: Further values for human readers, such as the expected PSNR; ignored by `read_plan`.
+        protection: Amounts of redundancy.
+        stream_id: Id of the stream.
+        facts: Further values for readers, such as the expected PSNR.
     """
     own = {"format": FORMAT, "version": VERSION, "stream_id": f"{stream_id:08x}", "protection": asdict(protection)}
     return {**facts, **own}
@@ -51,10 +50,10 @@ def plan_content(protection: Protection, stream_id: int, facts: dict[str, Any]) 
 
 @checked
 def read_plan(data: bytes, name: str) -> tuple[Protection, int]:
-    """Parses a plan file, the inverse of `plan_content`.
+    """Parses a plan file.
 
     Args:
-        data: Untrusted JSON text.
+        data: JSON text.
         name: Name of the file, for messages.
 
     Returns:
@@ -105,15 +104,7 @@ def _protection(values: Any) -> Protection:
 
 
 def _parse_motion_protection(values: Any) -> tuple[tuple[float, float], ...]:
-    """Parses the field `motion` of a plan: the parity (FEC) for the motion packets of each group of pictures.
-
-    Args:
-        values: JSON value of the field, a list of pairs of numbers.
-
-    Returns:
-        Two numbers for each group: the fraction of its motion packets that get parity, and the number of repair symbols
-        per packet.
-    """
+    """Parses the parity of each group of pictures: fraction of the motion packets, and repair symbols per packet."""
     fine = isinstance(values, list) and len(values) <= MOST_GROUPS
     if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):
         raise InvalidValueError(f"the plan's motion is not a list of at most {MOST_GROUPS} pairs of numbers")

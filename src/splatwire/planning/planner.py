@@ -1,9 +1,7 @@
 """Planner for static scenes: distributes redundancy over side information and importance tiers within a budget.
 
-It simulates transfers with many allocations of redundancy, and predicts the picture quality from measured effects of
-losses (`DistortionModel`). The best allocations and simple baselines are then compared by rendering.
-
-Datagrams beyond the budget are not sent. A budget can thus also stand for a deadline at a given rate.
+It compares allocations of redundancy in simulated transfers. Datagrams beyond the budget are not sent, so that a budget
+can also stand for a deadline at a given rate.
 """
 
 import math
@@ -65,12 +63,12 @@ to, so small gains there may not generalise.
 
 @dataclass(frozen=True)
 class ScenePlan(Plan):
-    """Result of the planner for a static scene: redundancy to send, and the expected result (see `Plan`).
+    """Result of the planner for a static scene: redundancy to send, and the expected result.
 
     Attributes:
         head_arrives: Fraction of transfers in which the side information arrives.
-        sizes: Bytes of a complete transfer by purpose, e.g. packets and parity.
-        concealment_bytes: Bytes of the side information for concealment only, and of previews.
+        sizes: Bytes of a complete transfer by purpose, such as packets and parity.
+        concealment_bytes: Bytes of the side information for loss concealment, and of the preview.
     """
 
     head_arrives: float
@@ -79,7 +77,7 @@ class ScenePlan(Plan):
 
     @property
     def protection_bytes(self) -> int:
-        """Bytes that are needed only because of losses: parity, and data for concealment."""
+        """Bytes that are needed only because of losses."""
         return self.sizes["side_protection"] + self.sizes["packet_protection"] + self.concealment_bytes
 
     @property
@@ -101,19 +99,17 @@ def plan_protection(
     head_target: float = 0.999,
     progress: Callable[[float], None] | None = None,
 ) -> ScenePlan:
-    """Chooses stream variant and allocation of redundancy with the best expected picture.
+    """Chooses the stream variant and the redundancy with the best expected picture.
 
     Args:
         variants: Variants of the stream, such as one with tiers and one without.
         loss: Loss model of the channel, in datagrams.
-        budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: time until the deadline multiplied
-            by the sending rate.
-        trials: Number of simulated transfers per candidate.
-        rendered_trials: Number of simulated transfers, different from the `trials`, that are rendered
-            (`StreamVariant.picture`) to compare the best candidates.
-        seed: Seed of the simulated losses, shared by all candidates.
+        budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: time multiplied by sending rate.
+        trials: Number of simulated transfers per allocation of redundancy.
+        rendered_trials: Number of simulated transfers that are rendered.
+        seed: Seed of the simulated losses.
         max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
-        head_target: Required fraction of transfers in which the side information arrives, if achievable.
+        head_target: Required fraction of transfers in which the side information arrives.
         progress: Called with the completed fraction.
 
     Raises:
@@ -180,16 +176,16 @@ def check_request(
 
 @checked
 def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
-    """Draws random losses for the transfers that a planner simulates; all plans are compared with the same losses.
+    """Draws random losses for the transfers that a planner simulates.
 
     Args:
-        variants: Variants of the stream; they determine the number of datagrams.
+        variants: Variants of the stream.
         loss: Loss model of the channel, in datagrams.
         trials: Number of simulated transfers.
         seed: Seed of the losses.
 
     Returns:
-        Masks of received datagrams, bool (trials, n). The number n of datagrams suffices for every plan.
+        Masks of received datagrams, bool (trials, n).
     """
     if not len(variants):
         raise InvalidValueError("variants: there is none to simulate")
@@ -201,17 +197,7 @@ def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, tri
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Returns the plan for an allocation of redundancy, with the picture quality that the distortion model predicts.
-
-    The transfers are simulated, but nothing is rendered.
-
-    Args:
-        variant: Variant of the stream.
-        number: Index of the variant.
-        protection: The allocation of redundancy.
-        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
-        budget_bytes: Maximum bytes sent.
-    """
+    """Returns the plan for an allocation of redundancy, with the predicted picture quality."""
     model, budget = model_transfer(variant.load, protection), variant.budget_after_preview(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
@@ -229,15 +215,7 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
 
 
 def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
-    """Selects the plans whose quality is then measured by rendering: the best plans, and baselines of similar quality.
-
-    Plans are preferred if their side information arrives in about the required fraction of the transfers.
-
-    Args:
-        plans: Plans with optimised redundancy.
-        plain: Plans of the baselines.
-        head_target: Required fraction of transfers in which the side information arrives.
-    """
+    """Selects the plans whose quality is measured by rendering: the best plans, and baselines of similar quality."""
     enough = head_target - math.sqrt(head_target * (1 - head_target) / HEAD_TRIALS)
     everything = [*plans, *plain]
     safe = [plan for plan in everything if plan.head_arrives >= enough] or everything
@@ -247,12 +225,12 @@ def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_targ
 
 @dataclass(frozen=True)
 class _EvaluatedPlan:
-    """A plan for sending a stream, with its result in simulated transfers that were not used for choosing it.
+    """A plan with its result in simulated transfers that were not used for choosing it.
 
     Attributes:
         plan: Plan with the expected result of new simulated transfers.
-        partly: Fraction of transfers that deliver a part of the packets (neither all nor none).
-        error: Standard error of the PSNR due to the small number of rendered transfers, decibels.
+        partly: Fraction of transfers that deliver a part of the packets.
+        error: Standard error of the PSNR, decibels.
         plain: True for a simple baseline, False for optimised redundancy.
     """
 
@@ -265,15 +243,7 @@ class _EvaluatedPlan:
 def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
 ) -> _EvaluatedPlan:
-    """Evaluates a plan on new simulated transfers, which were not used for choosing it.
-
-    Args:
-        variant: Stream variant of the plan.
-        plan: Plan to evaluate.
-        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
-        budget_bytes: Maximum bytes sent.
-        rendered_trials: Number of simulated transfers that are rendered.
-    """
+    """Evaluates a plan on new simulated transfers, which were not used for choosing it."""
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
@@ -288,9 +258,9 @@ class ExpectedResult:
 
     Attributes:
         psnr: Mean PSNR, decibels.
-        lost: Mean lost fraction of each tier's elements.
-        partly: Fraction of transfers that deliver a part of the packets (neither all nor none).
-        error: Standard error of `psnr` due to the small number of rendered transfers, decibels.
+        lost: Mean lost fraction of each importance tier.
+        partly: Fraction of transfers that deliver a part of the packets.
+        error: Standard error of `psnr`, decibels.
     """
 
     psnr: float
@@ -303,13 +273,10 @@ class ExpectedResult:
 def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
     """Returns the expected picture quality and losses of a plan over its simulated transfers.
 
-    The PSNR of each transfer is predicted by the distortion model. A few transfers with partial loss are also rendered,
-    and the mean error of their predictions corrects those of all transfers with partial loss.
-
     Args:
         variant: Stream variant.
         arrival: Simulated transfers.
-        rendered_trials: Number of transfers to render, if the variant has a renderer.
+        rendered_trials: Number of transfers to render.
     """
     everything, lost = arrival.head & arrival.packets.all(axis=1), lost_fractions(variant.load, arrival.packets)
     curves = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
@@ -321,6 +288,7 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
         # Evenly spaced in the order of PSNR: in a random selection, a rare failure could have too much weight.
         ranked = parts[np.argsort(curves[parts], kind="stable")]
         chosen = ranked[((np.arange(rendered_trials) + 0.5) / rendered_trials * len(ranked)).astype(np.int64)]
+        # The mean error of their predictions corrects those of all transfers with partial loss.
         beyond = np.array([variant.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
         curves[parts] += beyond.mean()
         error = float(beyond.std()) / math.sqrt(len(chosen)) * partly
@@ -330,13 +298,9 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
 def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
     """Selects the plan with the highest PSNR, or a simple baseline if its PSNR is close to that.
 
-    Among baselines, those of the first stream variant are preferred. Among plans with equal PSNR, the one with the most
-    redundancy is preferred.
-
     Args:
         scored: Plans with their results.
-        whole_psnr: PSNR without losses, decibels. The more PSNR is lost, the larger the difference that counts as
-            close.
+        whole_psnr: PSNR without losses, decibels.
     """
     top = max(scored, key=lambda found: found.plan.psnr)
     lost = max(whole_psnr - top.plan.psnr, 0.0)

@@ -1,7 +1,4 @@
-"""Models a transfer for the planner: kind and size of each datagram in sending order, and simulated losses.
-
-The planner compares hundreds of ways to distribute redundancy, so no repair symbols are actually computed.
-"""
+"""Models a transfer for the planner: kind and size of each datagram in sending order, and simulated losses."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -49,7 +46,7 @@ class StreamLoad(CheckedFields):
 
     @staticmethod
     def of_stream(stream: SceneStream) -> "StreamLoad":
-        """Measures a complete stream: bytes of the init segment; bytes, elements and importance tier of each packet."""
+        """Measures the sizes of a complete stream."""
         ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
         return StreamLoad(
             len(init_segment(stream.manifest, stream.side_info)),
@@ -64,15 +61,14 @@ class TransferModel:
     """Model of a transfer: kind and size of each datagram in sending order, without its content.
 
     Attributes:
-        kind: Kind of each datagram: `SIDE` (side information), `DATA` (packet) or `PARITY` (repair symbol of packets),
-            int64 (n).
-        group: Index of the source block of the init segment, or of the parity group; 0 for a packet, int64 (n).
-        symbol: Number of the symbol within the source block or parity group, or index of the packet, int64 (n).
+        kind: Kind of each datagram: `SIDE` (init segment), `DATA` (packet) or `PARITY` (repair symbol), int64 (n).
+        group: Index of the source block of the init segment, or of the parity group; int64 (n).
+        symbol: Index of the symbol in the source block or parity group, or index of the packet, int64 (n).
         num_bytes: Size of each datagram with headers, bytes, int64 (n).
         head: Number of source symbols of each source block of the init segment.
-        groups: Parity groups: sets of packets that are protected together.
+        groups: Parity groups: packets that share repair symbols.
         num_packets: Number of packets.
-        num_bundled: Number of packets, first in sending order, that are part of the init segment.
+        num_bundled: Number of packets, the first in sending order, that are part of the init segment.
     """
 
     kind: np.ndarray
@@ -85,10 +81,7 @@ class TransferModel:
     num_bundled: int = 0
 
     def bytes_by_kind(self) -> dict[str, int]:
-        """Returns the bytes of a complete transfer by purpose.
-
-        The purposes are side information, packets, and the parity of both.
-        """
+        """Returns the bytes of a complete transfer for side information, packets, and the parity of both."""
         repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.head, 0), dtype=np.int64)[self._segment()])
         masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
                  "packet_protection": self.kind == PARITY}  # fmt: skip
@@ -139,8 +132,7 @@ class SimulatedTransfers(CheckedFields):
 
     Attributes:
         head: Mask of transfers with complete side information, bool (T).
-        packets: Mask of packets that are received, recovered, or part of the init segment (even if that is lost), bool
-            (T, P), in sending order.
+        packets: Mask of packets that are received, recovered, or part of the init segment, bool (T, P).
     """
 
     head: np.ndarray
@@ -188,10 +180,10 @@ def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
 
 
 def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:
-    """Converts masks of received datagrams to a boolean array (T, n), and checks the shape.
+    """Converts masks of received datagrams to a boolean array (T, n).
 
     Args:
-        masks: Mask of received datagrams in each of T transfers, bool (T, n), or nested lists.
+        masks: Array or nested lists, with a mask for each of T transfers.
         name: Name of the argument, for messages.
         num_datagrams: Minimum number of datagrams, n.
 

@@ -12,10 +12,10 @@ class Access:
     """Access rules for the scenes of a server.
 
     Attributes:
-        private: Names of the scenes that need a token. Lists of scenes do not contain these scenes.
+        private: Names of the scenes that need a token.
         unlisted: Names of scenes that need no token, but are not in lists of scenes either.
-        problem: Function that checks a token. It is called with a token and the name of a scene, and returns the reason
-            why the token does not open the scene, or None if the token is valid. Not needed without private scenes.
+        problem: Function of a token and the name of a scene; returns the reason why the token does not open the scene,
+            or None. Not needed without private scenes.
     """
 
     private: frozenset[str] = frozenset()
@@ -23,7 +23,7 @@ class Access:
     problem: Callable[[str, str], str | None] | None = None
 
     def is_listed(self, name: str) -> bool:
-        """Returns True if lists of scenes contain the scene `name`: it is neither private nor unlisted."""
+        """Returns True if a scene is neither private nor unlisted."""
         return name not in self.private and name not in self.unlisted
 
     def refusal(self, name: str, token: str, *, exists: bool = True) -> str | None:
@@ -32,8 +32,7 @@ class Access:
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
-            exists: False if there is no such scene. Its request is then refused like that of a private scene, so that
-                no response reveals the names of private scenes.
+            exists: False if there is no such scene; it is then refused like a private scene.
         """
         if name not in self.private and (exists or not self.private):
             return None

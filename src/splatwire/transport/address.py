@@ -17,8 +17,7 @@ class Address:
         host: Host name or IP address.
         port: UDP port.
         name: Name of the requested stream; an empty name requests the server's first stream.
-        scheme: `udp` (splatwire datagrams), `quic` (the same datagrams in a QUIC connection) or `moq` (a relay of
-            Media over QUIC; the last part of the name is the scene's name at the relay).
+        scheme: `udp`, `quic`, or `moq` for a relay of Media over QUIC.
         token: Signed token that opens private scenes (`quic` only); empty without one.
     """
 
@@ -30,20 +29,20 @@ class Address:
 
 
 def cannot_listen(kind: str, host: str, port: int, error: OSError | UnicodeError) -> InvalidValueError:
-    """Returns the exception for a server port that cannot be bound; the message has port, address and reason.
+    """Returns the exception for a server port that cannot be bound.
 
     Args:
         kind: Protocol of the port for the message, such as `UDP`.
         host: Address to listen on.
         port: Number of the port.
-        error: Error of the operating system; a UnicodeError if the host name has a label of more than 63 characters.
+        error: Error of the operating system, or of an invalid host name.
     """
     reason = "it is no host name" if isinstance(error, UnicodeError) else error.strerror or error
     return InvalidValueError(f"cannot listen on {kind} port {port} of {host:.80}: {reason}")
 
 
 def without_token(url: str) -> str:
-    """Returns a URL without its query, which may contain a token, for messages."""
+    """Returns a URL without its query, which may contain a token."""
     return url.partition("?")[0]
 
 

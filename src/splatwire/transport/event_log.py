@@ -14,7 +14,7 @@ def log_event(logger: logging.Logger, level: int, event: str, **fields: str | in
         logger: Logger that receives the event.
         level: Level of the event, such as `logging.INFO`.
         event: Name of the event.
-        **fields: Values of the event by name. Text is quoted as in JSON, so that no client can forge a line of the log.
+        **fields: Values of the event by name.
     """
     if logger.isEnabledFor(level):
         words = [event, *(f"{name}={json.dumps(value)}" for name, value in fields.items())]
@@ -22,11 +22,7 @@ def log_event(logger: logging.Logger, level: int, event: str, **fields: str | in
 
 
 class JsonFormatter(logging.Formatter):
-    """Log formatter: one JSON object per line with `time` (UTC, RFC 3339), `level`, `logger`, and the event's fields.
-
-    Records that were not logged with `log_event` have their text in the field `message` instead. Records of an
-    exception have the additional field `traceback`.
-    """
+    """Log formatter: one JSON object per line with time (UTC, RFC 3339), level, logger and the fields of the event."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Returns a log record as one line of JSON."""
@@ -38,7 +34,7 @@ class JsonFormatter(logging.Formatter):
 
 
 class TextFormatter(logging.Formatter):
-    """Log formatter: one line of text with the time (UTC, RFC 3339), the level and the message; then any traceback."""
+    """Log formatter: one line of text with time (UTC, RFC 3339), level and message."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Returns a log record as one line of text."""

@@ -1,7 +1,4 @@
-"""Erasure coding with RaptorQ (RFC 6330, package `raptorq`): one source block of at most `MAX_SYMBOLS` symbols.
-
-The code is systematic: symbols 0 to K-1 are the data itself. Without losses, decoding does not need the package.
-"""
+"""Erasure coding with RaptorQ (RFC 6330, package `raptorq`) for one source block."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -31,15 +28,15 @@ def check_symbol_bytes(symbol_bytes: int) -> None:
 
 
 def num_symbols(num_bytes: int, symbol_bytes: int) -> int:
-    """Returns the number of source symbols K that data of `num_bytes` bytes fill; the last symbol may be partial."""
+    """Returns the number of source symbols K that data of `num_bytes` bytes fill."""
     return -(-num_bytes // symbol_bytes)
 
 
 def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
-    """Encodes data of K source symbols and returns repair symbols: the symbols with numbers K to K + count - 1.
+    """Encodes data of K source symbols and returns repair symbols, with the numbers K to K + count - 1.
 
     Args:
-        data: Source data, at most `MAX_SYMBOLS` symbols; a partial last symbol is padded with zeros.
+        data: Source data, at most `MAX_SYMBOLS` symbols; the last one is padded with zeros.
         symbol_bytes: Size of a symbol in bytes.
         count: Number of repair symbols.
 
@@ -66,21 +63,20 @@ def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
 
 
 def source_symbols(data: bytes, symbol_bytes: int) -> list[bytes]:
-    """Splits data into source symbols of `symbol_bytes` bytes; a partial last symbol is padded with zeros."""
+    """Splits data into source symbols of `symbol_bytes` bytes; the last one is padded with zeros."""
     return [data[i : i + symbol_bytes].ljust(symbol_bytes, b"\0") for i in range(0, len(data), symbol_bytes)]
 
 
 def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list[bytes] | None:
-    """Recovers the source symbols from any sufficient subset of symbols.
+    """Recovers the source symbols of a block from enough received symbols.
 
     Args:
-        symbols: Received symbols by number, each of `symbol_bytes` bytes. Numbers 0 to K-1 are source symbols, higher
-            numbers are repair symbols.
+        symbols: Received symbols by number. Numbers 0 to K-1 are source symbols, higher numbers are repair symbols.
         total: Number of source symbols, K.
         symbol_bytes: Size of a symbol in bytes.
 
     Returns:
-        All source symbols, or None if more symbols are needed. Errors in received symbols are not detected here.
+        All source symbols, or None if more symbols are needed.
 
     Raises:
         BackendUnavailableError: If the package `raptorq` is needed and not installed.
@@ -100,21 +96,20 @@ def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list
 
 
 def framed(packets: Sequence[bytes], symbol_bytes: int) -> bytes:
-    """Converts packets of different sizes to source symbols of equal size, for the erasure code.
+    """Converts packets of different sizes to source symbols of equal size, one after another.
 
-    A symbol contains the size of its packet (two bytes, little-endian), the packet, and zeros as padding. The symbols
-    are concatenated.
+    A symbol contains the size of its packet (two bytes, little-endian), the packet, and zeros.
     """
     return b"".join((len(p).to_bytes(2, "little") + p).ljust(symbol_bytes, b"\0") for p in packets)
 
 
 def unframed(symbol: bytes) -> bytes:
-    """Extracts the packet from a source symbol made by `framed`; a declared size beyond the symbol's end is clipped."""
+    """Extracts the packet from a source symbol made by `framed`."""
     return symbol[2 : 2 + int.from_bytes(symbol[:2], "little")]
 
 
 def symbol_bytes_for(packet_bytes: int) -> int:
-    """Returns the size of a source symbol, in bytes, that can contain any packet of at most `packet_bytes` bytes."""
+    """Returns the size in bytes of source symbols for packets of at most `packet_bytes` bytes."""
     return -(-(packet_bytes + 2) // ALIGNMENT) * ALIGNMENT
 
 

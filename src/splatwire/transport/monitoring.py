@@ -55,7 +55,7 @@ class MonitoringContent:
         return make_answer("404 Not Found")
 
     def busy(self, head: bytes) -> Answer:
-        """Returns the HTTP response that refuses a request because all response slots are in use."""
+        """Returns the HTTP response that refuses a request because the server is busy."""
         return make_answer("503 Service Unavailable", headers="Retry-After: 1\r\n")
 
 

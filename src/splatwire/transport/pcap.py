@@ -23,7 +23,7 @@ Endpoint = tuple[str, int]
 
 
 class Capture:
-    """Writer of a pcap file with UDP datagrams; the caller supplies their addresses and times.
+    """Writer of a pcap file with UDP datagrams.
 
     Args:
         write: Called with successive pieces of the file, bytes.
@@ -53,7 +53,7 @@ def ip_datagram(source: Endpoint, target: Endpoint, payload: bytes) -> bytes:
     """Returns a UDP datagram with its IP header and valid checksums.
 
     Args:
-        source: Source address and port; IPv4-mapped IPv6 addresses (`::ffff:1.2.3.4`) are written as IPv4.
+        source: Source address and port.
         target: Destination address and port.
         payload: UDP payload.
     """

@@ -25,7 +25,7 @@ class RunningServer:
     Attributes:
         server: The server over UDP or QUIC.
         facts: Information that clients need to connect, such as the address and certificate fingerprint, by name.
-        page: Web server for the viewer page and the streams over HTTP; None if not requested.
+        page: Web server of the viewer page; None without a page.
     """
 
     server: "UdpServer | QuicServer"
@@ -34,7 +34,7 @@ class RunningServer:
 
     @property
     def draining(self) -> bool:
-        """True while the server stops: it refuses new transfers, and running transfers continue."""
+        """True if the server refuses new transfers because it is stopping."""
         return self.server.core.draining
 
     @property
@@ -51,7 +51,7 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Updates of the streams by name; None for an update that does not exist yet (`Server.replace`).
+            updates: Updates of the streams by name; None for an update that does not exist yet.
 
         Raises:
             InvalidValueError: If the files of the certificate are invalid.
@@ -64,11 +64,11 @@ class RunningServer:
     def publish(
         self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
     ) -> None:
-        """Replaces all streams and updates for new transfers and requests; running transfers are not affected.
+        """Replaces all streams and updates; running transfers are not affected.
 
         Args:
             streams: Prepared streams by name.
-            updates: Updates of the streams by name; None for an update that does not exist yet (`Server.replace`).
+            updates: Updates of the streams by name; None for an update that does not exist yet.
         """
         self.server.core.replace(streams, updates)
         if self.page is not None and isinstance(self.page.content, PageContent):
@@ -78,19 +78,17 @@ class RunningServer:
     async def drain(self, most_s: float) -> None:
         """Refuses new transfers, and waits until all transfers and HTTP responses have ended.
 
-        Meanwhile, new HTTP requests are still answered. A page loads a stream by several requests, and pages that have
-        started to load can thus finish.
-
         Args:
             most_s: Maximum duration, seconds.
         """
         loop = asyncio.get_running_loop()
+        # New HTTP requests are still answered, so that pages that have started to load can finish.
         self.server.core.draining, end = True, loop.time() + most_s
         while loop.time() < end and self.is_busy:
             await asyncio.sleep(DRAIN_INTERVAL_S)
 
     def not_ready(self) -> str | None:
-        """Returns the reason why new clients should not be sent to this server; None if it accepts transfers."""
+        """Returns the reason why this server accepts no new clients; None if it does."""
         if self.draining:
             return "the server is stopping"
         return None if self.server.core.num_streams else "no stream is available yet"

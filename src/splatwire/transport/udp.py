@@ -1,4 +1,4 @@
-"""UDP sockets around the protocol core: asyncio server and client."""
+"""UDP server and client on asyncio sockets."""
 
 import abc
 import asyncio
@@ -31,12 +31,10 @@ Tap = Callable[[Endpoint, Endpoint, bytes], None]
 
 
 class SocketServer(abc.ABC):
-    """Base class of servers on a UDP socket: sends the datagrams of the protocol core at their due times.
-
-    Requires a running event loop.
+    """Base class of servers on a UDP socket. Requires a running event loop.
 
     Args:
-        core: The protocol core, which decides what is sent and when.
+        core: Server without sockets, which decides what is sent and when.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
 
@@ -79,11 +77,7 @@ class SocketServer(abc.ABC):
             self._timer = None
 
     def _set_timer(self, now: float) -> None:
-        """Schedules the next call of `pump`; schedules none while no transfer is running.
-
-        Args:
-            now: Time of the event loop, seconds.
-        """
+        """Schedules the next call of `pump` while transfers are running."""
         at = self.core.next_at()
         if at is not None:
             self._timer = self._loop.call_at(max(at, now), self.pump)
@@ -113,7 +107,7 @@ class UdpServer(SocketServer):
         self._loop.add_reader(self._socket, self._readable)
 
     def close(self) -> None:
-        """Stops the server and closes its socket at once; running transfers are cut off."""
+        """Stops the server and closes its socket; running transfers are cut off."""
         self._loop.remove_reader(self._socket)
         self._loop.remove_writer(self._socket)
         self._cancel_timer()
@@ -133,7 +127,7 @@ class UdpServer(SocketServer):
         self.pump()
 
     def pump(self) -> None:
-        """Sends all datagrams that are due, until the socket would block, and sets a timer for the next datagram."""
+        """Sends the datagrams that are due, and sets a timer for the next one."""
         self._cancel_timer()
         now = self._loop.time()
         if not self._backlog:
@@ -179,7 +173,7 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
 
 
 def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
-    """Returns a UDP socket connected to one server; the kernel drops datagrams from other sources."""
+    """Returns a UDP socket that receives datagrams from one server only."""
     connection = socket.socket(family, socket.SOCK_DGRAM)
     connection.setblocking(False)
     with suppress(OSError):
@@ -197,9 +191,9 @@ async def receive_udp(
     Args:
         address: Address of the server; the stream's name is in `options`.
         options: Options of the receiver.
-        on_event: Called in the event loop with every event of the receiver, such as an arrived packet.
+        on_event: Called with every event of the receiver, such as an arrived packet.
         tap: Called with the source, destination and payload of every datagram sent or received.
-        stop: Future of the caller; when it is done, the transfer ends and received data are kept.
+        stop: Future that ends the transfer when it is done; received data are kept.
 
     Returns:
         The finished receiver; `Receiver.finished` has the reason.
@@ -217,7 +211,7 @@ async def receive_udp(
 
 
 class _Client:
-    """Client that passes datagrams and time between a receiver of the protocol core and a UDP socket."""
+    """Passes datagrams and time between a receiver and a UDP socket."""
 
     def __init__(
         self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None, tap: Tap | None
@@ -241,7 +235,7 @@ class _Client:
         return self._receiver
 
     def stop(self) -> None:
-        """Ends the transfer because the caller's `stop` future is done; received data are kept."""
+        """Ends the transfer because the caller's `stop` future is done."""
         self._act(*self._receiver.stop())
         self._tick()
 
@@ -299,7 +293,7 @@ class _Client:
 
 
 def new_nonce() -> int:
-    """Returns a random 64-bit number that identifies a client's connection attempt."""
+    """Returns a random 64-bit number that identifies a connection attempt."""
     return int.from_bytes(os.urandom(8), "little")
 
 

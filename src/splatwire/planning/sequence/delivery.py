@@ -1,4 +1,4 @@
-"""Models the delivery of motion packets over a lossy channel, for planning the parity of each group of pictures."""
+"""Models the delivery of motion packets over a lossy channel."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ class SequenceLoad:
         ids: Ids of the packets.
         head_bytes: Bytes of manifest and side information.
         packet_bytes: Datagram size of each packet, bytes, int64 (P).
-        importance: Importance of each packet, see `splatwire.sequence.importance`, float64 (P).
+        importance: Importance of each packet, float64 (P).
         groups: Indices of the packets of each group of pictures.
     """
 
@@ -36,7 +36,7 @@ class SequenceLoad:
 
     @staticmethod
     def of(stream: SceneStream, importance: Mapping[PacketId, float]) -> "SequenceLoad":
-        """Returns the sizes of the packets of a complete sequence, and the importance of each packet."""
+        """Returns the sizes and importance of the packets of a complete sequence."""
         ordered = send_sequence(stream, "tiers")
         return SequenceLoad(
             tuple(packet.id for packet in ordered),
@@ -59,11 +59,11 @@ class SequenceLoad:
 
 @dataclass(frozen=True, eq=False)
 class MotionTransfer:
-    """Model of the transfer of a sequence, or of one group of pictures, from which the planner simulates losses.
+    """Model of the transfer of a sequence, or of one group of pictures, for simulating losses.
 
     Attributes:
-        order: Indices of the packets in the order in which they are sent, int64.
-        model: Sizes and kinds of the datagrams. Packets are numbered by their position in `order`.
+        order: Indices of the packets in sending order, int64.
+        model: Sizes and kinds of the datagrams.
     """
 
     order: np.ndarray
@@ -71,12 +71,12 @@ class MotionTransfer:
 
     @staticmethod
     def of(load: SequenceLoad, found: Arranged, protection: Protection) -> "MotionTransfer":
-        """Builds the model of a transfer: one datagram for each packet, and the datagrams with parity.
+        """Builds the model of a transfer.
 
         Args:
             load: Sizes of all packets of the sequence.
-            found: Sending order of the packets, and the parity of each run (consecutive packets with equal protection).
-            protection: Amounts of redundancy, which determine when repair symbols are sent.
+            found: Sending order of the packets, and their parity.
+            protection: Amounts of redundancy.
         """
         order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.tiers))
         timing = replace(protection, parity_until=0.0)
@@ -95,10 +95,8 @@ class MotionTransfer:
     def received_packets(self, received: np.ndarray) -> np.ndarray:
         """Simulates transfers: returns the mask of packets that are received or recovered, bool (T, packets).
 
-        The packets are in the sending order (`order`).
-
         Args:
-            received: Mask of received datagrams in each of T transfers, bool (T, n or more).
+            received: Mask of received datagrams in each of T transfers, bool (T, n).
         """
         return simulate(self.model, received[:, : len(self.model.kind)]).packets
 

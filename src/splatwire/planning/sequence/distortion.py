@@ -1,4 +1,4 @@
-"""Model of the picture errors that lost motion packets cause in a group of pictures, after concealment."""
+"""Predicts the picture errors that lost motion packets cause in a group of pictures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,14 +32,11 @@ Pictures = list[np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class SequenceDistortion:
-    """Model of the error that lost motion causes in the frames of each group of pictures, after concealment.
-
-    Gives the mean squared error as a function of the lost share of the group's motion.
+    """Mean squared error of each group of pictures after concealment, as a function of the lost share of its motion.
 
     Attributes:
         shares: Lost fraction of the motion, weighted by packet importance, ascending from 0, float64 (G, S).
-        mse: Mean squared error at these lost fractions, float64 (G, S, K), for K pictures (views of the sampled frames)
-            of the group; does not decrease with the loss.
+        mse: Mean squared error at these lost fractions, float64 (G, S, K), for K rendered pictures of the group.
         frames: Number of frames of each group.
     """
 
@@ -48,22 +45,19 @@ class SequenceDistortion:
     frames: tuple[int, ...]
 
     def psnr(self, group: int, lost: np.ndarray) -> np.ndarray:
-        """Returns the PSNR of a group of pictures for T lost fractions of its motion, float64 (T).
-
-        The PSNR is the mean over frames and views, in decibels.
-        """
+        """Returns the mean PSNR of a group of pictures for T lost fractions of its motion, decibels, float64 (T)."""
         shares, curves = self.shares[group], self.mse[group]
         return np.mean([-10 * np.log10(np.interp(lost, shares, curve)) for curve in curves.T], axis=0)
 
 
 def sampled_frames(timeline: Timeline) -> list[list[int]]:
-    """Selects the frames that are rendered to measure distortion; returns their indices in each group of pictures."""
+    """Returns the indices of the frames in each group of pictures that are rendered to measure distortion."""
     counts = [len(timeline.frames_of(group)) for group in range(timeline.num_groups)]
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 
 
 def render_sampled_frames(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
-    """Renders the sampled frames of a decoded sequence after concealment.
+    """Renders selected frames of a decoded sequence after concealment.
 
     Args:
         sequence: The decoded sequence, with masks of received elements.
@@ -90,10 +84,10 @@ def measure_sequence_distortion(
     Args:
         stream: Complete sequence.
         load: Sizes and importance of the packets of the sequence.
-        method: Concealer that the receiver uses.
+        method: Concealer of the receiver.
         cameras: Views to render.
-        references: Reference renderings of the sampled frames.
-        floor: Mean squared error of the references against the original, which is added to the measured error.
+        references: Reference renderings of the frames.
+        floor: Mean squared error of the references, which is added to the measured error.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
@@ -124,8 +118,7 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
     Args:
         shares: Lost share of each group's motion in each loss, float64 (G, S).
         mse: Mean squared errors in each loss, by rendered frame and view, float64 (S, frames, V).
-        frames: Indices of the rendered frames within each group, from `sampled_frames`. If a group has fewer than
-            `FRAMES`, some of its frames count repeatedly.
+        frames: Indices of the rendered frames within each group.
         timeline: Frame rate and groups of the sequence.
     """
     begins = np.cumsum([0, *map(len, frames)])
@@ -142,17 +135,15 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Combines the measured distortion models of several encodings of a sequence, to reduce their random error.
-
-    All results have the same curve of added error over lost share, multiplied by a factor for each encoding. Curve and
-    factors are medians, because single measurements can be outliers.
+    """Combines the distortion models of several encodings of a sequence, to reduce their random error.
 
     Args:
-        distortions: Distortion models of encodings of the same sequence with different quality.
+        distortions: Distortion models of the encodings.
 
     Returns:
-        The models with the common curve, in the same order.
+        The combined models, in the same order.
     """
+    # One curve of added error, multiplied by a factor for each encoding; medians, as single values can be outliers.
     grid = np.array(SHARES)
 
     def on_grid(distortion: SequenceDistortion) -> np.ndarray:

@@ -1,8 +1,4 @@
-"""Planner for sequences: chooses the encoding quality, and the parity of the motion of each group of pictures.
-
-Motion that arrives after its group is useless, so each group has its own parity. Different amounts of parity are tried
-in simulated transfers. The budget of bytes is then spent where it increases the PSNR most.
-"""
+"""Planner for sequences: chooses the encoding quality, and the parity of the motion of each group of pictures."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -44,9 +40,6 @@ class SequenceVariant:
 class SequencePlan(Plan):
     """Result of the planner for a sequence: amounts of redundancy, and the expected quality.
 
-    The attribute `lost` of the base class is the mean lost fraction of the motion of each group of pictures, weighted
-    by packet importance.
-
     Attributes:
         unprotected: Mean PSNR of the best variant without parity, decibels.
         parity_bytes: Bytes of parity for motion.
@@ -64,7 +57,7 @@ class _Choice:
         pair: Amount of parity: share of the motion packets that get parity, and repair symbols per such packet.
         num_bytes: Size of the parity in bytes.
         psnr: Mean PSNR of the group over simulated transfers, decibels.
-        lost: Mean lost share of the group's motion over simulated transfers, weighted by packet importance, 0 to 1.
+        lost: Mean lost share of the group's motion, weighted by packet importance, 0 to 1.
         frames: Number of frames of the group.
     """
 
@@ -85,9 +78,8 @@ def plan_sequence(
     Args:
         variants: Variants of the sequence in several qualities.
         loss: Loss model of the channel, in datagrams.
-        budget_bytes: Maximum bytes sent, including parity; keyframe packets are counted once, without retransmissions.
-        group_bytes: Maximum bytes of motion and parity that can be sent before the deadline of each group; None for no
-            limit.
+        budget_bytes: Maximum bytes sent, without retransmissions.
+        group_bytes: Maximum bytes of motion and parity of each group; None for no limit.
         trials: Number of simulated transfers per group.
         seed: Seed of the simulated losses.
         progress: Called with the completed fraction.
@@ -124,8 +116,6 @@ def _efficient_choices(
 ) -> list[_Choice]:
     """Returns the amounts of parity for a group of pictures that give the highest PSNR for their bytes.
 
-    Only choices on the upper convex hull of PSNR over bytes are returned (`_hull`).
-
     Args:
         variant: Encoded variant of the sequence.
         group: Index of the group of pictures.
@@ -135,7 +125,7 @@ def _efficient_choices(
         seed: Seed of the simulated losses.
 
     Returns:
-        The choices, ascending by bytes, beginning with no parity. Empty if even the motion alone exceeds `most`.
+        The choices, ascending by bytes; empty if the motion alone exceeds `most`.
     """
     load, motion = variant.load, list(variant.load.groups[group].motion)
     plain = int(load.packet_bytes[motion].sum())
@@ -176,16 +166,11 @@ def _slope(one: _Choice, other: _Choice) -> float:
 
 
 def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
-    """Distributes a budget of parity bytes over groups of pictures.
-
-    Each step goes to the group with the largest gain in PSNR per byte.
+    """Distributes a budget of parity bytes over groups of pictures, where they increase the PSNR most.
 
     Args:
-        choices: Choices of each group on the convex hull, from `_efficient_choices`.
+        choices: Choices of each group, ascending by bytes.
         room: Number of bytes to spend.
-
-    Returns:
-        The choice of each group.
     """
     at, left = [0] * len(choices), room
     steps = [

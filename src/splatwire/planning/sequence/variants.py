@@ -1,4 +1,4 @@
-"""Measures several encodings of a sequence for the planner: their sizes, and the errors that packet losses cause."""
+"""Measures sizes and distortion of several encodings of a sequence for the planner."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -31,7 +31,7 @@ ASSUMED_PSNR = 45.0
 
 
 def common_timeline(streams: Sequence[SceneStream]) -> Timeline:
-    """Returns the common timeline of several encodings of the same frames.
+    """Returns the timeline of several encodings of the same frames.
 
     Raises:
         InvalidValueError: If the sequences do not encode the same frames in the same groups.
@@ -46,13 +46,13 @@ def sequence_variants(
     streams: Sequence[SceneStream], reference: Path | None, *, concealer: str | None = None, views: int | None = None,
     seed: int = 0, progress: Callable[[float], None] = lambda share: None,
 ) -> list[SequenceVariant]:  # fmt: skip
-    """Returns a variant for each of several encodings of the same frames, with its measured distortion model.
+    """Measures the distortion of several encodings of the same frames, for the planner.
 
     Args:
         streams: The encoded sequences.
         reference: Folder of the original frames; None to compare with the largest sequence.
         concealer: Name of the receiver's concealer; None for the default.
-        views: Number of views; None for `VIEWS`.
+        views: Number of views; None for the default.
         seed: Seed of the losses.
         progress: Called with the finished share, 0 to 1.
 
@@ -81,7 +81,7 @@ def sequence_variants(
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
-    """Renders those frames of the original sequence in which distortion is measured (`distortion.sampled_frames`).
+    """Renders the frames of the original sequence in which distortion is measured.
 
     Args:
         files: Files of the original frames, in order.

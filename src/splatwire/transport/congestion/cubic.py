@@ -12,11 +12,11 @@ RENO_FRIENDLY = 3 * (1 - BETA) / (1 + BETA)
 
 
 class CubicWindow:
-    """CUBIC congestion window, which is reduced only by calls of `reduce`, not by loss itself.
+    """CUBIC congestion window (RFC 9438), which is reduced only by calls of `reduce`.
 
     Attributes:
         bytes: Congestion window, bytes.
-        threshold: Slow-start threshold, bytes; below it the window doubles each round trip.
+        threshold: Slow-start threshold, bytes.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class CubicWindow:
 
     @property
     def in_slow_start(self) -> bool:
-        """True while the window is below the slow-start threshold, so that it doubles each round trip."""
+        """True while the window is below the slow-start threshold."""
         return self.bytes < self.threshold
 
     def on_acked(self, num_bytes: float) -> None:
@@ -60,7 +60,7 @@ class CubicWindow:
         """Reduces the window after congestion.
 
         Args:
-            share: New window as a share of the old window, or of `in_use` if that is smaller.
+            share: New window as a share of the old window or of `in_use`, whichever is smaller.
             in_use: Number of bytes in flight.
         """
         used = min(self.bytes, in_use)
@@ -74,10 +74,7 @@ class CubicWindow:
         self.threshold = min(self.threshold, self.bytes)
 
     def undo(self) -> None:
-        """Restores the window from before the last reduction.
-
-        Called if the loss that caused the reduction was not congestion.
-        """
+        """Restores the window from before the last reduction, because the loss was not congestion."""
         if self._undo:
             self.bytes, self.threshold = max(self.bytes, self._undo[0]), max(self.threshold, self._undo[1])
             self._undo, self._since = None, None
@@ -89,8 +86,6 @@ class CubicWindow:
 
     def restart(self, threshold: float) -> None:
         """Restarts slow start after a feedback timeout.
-
-        The new window is half the old window, but at most the initial window.
 
         Args:
             threshold: New slow-start threshold, bytes.

@@ -11,10 +11,9 @@ RATE_WINDOW_S, LEAST_WINDOW_S = 1.0, 10.0
 
 
 class DeliveryRateWindow:
-    """Congestion window for all bytes that QUIC has in flight, including the reliable stream and retransmissions.
+    """Congestion window for all bytes that QUIC has in flight, from the rate at which they are acknowledged.
 
-    The receiver's feedback controls the sending rate but covers only datagrams. This window is computed from QUIC's
-    acknowledgements: it shrinks when the delivery rate falls, not when packets are lost.
+    It shrinks when the delivery rate falls, not when packets are lost.
 
     Attributes:
         bytes: Congestion window, bytes.

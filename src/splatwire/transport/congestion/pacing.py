@@ -1,4 +1,4 @@
-"""Pacing and rate control of a sender, which reacts to queuing delay and competing flows, not to random loss."""
+"""Pacing and rate control of a sender, which reacts to queuing delay and congestion, not to random loss."""
 
 from dataclasses import dataclass, field
 
@@ -45,8 +45,7 @@ class Pacer:
     Attributes:
         rate: Sending rate, bytes per second.
         burst_s: Maximum burst after a pause, as seconds of sending at the current rate.
-        claimed: True while datagrams wait for this pacer. HTTP responses with the same pacer then wait, too, because
-            datagrams have priority.
+        claimed: True while datagrams wait for this pacer; HTTP responses then wait, too.
     """
 
     rate: float
@@ -59,13 +58,13 @@ class Pacer:
         return self._free_at
 
     def sent(self, num_bytes: int, now: float) -> None:
-        """Counts a datagram of `num_bytes` bytes that is sent at time `now`, seconds."""
+        """Counts a datagram of `num_bytes` bytes, sent at time `now` (seconds)."""
         self._free_at = max(self._free_at, now - self.burst_s) + num_bytes / self.rate
 
 
 @dataclass
 class _Round:
-    """Sum of the receiver's feedback in one control round (about one round trip).
+    """Feedback of the receiver in one control round (about one round trip).
 
     Attributes:
         began: Time at which the round began, seconds.
@@ -86,11 +85,10 @@ class _Round:
 
 @dataclass
 class _RateReduction:
-    """Temporary reduction of the sending rate, with which the sender measures properties of the path.
+    """Temporary reduction of the sending rate, with which the sender measures the path.
 
     Attributes:
-        kind: "drain" (empties the queue), "probe" (detects competing flows) or "test" (checks if loss depends on the
-            rate).
+        kind: "drain" (empties the queue), "probe" (detects competing flows) or "test" (finds the cause of loss).
         until: Time at which the reduction ends, seconds.
         window: Congestion window before the reduction, bytes.
         rate: Sending rate during the reduction, bytes per second.
@@ -109,17 +107,14 @@ class _RateReduction:
 class RateControl:
     """Rate control of a sender: chooses the sending rate from the receiver's feedback.
 
-    The sending rate is CUBIC's congestion window (RFC 9438) divided by the round-trip time. Only losses that
-    `LossMeter` attributes to congestion reduce the window.
-
-    If the queuing delay exceeds `QUEUE_S`, the rate is lowered for a short time to empty the queue. If the delay
-    persists, a competing flow fills the queue. From then on only loss reduces the rate (competitive mode), until the
-    queue is found empty in a test at a lower rate. Without feedback, the rate is halved repeatedly.
+    The sending rate is CUBIC's congestion window (RFC 9438) divided by the round-trip time. Random loss does not reduce
+    the window. If the queuing delay is long, the rate is lowered for a short time to empty the queue. If the delay
+    persists, another flow fills the queue, and only loss reduces the rate (competitive mode).
 
     Args:
         start: Maximum sending rate before the first feedback, bytes per second.
         most: Maximum sending rate, bytes per second.
-        bounded: True if another layer (QUIC) limits bytes in flight before the first feedback.
+        bounded: True if QUIC limits bytes in flight before the first feedback.
     """
 
     def __init__(self, start: float = START_RATE, most: float = MAX_RATE, *, bounded: bool = False) -> None:
@@ -169,13 +164,13 @@ class RateControl:
 
         Args:
             now: Time, seconds.
-            round_trip: Round-trip time of the latest datagram received, seconds.
-            transit: One-way delay of the latest datagram received, seconds, plus an unknown constant clock offset.
-            num_sent: Number of datagrams that this report covers: those sent after the latest datagram of the previous
-                report, up to and including the latest datagram of this report.
-            num_arrived: Number of received datagrams among `num_sent`.
+            round_trip: Round-trip time of the latest received datagram, seconds.
+            transit: One-way delay of the latest received datagram, seconds, plus an unknown constant clock offset.
+            num_sent: Number of datagrams that were sent between the latest received datagrams of this report and the
+                previous one.
+            num_arrived: Number of these datagrams that were received.
             bytes_arrived: Estimated size of the received datagrams in bytes.
-            seconds: Time at the receiver between the arrivals of the latest datagrams of both reports, seconds.
+            seconds: Time between the arrivals of the latest datagrams of both reports, seconds.
         """
         only_lost = self.round_trip is None and round_trip < FEEDBACK_TIMEOUT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
@@ -215,15 +210,7 @@ class RateControl:
         self.rate = min(wanted, self._most)
 
     def _end_round(self, done: _Round, now: float) -> None:
-        """Adapts congestion window or sending rate at the end of a control round (about one round trip).
-
-        Chooses one of these actions from the feedback: reduce the window, grow it, or lower the sending rate
-        temporarily (to test a cause of loss, to look for competing flows, or to drain the queue).
-
-        Args:
-            done: Feedback of the completed control round.
-            now: Time, seconds.
-        """
+        """Adapts congestion window or sending rate at the end of a control round (about one round trip)."""
         assert self.round_trip is not None
         length = max(now - done.began, 1e-3)
         arrived = done.arrived_bytes / max(done.seconds, 1e-3)
@@ -246,7 +233,7 @@ class RateControl:
             self.window.grow(now, length, max(self.round_trip, ROUND_S))
 
     def _may_grow(self, seen: LossCounter, length: float) -> bool:
-        """Returns True if the sender used at least half of the allowed rate, which permits a larger window (RFC 7661).
+        """True if the sender used enough of the allowed rate to permit a larger window (RFC 7661).
 
         Args:
             seen: Sent and lost datagrams of the control round.
@@ -255,10 +242,7 @@ class RateControl:
         return seen.sent * DATAGRAM > 0.5 * self.rate * length
 
     def _within_baseline(self, seen: LossCounter) -> bool:
-        """True if the loss in a control round is at most the path's baseline loss, so that slow start continues.
-
-        Before the baseline loss is known, `START_LOSS` is assumed for it.
-        """
+        """True if the loss in a control round is at most the path's baseline loss."""
         baseline = self.loss.baseline or START_LOSS
         return seen.lost <= BASELINE_TOLERANCE * baseline * seen.sent + self.loss.deviation(seen.sent)
 
@@ -268,11 +252,7 @@ class RateControl:
 
     @property
     def _capacity(self) -> float:
-        """Estimated capacity of the path, bytes per second, at most the current rate.
-
-        It is the rate at which data arrive, corrected for the loss that does not depend on the sending rate (baseline
-        loss).
-        """
+        """Estimated capacity of the path, bytes per second."""
         return min(self._carried / (1.0 - self.loss.baseline), self.rate)
 
     def _time_to_drain(self, share: float) -> float:
@@ -282,14 +262,8 @@ class RateControl:
         self._pause = _RateReduction(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
 
     def _reduce(self, done: _Round, now: float) -> None:
-        """Reduces the window after congestion, at most once per round trip.
-
-        Further losses in the same round trip belong to the same congestion event.
-
-        Args:
-            done: Feedback of the completed control round.
-            now: Time, seconds.
-        """
+        """Reduces the window after congestion, at most once per round trip."""
+        # Further losses in the same round trip belong to the same congestion event.
         if done.began < self._hold_until:
             return
         self.window.reduce()
@@ -321,7 +295,7 @@ class RateControl:
             self._enter_competitive_mode(now, pause)
 
     def _exit_drain(self, capacity: float, round_trip: float) -> None:
-        """Sets the window after the queue was drained: the sender then uses `FULL_SHARE` of the path's capacity.
+        """Sets the window from the path's capacity after the queue was drained.
 
         Args:
             capacity: Estimated capacity of the path, bytes per second.
@@ -330,11 +304,11 @@ class RateControl:
         self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
 
     def _enter_competitive_mode(self, now: float, pause: _RateReduction) -> None:
-        """Enters competitive mode: another flow fills the queue, so that only loss reduces the rate from now on.
+        """Enters competitive mode, in which only loss reduces the rate, because another flow fills the queue.
 
         Args:
             now: Time, seconds.
-            pause: The temporary rate reduction that has just ended; the queue stayed long despite it.
+            pause: The temporary rate reduction that has just ended.
         """
         window = pause.window
         if pause.kind == "drain":

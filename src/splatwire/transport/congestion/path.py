@@ -1,4 +1,4 @@
-"""Path estimation from receiver reports: queuing delay, baseline loss and congestion loss."""
+"""Estimates queuing delay, baseline loss and congestion loss of a path from receiver reports."""
 
 import math
 from collections import deque
@@ -47,7 +47,7 @@ class WindowedMinFilter:
         self._kept: deque[tuple[float, float]] = deque()
 
     def add(self, now: float, value: float) -> float:
-        """Adds a value at time `now` (seconds) and returns the minimum of the values in the time window."""
+        """Adds a value at time `now` (seconds) and returns the minimum."""
         while self._kept and self._kept[-1][1] >= value:
             self._kept.pop()
         self._kept.append((now, value))
@@ -65,7 +65,7 @@ class QueueMeter:
         self.queue = self.top = 0.0
 
     def add(self, now: float, transit: float) -> float:
-        """Adds a measured one-way delay and returns the queuing delay: the excess over the minimum delay, seconds.
+        """Adds a one-way delay and returns the queuing delay: the excess over the minimum delay, seconds.
 
         Args:
             now: Time, seconds.
@@ -77,17 +77,17 @@ class QueueMeter:
         return self.queue
 
     def high(self, queue: float) -> bool:
-        """Returns True if a queuing delay (seconds) was so long that the queue may have overflowed."""
+        """Returns True if a queuing delay (seconds) is so long that the queue may have overflowed."""
         return queue >= max(HIGH * self.top, MIN_QUEUE_S)
 
     def low(self, queue: float) -> bool:
-        """Returns True if a queuing delay (seconds) was so short that the queue cannot have overflowed."""
+        """Returns True if a queuing delay (seconds) is so short that the queue cannot have overflowed."""
         return queue <= max(LOW * self.top, MIN_QUEUE_S)
 
 
 @dataclass
 class LossCounter:
-    """Counts of sent and lost datagrams over one or more control rounds (about one round trip each).
+    """Number of sent and lost datagrams over one or more control rounds (about one round trip each).
 
     Attributes:
         sent: Number of sent datagrams.
@@ -112,11 +112,9 @@ class LossCounter:
 
 
 class LossMeter:
-    """Separates the baseline loss of a path from congestion loss.
+    """Separates the baseline loss of a path, which is random, from congestion loss.
 
-    Random loss is independent of the queue, while congestion loss occurs when the queue is long and overflows. The
-    baseline loss is the loss rate that remains in a test at a lower sending rate. With a long queue, loss beyond the
-    baseline is congestion; with a short queue, such loss triggers a new test.
+    The baseline loss is the loss rate that remains in a test at a lower sending rate.
 
     Attributes:
         baseline: Baseline loss, as a fraction of the sent datagrams.
@@ -131,36 +129,28 @@ class LossMeter:
         self._late = LossCounter()
 
     def is_circuit_broken(self, seen: LossCounter) -> bool:
-        """Returns True if the recent loss rate is so high that the path is congested, whatever the queuing delay.
+        """Returns True if the recent loss rate is so high that the path is congested in any case.
 
         Args:
             seen: Sent and lost datagrams of the control round.
-
-        Returns:
-            True if the recent loss rate, including this round, exceeds `CIRCUIT_BREAKER_LOSS`.
         """
         self._recent += min(seen.sent / BATCH, 1.0) * (seen.share - self._recent)
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
-        """Returns how far the number of lost datagrams may exceed its expected value by chance, without congestion.
-
-        The result is three standard deviations. The variance is measured on this path, so that it includes bursts of
-        losses.
+        """Returns by how much the number of lost datagrams may exceed its expected value by chance.
 
         Args:
             sent: Number of sent datagrams.
         """
+        # Three standard deviations. The variance is measured on this path, so that it includes bursts of losses.
         return 3.0 * math.sqrt(self._spread * sent)
 
     def is_congested(self, seen: LossCounter) -> bool:
         """Returns True if recent losses are significantly above the baseline loss, so that they are congestion.
 
-        Call this method only for a control round (about one round trip) during which the queue was long. The losses of
-        the round are added to those of earlier calls.
-
         Args:
-            seen: Sent and lost datagrams of the control round.
+            seen: Sent and lost datagrams of a control round with a long queue.
         """
         self._excess = max(self._excess + seen.lost - BASELINE_TOLERANCE * self.baseline * seen.sent, 0.0)
         if self._excess <= 0.5 + self.deviation(seen.sent):
@@ -171,11 +161,8 @@ class LossMeter:
     def loss_rise(self, seen: LossCounter) -> LossCounter | None:
         """Detects a significant rise of the loss rate while the queue is short, and updates the baseline loss.
 
-        Call this method only for a control round (about one round trip) during which the queue was short. The losses of
-        the round are added to those of earlier calls.
-
         Args:
-            seen: Sent and lost datagrams of the control round.
+            seen: Sent and lost datagrams of a control round with a short queue.
 
         Returns:
             Sent and lost datagrams of the recent rounds if their loss rate rose significantly, else None.
@@ -193,7 +180,7 @@ class LossMeter:
         return late if rose else None
 
     def test_done(self, before: LossCounter, during: LossCounter) -> bool:
-        """True if a test at a lower sending rate has lasted long enough for comparing its loss rate with that before.
+        """True if a test at a lower sending rate has lasted long enough to compare loss rates.
 
         Args:
             before: Sent and lost datagrams before the test.
@@ -202,7 +189,7 @@ class LossMeter:
         return during.sent * before.events >= EVENTS * before.sent
 
     def finish_test(self, before: LossCounter, during: LossCounter, slower: float) -> bool:
-        """Evaluates a test at a lower sending rate.
+        """Evaluates a test at a lower sending rate: finds whether loss is congestion, or else the baseline loss.
 
         Args:
             before: Sent and lost datagrams before the test.
@@ -210,8 +197,7 @@ class LossMeter:
             slower: Sending rate during the test as a share of the rate before the test.
 
         Returns:
-            True if the loss disappeared at the lower rate, so that it was congestion. Otherwise the measured loss rate
-            becomes the new baseline loss.
+            True if the loss disappeared at the lower rate, so that it was congestion.
         """
         self._late = LossCounter()
         if_full = max(1.0 - (1.0 - before.share) / slower, 0.0)

@@ -1,4 +1,4 @@
-"""Content of the HTTP server for the browser page: maps request bytes to response bytes, without sockets."""
+"""Content of the HTTP server for the browser page: computes the response to a request, without sockets."""
 
 import base64
 import hashlib
@@ -61,8 +61,8 @@ class Link(NamedTuple):
     Attributes:
         port: UDP port of the endpoint.
         path: Path of the WebTransport session in its URL.
-        fingerprint: SHA-256 of the endpoint's self-signed certificate, hexadecimal; None if the certificate is signed
-            by an authority that browsers trust.
+        fingerprint: SHA-256 of the endpoint's self-signed certificate, hexadecimal; None if browsers trust the
+            certificate.
     """
 
     port: int
@@ -76,21 +76,17 @@ class PageContent:
 
     Attributes:
         streams: Streams by name: a prepared stream, the bytes of a `.swz` file, or a file that still grows. None for a
-            live sequence, which browsers receive over WebTransport only. The page shows the first stream, or the
-            stream named in the query parameter `stream` of its URL.
-        link: WebTransport endpoint, or a function that returns the current endpoint (its certificate is renewed
-            regularly). None if the server has no endpoint.
+            live sequence, which is not offered over HTTP.
+        link: WebTransport endpoint, or a function that returns the current one; None without an endpoint.
         host: Address that the server listens on; accepted in the `Host` header of requests.
-        origins: Web origins whose pages may read the streams. None allows all origins, unless the server listens on a
-            loopback address. Then only pages served from this machine are allowed, because otherwise any web page
-            could read local scenes.
-        public_origin: Web origin under which visitors reach the server, such as the origin of a proxy. None if
-            visitors connect directly. The host of this origin is accepted in the `Host` header of requests, and
-            streams are readable from all origins unless `origins` is set.
-        attributes: Further HTML attributes of the page's viewer element (docs/browser.md).
-        access: Rules of access to the scenes; None if all are open and listed.
-        updates: Updates of the streams by name. They are offered like streams, but no list contains them.
-        downloads: Files of other formats, made from the streams at their first request; None for no such files.
+        origins: Web origins whose pages may read the streams. None allows all origins, or only those of this machine if
+            the server listens on a loopback address.
+        public_origin: Web origin under which visitors reach the server, such as that of a proxy. None if they connect
+            directly.
+        attributes: Further HTML attributes of the page's viewer element (`docs/browser.md`).
+        access: Access rules for the scenes; None if all are public.
+        updates: Updates of the streams by name, which no list contains.
+        downloads: Converter of the streams to other file formats; None for no such downloads.
     """
 
     streams: Mapping[str, ServedStream | bytes | GrowingFile | None]
@@ -118,7 +114,7 @@ class PageContent:
         return self._answer(request).for_method(request.method)
 
     async def respond(self, head: bytes) -> Answer:
-        """Returns the HTTP response to a request; waits for a file of another format that is not made yet.
+        """Returns the HTTP response to a request; waits if a file must be converted first.
 
         Args:
             head: Head of the HTTP request, up to and including the empty line.
@@ -160,11 +156,8 @@ class PageContent:
     def _parse_download(self, target: str) -> tuple[str, str, str] | None:
         """Parses the path of a download, such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
-        The path `/tileset.json` is accepted, too, if the server lists exactly one scene.
-
         Returns:
-            Name of the stream, file format, and path of the file in a folder (empty for formats that are one file);
-            None if the path is not that of a download.
+            Name of the stream, file format, and path of the file in a folder; None if it is no download.
         """
         if target == f"/{TILESET}":
             listed = self._listed()
@@ -179,7 +172,7 @@ class PageContent:
         return (name, form, "") if dot and target == download_path(name, form) and single else None
 
     def _download_formats(self, name: str) -> tuple[str, ...]:
-        """Returns the file formats in which a stream can be downloaded; empty for sequences and neural anchors."""
+        """Returns the file formats in which a stream can be downloaded."""
         stream = self.streams.get(name)
         if self.downloads is None or not isinstance(stream, ServedStream) or stream.is_live:
             return ()
@@ -189,7 +182,7 @@ class PageContent:
         return offered if schema.explicit and not schema.timed else ()
 
     def _download_list(self, name: str, token: str) -> str:
-        """Returns the HTML list of links to a stream's files of other formats; empty if there are none.
+        """Returns the HTML list of links to a stream's files of other formats.
 
         Args:
             name: Name of the stream.
@@ -227,11 +220,7 @@ class PageContent:
         return make_answer(status, kind, body, headers)
 
     def _requested_scene(self, request: Request) -> str:
-        """Returns the name of the scene to which a request refers, for checking its access token.
-
-        Returns an empty text for requests that need no token. These include paths in `/streams/`, which has no private
-        scenes.
-        """
+        """Returns the name of the scene to which a request refers; empty for requests that need no token."""
         if request.target == "/":
             return self._shown_name(request.query)
         if request.target.startswith(PRIVATE):
@@ -240,17 +229,10 @@ class PageContent:
         return name if self.downloads is not None and form in self.downloads.formats else ""
 
     def _unauthorized(self, name: str, request: Request) -> Answer | None:
-        """Returns the response that refuses a request for a scene; None if the request may have it.
-
-        The response is the same for a private scene and, on a server with private scenes, for a scene that does not
-        exist. It thus does not reveal which private scenes exist.
-
-        Args:
-            name: Name of the scene; empty if the request needs no token.
-            request: Parsed request.
-        """
+        """Returns the response that refuses a request for a scene; None if the request is allowed."""
         if self.access is None or not name:
             return None
+        # The response for a private scene is the same as for a missing one, so that it does not reveal private scenes.
         reason = self.access.refusal(name, token_of(request), exists=name in self.streams)
         if reason is None:
             return None
@@ -261,7 +243,7 @@ class PageContent:
         return self.access is not None and name in self.access.private
 
     def _listed(self) -> list[str]:
-        """Returns the names of the scenes that lists contain: all but private and unlisted scenes."""
+        """Returns the names of the scenes that are neither private nor unlisted."""
         return [name for name in self.streams if self.access is None or self.access.is_listed(name)]
 
     def _shown_name(self, query: str) -> str:
@@ -270,17 +252,14 @@ class PageContent:
         return unquote(wanted[1]) if wanted else next(iter(self._listed()), "")
 
     def _preflight(self, request: Request) -> Answer:
-        """Returns the response to an OPTIONS request.
-
-        Browsers send it before a request of another web origin with headers such as `If-Range` (a CORS preflight).
-        """
+        """Returns the response to an OPTIONS request (CORS preflight)."""
         headers = self._cors_headers(request.headers.get("origin"))
         if request.target != "/" and "Access-Control-Allow-Origin" in headers:
             headers = f"{headers.replace(_READABLE, '')}{_PREFLIGHT}"
         return make_answer("204 No Content", headers=f"Allow: {METHODS}\r\n{headers}")
 
     def busy(self, head: bytes) -> Answer:
-        """Returns the HTTP response that refuses a request because all response slots are in use.
+        """Returns the HTTP response that refuses a request because the server is busy.
 
         Args:
             head: Head of the HTTP request, up to and including the empty line.
@@ -294,7 +273,7 @@ class PageContent:
         return answer.for_method(request.method)
 
     def _host_advice(self) -> bytes:
-        """Returns the body of a response that refuses the `Host` header: advice on how to reach the server."""
+        """Returns the text of the response to an unknown `Host` header: advice on how to reach the server."""
         if self.public_origin is not None:
             host = host_of(self.public_origin)
             return f"the proxy must pass 'Host: {host}' or the IP address of this server\n".encode()
@@ -310,13 +289,7 @@ class PageContent:
         return self._tags[id(file)]
 
     def _find(self, target: str, query: str, origin: str | None) -> tuple[str, str, bytes | GrowingFile, str] | None:
-        """Returns status, media type, body and further headers of the response for a path; None if not found.
-
-        Args:
-            target: Path of the request.
-            query: Query string of the request.
-            origin: Web origin of the requesting page; None if the request names none.
-        """
+        """Returns status, media type, body and further headers of the response for a path; None if not found."""
         if target == "/":
             return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
         shared = self._cors_headers(origin)
@@ -351,24 +324,18 @@ class PageContent:
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
-        """Returns the HTML attributes with which the page's list of scenes shows a stream, such as its preview."""
+        """Returns the HTML attributes of a stream in the list of scenes, such as its preview."""
         stream = self.streams[name]
         return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}
 
     def _stream_url(self, name: str) -> str:
-        """Returns the URL of a stream's file on this server.
-
-        The URL of a complete file contains the entity tag, so that caches do not return an old file.
-        """
+        """Returns the URL of a stream's file on this server."""
         file = self._file(name)
         path = self._stream_path(name)
         return f"{path}?{self._entity_tag(file)}" if isinstance(file, bytes) and file else path
 
     def _stream_path(self, name: str) -> str:
-        """Returns the URL path of a stream's file; private scenes have a path outside `/streams/`.
-
-        Players look for a WebTransport session only if the file is in `/streams/`.
-        """
+        """Returns the URL path of a stream's file; private scenes have a path outside `/streams/`."""
         return stream_path(name).replace(STREAMS, PRIVATE, 1) if self._is_private(name) else stream_path(name)
 
     def _policy(self) -> str:
@@ -388,7 +355,7 @@ class PageContent:
         return self.link() if callable(self.link) else self.link
 
     def _cors_headers(self, origin: str | None) -> str:
-        """Returns the CORS headers of a response, which allow or deny pages of the given web origin to read it."""
+        """Returns the CORS headers of a response to a page of the given web origin."""
         if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
             return f"Access-Control-Allow-Origin: *\r\n{_READABLE}"
         allowed = is_loopback_origin(origin) if self.origins is None else origin in self.origins
@@ -405,15 +372,10 @@ class PageContent:
         return self._files[name]
 
     def _is_own_host(self, name: str) -> bool:
-        """True if the `Host` header of a request is a name of this server or an IP address.
-
-        Other names are refused, because an attacker's name could point to this machine (DNS rebinding).
-
-        Args:
-            name: Host from the header; empty in requests of HTTP/1.0, which are accepted.
-        """
+        """True if the `Host` header of a request is a name of this server or an IP address."""
         if not name:
             return True
+        # Other names are refused, because an attacker's name could point to this machine (DNS rebinding).
         plain = name.lower().removesuffix(".")  # a name with a final dot is the same name (RFC 1034)
         try:
             ipaddress.ip_address(plain.strip("[]"))
@@ -430,7 +392,7 @@ def web_file(name: str) -> str:
 
 @cache
 def _web_bytes(name: str) -> bytes:
-    """Returns the bytes of a script or style sheet of the browser page, given its file name; cached."""
+    """Returns the bytes of a script or style sheet of the browser page, given its file name."""
     return files("splatwire").joinpath("web").joinpath(name).read_bytes()
 
 
@@ -442,13 +404,9 @@ def stream_path(name: str) -> str:
 def download_path(name: str, form: str) -> str:
     """Returns the URL path from which a stream can be downloaded in another file format.
 
-    Some formats, such as 3D Tiles, have several files in a folder. The result is then the path of the main file, which
-    refers to the others.
-
     Args:
         name: Name of the stream.
-        form: File format: a suffix without its dot, such as `spz`, or the name of a format with several files (a key
-            of `FOLDERS`).
+        form: File format: a suffix without its dot, such as `spz`, or a format with several files, such as `3dtiles`.
     """
     if form in FOLDERS:
         return f"/{quote(name, safe='')}/{form}/{FOLDERS[form]}"
@@ -456,7 +414,7 @@ def download_path(name: str, form: str) -> str:
 
 
 def served_stream_file(stream: ServedStream) -> bytes:
-    """Returns the bytes of a prepared stream as one `.swz` file (docs/format.md), with packets in sending order."""
+    """Returns the bytes of a prepared stream as one `.swz` file."""
     manifest, side_info = _head(stream)
     return b"".join([file_head(manifest, side_info), *map(file_record, stream.packets)])
 

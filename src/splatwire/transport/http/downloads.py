@@ -12,7 +12,7 @@ TILESET = "tileset.json"
 
 
 def prefixed_tileset(data: bytes, prefix: str) -> bytes:
-    """Rewrites a `tileset.json` that is served outside the folder of its tiles: adds the folder to all tile addresses.
+    """Adds the folder of the tiles to all tile addresses in a `tileset.json`.
 
     Args:
         data: Content of the file, with addresses relative to the folder of the tiles.
@@ -44,8 +44,7 @@ class Downloads(Protocol):
     """Protocol of a converter that offers streams for download in other file formats.
 
     Attributes:
-        formats: Names of the supported formats: file name suffixes without their dot, such as `spz`, or names of
-            formats with several files in a folder, such as `3dtiles`.
+        formats: Names of the supported formats, such as `spz` or `3dtiles`.
     """
 
     @property
@@ -59,7 +58,7 @@ class Downloads(Protocol):
             stream: Content of the stream's `.swz` file.
             tag: HTTP entity tag of the stream.
             form: Name of the format, one of `formats`.
-            part: For a format with several files in a folder, path of the file in the folder, with `/`.
+            part: Path of the file in the folder, for a format with several files.
 
         Returns:
             The file; None if the folder has no file of that path.

@@ -1,4 +1,4 @@
-"""HTTP/1.1 messages of the server for the browser page: strict request parser and responses (RFC 9110, RFC 9112)."""
+"""HTTP/1.1 messages of the server for the browser page: request parser and responses (RFC 9110, RFC 9112)."""
 
 import gzip
 import ipaddress
@@ -30,8 +30,7 @@ class Request(NamedTuple):
         method: Request method.
         target: Path of the URL, percent-encoded.
         query: Query string: the part of the URL after the question mark.
-        host: Value of the `Host` header without port; an IPv6 address keeps its brackets. Empty if a request of
-            HTTP/1.0 has no such header.
+        host: Host of the `Host` header without port; empty without the header.
         headers: Header values by lower-case name; the values of a repeated header are joined by commas.
     """
 
@@ -47,14 +46,11 @@ class GrowingFile(Protocol):
     """File of a stream that is still being received, so that its length is unknown."""
 
     def pieces(self) -> AsyncIterator[bytes]:
-        """Yields the file from its start, piece by piece on reception, until the file is complete."""
+        """Yields the pieces of the file as they are received."""
 
 
 class Answer(NamedTuple):
-    """HTTP response: bytes of the head, and the body.
-
-    Responses with the same file share its memory. If the body is a growing file, the head has no `Content-Length`.
-    """
+    """HTTP response: bytes of the head, and the body."""
 
     head: bytes
     body: bytes | memoryview | GrowingFile
@@ -65,10 +61,7 @@ class Answer(NamedTuple):
 
 
 def read_request(head: bytes) -> Request:
-    """Parses the head of an HTTP request.
-
-    The URL is a path, an absolute URL (its host replaces that of the `Host` header), or `*` for OPTIONS (RFC 9112,
-    3.2).
+    """Parses the head of an HTTP request (RFC 9112, 3.2).
 
     Args:
         head: Bytes of the request line and the headers, with or without the final empty line.
@@ -99,13 +92,7 @@ def read_request(head: bytes) -> Request:
 
 
 def _check_body_length(headers: Mapping[str, str], minor: str) -> None:
-    """Checks that all servers agree on the length of a request's body (RFC 9112, 6.1 and 6.3).
-
-    If a proxy and this server disagreed, the rest of the body could be taken for another request (request smuggling).
-
-    Args:
-        headers: Header values by lower-case name.
-        minor: Minor version of HTTP/1.
+    """Checks that the length of a request's body is unambiguous (RFC 9112, 6.1 and 6.3), against request smuggling.
 
     Raises:
         BitstreamError: If the length is invalid or stated twice.
@@ -133,19 +120,19 @@ def _host(text: str) -> str:
 
 
 def token_of(request: Request) -> str:
-    """Returns the access token in the `Authorization` header or in the query of a request; empty without one."""
+    """Returns the access token in the `Authorization` header or the query of a request; empty without one."""
     found = _BEARER.fullmatch(request.headers.get("authorization", ""))
     return found[1] if found else token_in(request.query)
 
 
 def token_in(query: str) -> str:
-    """Returns the access token in a query string (`token=`); empty without one."""
+    """Returns the access token in a query string; empty without one."""
     found = _TOKEN.search(query)
     return found[1] if found else ""
 
 
 def accepts_gzip(text: str) -> bool:
-    """Returns True if the value of an `Accept-Encoding` header names gzip with a weight above 0 (RFC 9110, 12.5.3)."""
+    """Returns True if the value of an `Accept-Encoding` header accepts gzip (RFC 9110, 12.5.3)."""
     for coding in text.lower().split(","):
         name, *parameters = (word.strip(" \t") for word in coding.split(";"))
         if name in ("gzip", "x-gzip"):
@@ -162,12 +149,11 @@ def read_range(text: str, size: int) -> tuple[int, int] | None:
     """Parses the value of a `Range` header: the requested byte range of a file (RFC 9110, section 14).
 
     Args:
-        text: Value of the header. Values other than a single byte range are ignored, as RFC 9110 requires.
+        text: Value of the header.
         size: Size of the whole file in bytes.
 
     Returns:
-        Offset of the first requested byte, and of the byte after the last one. Both are equal if the file has none of
-        the requested bytes. None if the whole file is to be sent.
+        Offset of the first requested byte, and of the byte after the last one. None if the whole file is to be sent.
     """
     match = _RANGE.fullmatch(text)
     if match is None or not (match[1] or match[2]):
@@ -184,12 +170,7 @@ def make_part(
     kind: str, body: bytes | mmap, headers: str, request: Request, tag: str, *, packed: bool = False,
     private: bool = False,
 ) -> Answer:  # fmt: skip
-    """Returns the response to a GET or HEAD request for a file (RFC 9110, sections 13 and 14).
-
-    This is the whole file, a range of it (GET only), status 304 (not modified), or 412 (precondition failed).
-
-    If the query of the URL is the entity tag (`?TAG`), caches may keep the file forever; otherwise caches must
-    revalidate it.
+    """Returns the response to a GET or HEAD request for a file or a range of it (RFC 9110, sections 13 and 14).
 
     Args:
         kind: Media type of the file.
@@ -197,8 +178,8 @@ def make_part(
         headers: Further header lines, each with its line ending.
         request: Parsed request.
         tag: Entity tag of the file, derived from its content.
-        packed: True to compress the body with gzip; the compressed file has another entity tag.
-        private: True for a file that not everybody may have: shared caches, such as those of proxies, may not keep it.
+        packed: True to compress the body with gzip.
+        private: True to forbid shared caches, such as those of proxies, to keep the file.
     """
     asked = request.headers
     cache = "public, max-age=31536000, immutable" if request.query == tag else "no-cache"
@@ -225,7 +206,7 @@ def make_part(
 
 
 def is_current(tag: str, condition: str, *, weak: bool = True) -> bool:
-    """Returns True if a condition on entity tags matches a file that exists (RFC 9110, 13.1.1 and 13.1.2).
+    """Returns True if a condition on entity tags matches a file (RFC 9110, 13.1.1 and 13.1.2).
 
     Args:
         tag: Entity tag of the file; empty for a file without one.
@@ -252,9 +233,7 @@ def make_answer(
     Args:
         status: Status code and phrase.
         kind: Media type of the body.
-        body: Body of the response. An empty body is replaced by the text of `status`. Ignored for status 204, which has
-            no body. With a growing file, the header `Content-Length` is missing: the end of the connection marks the
-            end of the file.
+        body: Body of the response. An empty body is replaced by the text of `status`.
         headers: Further header lines, each with its line ending.
         bodiless: True to omit the body but keep its `Content-Length`, as with status 304.
         cache: Value of the `Cache-Control` header.

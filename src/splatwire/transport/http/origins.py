@@ -16,7 +16,7 @@ def parse_origin(text: str) -> str:
         text: Web origin as typed by a user; a trailing slash is ignored.
 
     Returns:
-        Web origin in lower case, without the port if it is the default of the scheme.
+        Web origin in lower case, without the default port of the scheme.
 
     Raises:
         InvalidValueError: If the text is not a web origin, for instance a URL with a path.
@@ -30,7 +30,7 @@ def parse_origin(text: str) -> str:
 
 
 def host_of(origin: str) -> str:
-    """Returns the host of a web origin without its port; an IPv6 address is in brackets, as in a `Host` header."""
+    """Returns the host of a web origin without its port."""
     host = urlsplit(origin).hostname or ""
     return f"[{host}]" if ":" in host else host
 
@@ -45,5 +45,5 @@ def is_loopback(host: str) -> bool:
 
 
 def is_loopback_origin(origin: str | None) -> bool:
-    """Returns True if a web origin belongs to a page served from this machine (loopback address), on any port."""
+    """Returns True if a web origin belongs to a page served from this machine."""
     return origin is not None and _ORIGIN.fullmatch(origin) is not None and is_loopback(host_of(origin))

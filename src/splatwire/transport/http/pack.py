@@ -47,7 +47,7 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
     """Returns an HTML file that contains one stream and the player that shows it.
 
     Args:
-        stream: Stream to show; packets may be missing, and the page conceals them.
+        stream: Stream to show; packets may be missing.
         title: Title of the page.
 
     Raises:
@@ -57,12 +57,10 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
 
 
 def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
-    """Returns an HTML file that contains several streams and the player that shows the selected stream.
-
-    The page shows the first stream; a list of links selects other streams.
+    """Returns an HTML file that contains several streams, links to select one, and the player.
 
     Args:
-        streams: Streams by title; packets may be missing, and the page conceals them.
+        streams: Streams by title, the first is shown first; packets may be missing.
 
     Raises:
         InvalidValueError: If browsers cannot decode one of the streams.
@@ -100,22 +98,17 @@ def check_page_support(manifest: Manifest) -> None:
 
 
 def stream_attributes(stream: SceneStream) -> dict[str, str]:
-    """Returns the HTML attributes of a stream's element `<splat-wire-preview>`; empty without a preview."""
+    """Returns the HTML attributes with a stream's preview, initial viewpoint and up axis; empty without a preview."""
     codec = stream.manifest.codec
     return preview_attributes(stream.side_info, codec, stream_preview(stream.side_info, codec))
 
 
 def _element(number: int, stream: SceneStream) -> str:
-    """Returns the HTML element that contains a stream's bytes.
-
-    Args:
-        number: Index of the stream on the page, from 0; used in the id of the element.
-        stream: Stream to contain.
-    """
+    """Returns the HTML element that contains a stream's bytes."""
     data = base64.b64encode(stream_to_bytes(stream)).decode()
     return f'<script type="application/octet-stream" id="stream{number or ""}">{data}</script>'
 
 
 def _source_hash(text: str) -> str:
-    """Returns the hash source that allows an inline script or style in the page's Content Security Policy."""
+    """Returns the hash of an inline script or style for the page's Content Security Policy."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"

@@ -25,22 +25,19 @@ def parse_networks(texts: Sequence[str]) -> tuple[IpNetwork, ...]:
 def client_address(peer: Any, head: bytes, proxies: Sequence[IpNetwork]) -> tuple[str]:
     """Returns the IP address of the client that sent an HTTP request, as a socket address without port.
 
-    Each proxy appends the address of its own client to `X-Forwarded-For`. The list is thus read from its end, and the
-    first address outside the trusted networks is the client. Addresses before it may be forged and are ignored.
+    It is the last address in `X-Forwarded-For` that is not a trusted proxy.
 
     Args:
         peer: Socket address of the other end of the connection.
         head: Head of the HTTP request.
         proxies: Networks of trusted proxies.
-
-    Returns:
-        Address of the client. The address of the last known proxy if the header is missing or invalid.
     """
     found = str(peer[0])
     try:
         listed = read_request(head).headers.get("x-forwarded-for", "").split(",")
     except BitstreamError:
         return (found,)
+    # Each proxy appends the address of its client. Addresses before the first untrusted one may be forged.
     while _is_trusted(found, proxies) and listed:
         text = listed.pop().strip()
         try:

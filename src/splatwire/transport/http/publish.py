@@ -1,4 +1,4 @@
-"""Files of a static web site with streams and the player: everything that a web host or CDN needs, without a server."""
+"""Files of a static web site with streams and the player, for a web host or CDN."""
 
 import hashlib
 import html
@@ -62,13 +62,10 @@ class PublishedScene:
 def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None) -> dict[str, bytes]:
     """Returns the files of a static site, by path relative to its folder, in the order in which they are to be written.
 
-    Pages are last, after the files to which they refer. A new version of a site can therefore be written over the old
-    one while visitors load it.
-
     Args:
-        scenes: Scenes by name; the first one is shown by `index.html`, each other one by `NAME.html`.
-        url: Address of the site, such as `https://example.org/splats`, for previews of links in other programs; None to
-            leave these out.
+        scenes: Scenes by name; `index.html` shows the first, `NAME.html` each other one.
+        url: Address of the site, such as `https://example.org/splats`, for link previews in other programs; None for no
+            link previews.
 
     Raises:
         InvalidValueError: If there is no scene, a stream is incomplete or cannot be decoded by browsers, or a name
@@ -123,7 +120,7 @@ def _check(name: str, stream: SceneStream) -> None:
 
 
 def _engine_folder() -> str:
-    """Returns the folder of the player's files, with the version and the hash of their contents in its name."""
+    """Returns the name of the folder of the player's files, with version and content hash."""
     digest = hashlib.sha256("\0".join(map(web_file, (SCRIPT, DRAWING, STYLE))).encode()).hexdigest()
     return f"splatwire-{__version__}-{digest[:HASH_DIGITS]}"
 
@@ -133,22 +130,12 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Renames HTML attributes of a preview element (`<splat-wire-preview>`) for use on the viewer element.
-
-    The attribute `data`, which contains the preview, becomes `preview`; all others keep their name.
-    """
+    """Renames HTML attributes of a preview element for use on the viewer element."""
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 
 def _link_preview(name: str, url: str | None, page: str, picture: str | None) -> str:
-    """Returns the HTML elements from which messengers and other programs build a preview of a link to a page.
-
-    Args:
-        name: Name of the scene, the title of the preview.
-        url: Address of the site; None returns an empty text.
-        page: Path of the page relative to the site.
-        picture: Path of a picture relative to the site; None for no picture.
-    """
+    """Returns the HTML elements from which messengers build a preview of a link to a page."""
     if url is None:
         return ""
     found = {"og:title": name, "og:type": "website", "og:url": f"{url}/{quote(page)}"}
@@ -158,7 +145,7 @@ def _link_preview(name: str, url: str | None, page: str, picture: str | None) ->
 
 
 def _header_rules(engine: str) -> dict[str, dict[str, str]]:
-    """Returns the HTTP response headers of a static site: header values by name, for each URL pattern (`*`: any text).
+    """Returns the HTTP response headers of a static site: header values by name, for each URL pattern.
 
     Args:
         engine: Folder with the scripts and style sheets of the player.
@@ -181,11 +168,7 @@ def _header_rules(engine: str) -> dict[str, dict[str, str]]:
 
 
 def _netlify_headers(engine: str) -> str:
-    """Returns the file `_headers`, from which Netlify and Cloudflare Pages take the HTTP headers of a site.
-
-    Args:
-        engine: Folder with the scripts and style sheets of the player.
-    """
+    """Returns the file `_headers`, from which Netlify and Cloudflare Pages take the HTTP headers of a site."""
     blocks = [
         "\n".join([path, *(f"  {key}: {value}" for key, value in rule.items())])
         for path, rule in _header_rules(engine).items()
@@ -194,11 +177,7 @@ def _netlify_headers(engine: str) -> str:
 
 
 def _vercel_headers(engine: str) -> str:
-    """Returns the file `vercel.json`, from which Vercel takes the HTTP headers of a site.
-
-    Args:
-        engine: Folder with the scripts and style sheets of the player.
-    """
+    """Returns the file `vercel.json`, from which Vercel takes the HTTP headers of a site."""
     rules = [
         {
             "source": re.escape(path).replace(r"\*", "(.*)").replace(r"\.", ".").replace(r"\-", "-"),

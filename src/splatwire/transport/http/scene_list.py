@@ -1,4 +1,4 @@
-"""HTML list of the server's scenes, shown above the viewer element of the page: one link with preview per scene."""
+"""HTML list of the server's scenes on the page: one link with preview per scene."""
 
 import base64
 import html
@@ -13,7 +13,7 @@ def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: C
     """Returns the HTML of the list of scenes, with a link and a preview for each; empty for a single scene.
 
     Args:
-        scenes: For each scene, by name: HTML attributes of its element `<splat-wire-preview>` (`preview_attributes`).
+        scenes: HTML attributes of each scene, by name (`preview_attributes`).
         current: Name of the scene that the page shows.
         address: Function that returns the URL of a scene from its name.
     """
@@ -34,7 +34,7 @@ def preview_attributes(side_info: bytes, codec: str, preview: bytes) -> dict[str
     Args:
         side_info: Side information of the stream.
         codec: Name of the stream's codec schema.
-        preview: Encoded preview (`splatwire.codec.preview`); may be empty.
+        preview: Encoded preview; may be empty.
     """
     return {"data": base64.b64encode(preview).decode(), **start_attributes(side_info, codec)} if preview else {}
 

@@ -41,18 +41,13 @@ class PageLimits:
     """Limits of the page server on its clients. A network is an IPv4 address or a /64 prefix of IPv6.
 
     Attributes:
-        slots: Maximum number of concurrent responses. When it is reached, a new request aborts the oldest response to
-            the network that has most responses, provided that the requesting network has fewer; otherwise the request
-            is refused.
+        slots: Maximum number of concurrent responses.
         per_network: Maximum number of concurrent responses to one network.
-        waiting: Maximum number of connections whose request is incomplete. When it is reached, a new connection closes
-            the oldest of these connections from the network that has most of them.
+        waiting: Maximum number of connections whose request is incomplete.
         request_s: Maximum time from connection to the end of the request head, seconds.
-        chunk_s: Maximum time until the kernel accepts the next `CHUNK_BYTES` of a response, seconds.
-        slowest_bytes_s: Minimum average rate of a response, bytes per second; slower responses are aborted. The default
-            is lower than the rate of any watchable stream.
-        grace_s: Time, seconds, added to the maximum duration of a response, which is its size divided by
-            `slowest_bytes_s`.
+        chunk_s: Maximum time to send the next `CHUNK_BYTES` of a response, seconds.
+        slowest_bytes_s: Minimum average rate of a response, bytes per second; slower responses are aborted.
+        grace_s: Time added to the maximum duration of a response, seconds.
     """
 
     slots: int = 256
@@ -76,15 +71,12 @@ class Content(Protocol):
         """Returns the HTTP response to a request, given its head with the final empty line."""
 
     def busy(self, head: bytes) -> Answer:
-        """Returns the HTTP response that refuses a request because all response slots are in use."""
+        """Returns the HTTP response that refuses a request because the server is busy."""
 
 
 @runtime_checkable
 class SlowContent(Protocol):
-    """Protocol of a content provider of an HTTP server: an asynchronous function that responds to requests.
-
-    For content that takes time to prepare, such as converted files.
-    """
+    """Content of an HTTP server that takes time to prepare, such as converted files."""
 
     async def respond(self, head: bytes) -> Answer:
         """Returns the HTTP response to a request, given its head with the final empty line."""
@@ -93,23 +85,18 @@ class SlowContent(Protocol):
 class PageServer:
     """HTTP server for the browser page; an asynchronous context manager that serves until its exit.
 
-    Each response is logged with the level INFO: client, method, path, status, bytes and duration.
-
-    Browsers allow WebTransport only for pages from this machine or over HTTPS. Other pages receive the stream by HTTP.
-
     Args:
         content: Page, scripts and streams that the server offers; may be replaced later.
         port: TCP port; 0 selects a free port.
         limits: Limits on clients.
-        proxies: Networks of trusted proxies, whose header `X-Forwarded-For` gives the address of the client. Limits and
-            the log then apply to this address.
+        proxies: Networks of trusted proxies, whose header `X-Forwarded-For` gives the address of the client.
         logged: True to log the responses.
         pacer: Pacer of the bytes of all responses together; None for no limit.
 
     Attributes:
         statuses: Number of responses by HTTP status code.
         num_answers: Number of requests that got a response.
-        bytes_sent: Number of response bytes passed to the kernel.
+        bytes_sent: Number of response bytes sent.
 
     Raises:
         InvalidValueError: If the port is in use.
@@ -171,10 +158,8 @@ class PageServer:
         return len(self._slots)
 
     def _begin(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Starts the task that serves a new connection.
-
-        If asyncio created the task, it would log the cancellation of the task at the server's exit as an error.
-        """
+        """Starts the task that serves a new connection."""
+        # If asyncio created the task, it would log its cancellation at the server's exit as an error.
         client = asyncio.get_running_loop().create_task(self._serve(reader, writer))
         self._clients[client] = writer
         client.add_done_callback(self._end)
@@ -221,15 +206,7 @@ class PageServer:
     async def _respond(
         self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
     ) -> None:
-        """Sends a response to the client, counts it and logs it.
-
-        Args:
-            head: Head of the request, for the log.
-            answer: The response.
-            network: Network of the client, for the log.
-            writer: Connection to the client.
-            close: True to close the connection afterwards.
-        """
+        """Sends a response to the client, counts it and logs it."""
         loop, status = asyncio.get_running_loop(), int(answer.head[9:12])
         began, sent, complete = loop.time(), _Count(), False
         self.statuses[status] += 1
@@ -285,12 +262,10 @@ class PageServer:
     async def _pace(self, pacer: Pacer, num_bytes: int, limit: asyncio.Timeout | None) -> None:
         """Waits until the total rate limit of all responses permits sending further bytes, and counts these bytes.
 
-        The waiting time does not count towards `limit`, because the client does not cause it.
-
         Args:
             pacer: Pacer of the bytes of all responses together.
             num_bytes: Number of bytes to send.
-            limit: Time limit of the response, which is extended by the waiting time; None for no limit.
+            limit: Time limit of the response, extended by the waiting time; None for no limit.
         """
         loop = asyncio.get_running_loop()
         began, end = loop.time(), None if limit is None else limit.when()
@@ -309,13 +284,13 @@ class PageServer:
 
 
 def _too_long(start: bytes) -> Answer:
-    """Returns the response to a request whose head exceeds the limit, given the start of the head."""
+    """Returns the response to a request whose head is too long."""
     line_ends = b"\r\n" in start
     return make_answer("431 Request Header Fields Too Large" if line_ends else "414 URI Too Long")
 
 
 async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Ends the response and reads the rest of the request, within limits, until the client closes the connection."""
+    """Ends the response and reads the rest of the request, until the client closes the connection."""
     writer.write_eof()
     with suppress(TimeoutError):
         async with asyncio.timeout(LINGER_S):
@@ -333,7 +308,7 @@ async def _wait_for_pacer(pacer: Pacer) -> None:
 
 @dataclass
 class _Count:
-    """Number of bytes of a response that were passed to the kernel for sending."""
+    """Number of bytes of a response that were sent."""
 
     num_bytes: int = 0
 

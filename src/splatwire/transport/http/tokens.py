@@ -1,8 +1,4 @@
-"""Signed tokens that open private scenes: JSON Web Tokens (RFC 7519) with HMAC-SHA256; needs PyJWT.
-
-The claims of a token are `aud` (`splatwire`), `exp` (time at which it expires) and `scenes` (names of the scenes that
-it opens).
-"""
+"""Signed tokens that open private scenes: JSON Web Tokens (RFC 7519) with HMAC-SHA256; needs PyJWT."""
 
 import time
 from collections.abc import Sequence
@@ -37,13 +33,13 @@ def token_problem(key: bytes, token: str, scene: str) -> str | None:
 
 
 def make_token(key: bytes, scenes: Sequence[str], seconds: float, now: float | None = None) -> str:
-    """Returns a signed token.
+    """Returns a signed token that opens scenes.
 
     Args:
         key: Secret key of the server.
         scenes: Names of the scenes that the token opens.
         seconds: Validity, seconds.
-        now: Time at which the validity begins, seconds since 1970; None for the present time.
+        now: Start of the validity, seconds since 1970; None for the present time.
 
     Raises:
         InvalidValueError: If no scene is named, the validity is out of range, or the names of the scenes are too long
@@ -66,7 +62,7 @@ def make_token(key: bytes, scenes: Sequence[str], seconds: float, now: float | N
 
 
 def read_key(path: Path) -> bytes:
-    """Reads a secret key from a file; whitespace at its ends is ignored.
+    """Reads a secret key from a file.
 
     Raises:
         InvalidValueError: If the file cannot be read, or the key is too short or too long.

@@ -1,8 +1,4 @@
-"""Publisher of streams to a relay of Media over QUIC (MoQ), with one track per tile of a scene.
-
-Static scenes are sent as objects on reliable streams. Datagrams would not reach clients that connect later, because
-relays do not cache them.
-"""
+"""Publisher of streams to a relay of Media over QUIC (MoQ), with one track per tile of a scene."""
 
 import asyncio
 import contextlib
@@ -49,8 +45,6 @@ class Published(NamedTuple):
 class RelayTrust(NamedTuple):
     """Rules for which TLS certificates of a relay are accepted.
 
-    By default, the certificate must be signed by a certificate authority (CA) that the operating system trusts.
-
     Attributes:
         authority: PEM file with certificates of the accepted CAs; None for the CAs that the operating system trusts.
         fingerprint: SHA-256 of the only accepted certificate, hexadecimal; None for no such restriction.
@@ -82,7 +76,7 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
     Args:
         address: Address of the relay; the last part of `address.name` is the scene's name.
         trust: Accepted certificates of the relay.
-        **origins: Further keyword arguments of `moq.Client`. A publisher passes `publish`; a receiver passes none.
+        **origins: Further keyword arguments of `moq.Client`.
 
     Raises:
         InvalidValueError: If no session can be opened.
@@ -107,14 +101,11 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
 
 
 def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
-    """Divides the packets of a scene into MoQ tracks; returns for each track `part/N` its packets.
-
-    Packets are given by their indices in sending order.
+    """Divides the packets of a scene into MoQ tracks; returns the packet indices of each track.
 
     Args:
         manifest: Manifest of the stream.
-        tiles: Tiles of the stream; each becomes a track. None for a stream without levels of detail, of which each
-            track gets `RUN` packets.
+        tiles: Tiles of the stream, one for each track; None for a stream without levels of detail.
     """
     total = manifest.num_packets
     edges = [*range(0, total, RUN), total] if tiles is None else tiles.first_packets.tolist()
@@ -135,8 +126,8 @@ async def publish(
         address: Address of the relay; the last part of its name is the scene's name.
         stream: Complete stream to publish.
         trust: Accepted certificates of the relay.
-        stop: Event of the caller that ends publishing.
-        ready: Called without arguments when the scene has been announced at the relay.
+        stop: Event that ends publishing.
+        ready: Called when the scene has been announced at the relay.
 
     Raises:
         InvalidValueError: If no session can be opened.
@@ -182,12 +173,12 @@ async def _requests(asked: Any) -> AsyncIterator[Any]:
 
 
 def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
-    """Returns the content of a MoQ track as the frames to publish; None if the scene has no track of that name.
+    """Returns the content of a MoQ track as the frames to publish; None if there is no such track.
 
     Args:
-        name: Name of the track: `HEAD` for manifest and side information, or `part/N` for packets.
+        name: Name of the track.
         head: Bytes of manifest and side information.
-        parts: For each N, the indices in sending order of the packets of the track `part/N`.
+        parts: For each track of packets, their indices in sending order.
         packets: All packets in sending order.
     """
     if name == HEAD:

@@ -46,11 +46,11 @@ RECONNECT_INTERVAL_S = 1.0
 
 
 class BrokenOffError(BitstreamError):
-    """The session with the relay ended early: no response, closed, or a track ended; a new session may resume it."""
+    """The session with the relay ended early; a new session may resume the transfer."""
 
 
 def _records(data: bytes) -> Iterator[bytes]:
-    """Splits data into its records, each preceded by its size; omits a truncated last record."""
+    """Splits data into records, each preceded by its size."""
     at = 0
     while at + RECORD_PREFIX.size <= len(data):
         (size,) = RECORD_PREFIX.unpack_from(data, at)
@@ -61,10 +61,7 @@ def _records(data: bytes) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _Counts:
-    """Counters of damaged and recovered packets, always 0, because a relay sends over reliable QUIC streams.
-
-    The attributes have the same names as in `PacketCollector`, so that the statistics of `RelayReceiver` and `Receiver`
-    can be read in the same way.
+    """Counters of damaged and recovered packets, always 0 with a relay.
 
     Attributes:
         num_bad: Number of damaged packets.
@@ -76,7 +73,7 @@ class _Counts:
 
 
 class RelayReceiver:
-    """Receiver of a stream from a relay; offers its results in the same way as `Receiver`.
+    """Receiver of a stream from a relay, with results like those of `Receiver`.
 
     Args:
         options: Options of the receiver.
@@ -114,13 +111,13 @@ class RelayReceiver:
         return "" if self._manifest else "the relay gave no side information"
 
     def finish(self, reason: str) -> None:
-        """Ends the transfer and reports the event `Finished` with a reason."""
+        """Ends the transfer and reports its reason as an event."""
         if self.finished is None:
             self.finished = Finished(reason, self._manifest is not None)
             self._tell(self.finished)
 
     def may_resume(self, now: float) -> bool:
-        """Returns True if an interrupted transfer may still be resumed; reports the event `Interrupted` once.
+        """Returns True if an interrupted transfer may still be resumed.
 
         Args:
             now: Time, seconds.
@@ -133,10 +130,9 @@ class RelayReceiver:
         return True
 
     async def receive(self, broadcast: Any) -> str:
-        """Receives manifest and side information, then tracks of packets in order of importance.
+        """Receives manifest and side information, then packets in order of importance.
 
-        After an outage, call this again with the broadcast of the new session: tracks of the same stream that were
-        received before are kept.
+        After an interruption, call this again with the broadcast of a new session; received data are kept.
 
         Args:
             broadcast: Broadcast of the scene in the session with the relay (package `moq`).
@@ -185,19 +181,7 @@ class RelayReceiver:
         return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
-        """Chooses the packet tracks to receive and their order.
-
-        The relay has the packets of the stream in numbered tracks: one track per tile, or per run of packets for a
-        stream without levels of detail. With a viewpoint, only tracks of visible tiles are received, most important
-        first. Otherwise, all tracks are received in the order of their numbers.
-
-        Args:
-            manifest: Manifest of the stream.
-            tiles: Tiles of the stream; None for a stream without levels of detail.
-
-        Returns:
-            Numbers N of the tracks, which have the names `part/N`.
-        """
+        """Returns the numbers of the packet tracks to receive, in order of importance."""
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(parts_of(manifest, tiles))))
         viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.codec))
@@ -227,12 +211,10 @@ class RelayReceiver:
     async def _frames(
         self, broadcast: Any, name: str, priority: int, most_bytes: int, most_frames: int
     ) -> AsyncIterator[bytes]:
-        """Subscribes to a track of the relay and yields its data frame by frame, until the track is complete.
-
-        The publisher puts all frames of a track into a single MoQ group.
+        """Subscribes to a track of the relay and yields its data frame by frame.
 
         Args:
-            broadcast: The scene at the relay: its collection of tracks (a broadcast of the package `moq`).
+            broadcast: The scene at the relay (package `moq`).
             name: Name of the track.
             priority: Priority of the subscription; the relay sends tracks with higher priority first.
             most_bytes: Maximum total size of the frames, bytes.
@@ -274,14 +256,12 @@ async def receive_relayed(
 ) -> RelayReceiver:  # fmt: skip
     """Receives a stream from a relay of Media over QUIC.
 
-    After an outage, new sessions are tried for up to `ReceiverOptions.reconnect_s`; only missing tracks are fetched.
-
     Args:
         address: Address of the relay; the last part of its name is the scene's name.
         options: Options of the receiver.
         trust: Accepted certificates of the relay.
         on_event: Called with every event, such as an arrived packet.
-        stop: Future of the caller; when it is done, the transfer ends and received data are kept.
+        stop: Future that ends the transfer when it is done; received data are kept.
 
     Raises:
         InvalidValueError: If no session can be opened.

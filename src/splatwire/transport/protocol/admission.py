@@ -24,12 +24,10 @@ MAX_NETWORKS = 4096
 
 
 def network_of(address: Hashable) -> Network:
-    """Returns the network of a client as nested IP prefixes, widest first, for limits on connections.
-
-    For IPv4, these are the /24 prefix and the address itself; for IPv6, the prefixes /32, /48 and /64.
+    """Returns the network of a client as nested IP prefixes, widest first: /24 and address, or /32, /48 and /64 (IPv6).
 
     Args:
-        address: Socket address whose first item is a numeric IP address. Any other value is a network of its own.
+        address: Socket address whose first item is the IP address as text. Any other value is a network of its own.
     """
     if not (isinstance(address, tuple) and address and isinstance(address[0], str)):
         return (address,)
@@ -53,11 +51,9 @@ def network_text(network: Network) -> str:
 
 
 def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
-    """Chooses the network that loses a connection to a new one when the server is full; None if the new one is refused.
+    """Chooses the network that loses a connection to a new one when the server is full; None to refuse the new one.
 
-    Connections are shared fairly between IP prefixes, so that the owner of many addresses gets no more than the owner
-    of one. A prefix loses a connection if it has more of them than the prefix of the new connection would have. Wide
-    prefixes are compared before narrow ones.
+    Connections are shared fairly between IP prefixes, so that a client gains nothing by using many addresses.
 
     Args:
         held: Number of connections per network, each above 0.
@@ -71,11 +67,7 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
 
 
 def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
-    """Returns the network that should lose a connection first when the server is full.
-
-    It is found by IP prefix, from wide to narrow: of the widest prefixes, the one with the most connections; inside it,
-    the next narrower prefix with the most connections; and so on. A client thus gains nothing by using many networks of
-    one provider.
+    """Returns the network that should lose a connection when the server is full, by IP prefixes with many connections.
 
     Args:
         held: Number of connections per network, each above 0.
@@ -93,17 +85,7 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Finds the IP prefix of a given width that has the most connections.
-
-    Args:
-        held: Number of connections per network. A network is a tuple of nested prefixes, widest first (see
-            `network_of`).
-        within: Prefix to search in, as the first items of a network; empty for all addresses.
-        depth: Number of the first items of a network that form the prefixes to compare: 1 for the widest prefixes.
-
-    Returns:
-        The prefix and its number of connections; None if there are no connections in `within`.
-    """
+    """Returns the IP prefix with the most connections, and their number; None if there are no connections."""
     counts: Counter[Network] = Counter()
     for network, count in held.items():
         if network[: len(within)] == within:
@@ -114,14 +96,11 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
 class ConnectionSlots:
     """Limits the number of concurrent connections, and shares them fairly between networks.
 
-    A network is an IPv4 address or a /64 prefix of IPv6. If all slots are in use, a new connection can replace the
-    oldest one of the network with the most connections.
+    If the limit is reached, a new connection can replace the oldest one of the network with the most connections.
 
     Args:
         most: Maximum number of connections in total.
-        per_network: Maximum number of connections per network. With it, a new connection replaces another one only if
-            the other network has more connections. None for no such maximum; a new connection then always replaces
-            another one.
+        per_network: Maximum number of connections per network; None for no such maximum.
     """
 
     def __init__(self, most: int, per_network: int | None = None) -> None:
@@ -132,7 +111,7 @@ class ConnectionSlots:
         return sum(map(len, self._held.values()))
 
     def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
-        """Requests a slot for a new connection and returns True if it gets one; may abort another connection for it.
+        """Requests a slot for a new connection, which may abort an older connection; returns True if it gets one.
 
         Args:
             network: Network of the client.
@@ -152,7 +131,7 @@ class ConnectionSlots:
         return True
 
     def leave(self, network: Network, connection: asyncio.WriteTransport) -> None:
-        """Frees the slot of a connection that has ended; has no effect if the connection was already evicted."""
+        """Frees the slot of a connection that has ended."""
         left = [other for other in self._held.pop(network, []) if other is not connection]
         if left:
             self._held[network] = left
@@ -160,38 +139,35 @@ class ConnectionSlots:
 
 @dataclass(slots=True)
 class _Starts:
-    """New transfers of a network.
+    """Recent transfers of a network.
 
     Attributes:
-        recent: Time in seconds and nonce of each start within `WINDOW_S`, the oldest first.
-        counts: Number of these starts by nonce.
+        recent: Time in seconds and nonce of each new transfer, the oldest first.
+        counts: Number of these transfers by nonce.
     """
 
     recent: list[tuple[float, int]] = field(default_factory=list)  # a deque takes 700 bytes for one start
     counts: dict[int, int] = field(default_factory=dict)
 
     def drop_oldest(self) -> None:
-        """Forgets the oldest start."""
+        """Forgets the oldest transfer."""
         nonce = self.recent.pop(0)[1]
         self.counts[nonce] -= 1
         if not self.counts[nonce]:
             del self.counts[nonce]
 
     def is_expired(self, now: float) -> bool:
-        """True if there was no start within the last `WINDOW_S` at time `now`, seconds."""
+        """True if the network has not started a transfer recently."""
         return not self.recent or now - self.recent[-1][0] >= WINDOW_S
 
     def drop_expired(self, now: float) -> None:
-        """Forgets starts before the last `WINDOW_S` at time `now`, seconds."""
+        """Forgets transfers that started more than `WINDOW_S` ago."""
         while self.recent and now - self.recent[0][0] >= WINDOW_S:
             self.drop_oldest()
 
 
 class StartRateLimiter:
-    """Rate limiter for the new transfers of each network within `WINDOW_S`.
-
-    A call takes about the same time with many starts as with few. Starts of the last `WINDOW_S` are stored for at most
-    `MAX_NETWORKS` networks.
+    """Limits how many transfers each network may start within `WINDOW_S`.
 
     Args:
         most: Maximum number of new transfers per network within `WINDOW_S`.
@@ -202,11 +178,11 @@ class StartRateLimiter:
         self._networks: OrderedDict[Network, _Starts] = OrderedDict()
 
     def __len__(self) -> int:
-        """Number of stored starts of all networks."""
+        """Number of stored transfers of all networks."""
         return sum(len(starts.recent) for starts in self._networks.values())
 
     def seen(self, network: Network, nonce: int) -> bool:
-        """True if the network has recently started a transfer with this nonce (random id of a connection attempt)."""
+        """True if the network has recently started a transfer with this random connection id (nonce)."""
         return network in self._networks and nonce in self._networks[network].counts
 
     def allowed(self, network: Network, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""Collectors of received symbols, packets and parity, with memory bounded by the server's first response (welcome)."""
+"""Collects the symbols and packets that a receiver gets, and recovers lost ones."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -37,14 +37,14 @@ class ReceiverLimits(CheckedFields):
 
 
 def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
-    """Checks a server's declaration of a stream (welcome) before any memory is allocated for the stream.
+    """Checks the sizes of a stream in the server's response (welcome) before any memory is allocated for the stream.
 
     Args:
-        welcome: Declaration of the stream by the server.
+        welcome: Response of the server.
         limits: Maximum accepted sizes.
 
     Returns:
-        Message about what is invalid or too large, or None if the declaration is accepted.
+        Message about what is invalid or too large, or None if the sizes are accepted.
     """
     w = welcome
     total = w.object_bytes + w.num_packets * w.packet_bytes
@@ -74,7 +74,7 @@ class InitSegmentCollector:
     """Collects the symbols of the init segment (manifest, side information, bundled packets) and decodes the segment.
 
     Args:
-        welcome: Declaration of the stream by the server, already checked.
+        welcome: Server's response with the sizes of the stream, already checked.
     """
 
     def __init__(self, welcome: Welcome) -> None:
@@ -91,7 +91,7 @@ class InitSegmentCollector:
 
     @property
     def num_missing(self) -> int:
-        """Minimum number of symbols that must still be received to decode the init segment."""
+        """Minimum number of symbols that are still needed to decode the init segment."""
         missing = 0
         for segment, piece in enumerate(self._pieces):
             if piece is None:
@@ -99,7 +99,7 @@ class InitSegmentCollector:
         return missing
 
     def add(self, frame: Side) -> bytes | None:
-        """Adds a received symbol and returns the bytes of the init segment if all are now decoded, else None."""
+        """Adds a received symbol; returns the init segment once it is complete, else None."""
         if frame.segment >= len(self._pieces) or self._pieces[frame.segment] is not None:
             return None
         size, symbols = self._segments.size(frame.segment), self._symbols[frame.segment]
@@ -129,24 +129,21 @@ class InitSegmentCollector:
         return None
 
     def _restart(self, segment: int) -> None:
-        """Discards all symbols of one segment (source block).
-
-        Called after decoding has failed, because a symbol was then corrupt.
-        """
+        """Discards all symbols of one segment (source block), because one of them is corrupt."""
         self.num_poisoned += 1
         self._symbols[segment].clear()
         self._pieces[segment] = None
 
 
 def read_init_segment(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
-    """Parses the init segment and checks it against the server's declaration of the stream (welcome).
+    """Parses the init segment and checks it against the server's response (welcome).
 
     Args:
         data: Bytes of the init segment.
-        welcome: Declaration of the stream by the server.
+        welcome: Server's response with the sizes of the stream.
 
     Returns:
-        Manifest, side information, and the packets bundled in the init segment (the first in sending order).
+        Manifest, side information, and the packets bundled in the init segment.
 
     Raises:
         BitstreamError: If init segment and declaration contradict each other, or the manifest is invalid.
@@ -164,7 +161,7 @@ class PacketCollector:
     """Collects received packets and recovers lost packets from repair symbols.
 
     Args:
-        welcome: Declaration of the stream by the server, already checked.
+        welcome: Server's response with the sizes of the stream, already checked.
     """
 
     def __init__(self, welcome: Welcome) -> None:
@@ -184,12 +181,10 @@ class PacketCollector:
         self.highest = -1
 
     def update(self, welcome: Welcome) -> None:
-        """Prepares for more packets after a live stream has grown; packets received so far are kept.
-
-        Received repair symbols are kept only if their parity group is unchanged.
+        """Prepares for more packets after a live stream has grown; received packets are kept.
 
         Args:
-            welcome: New declaration of the stream by the server, already checked.
+            welcome: Server's response with the new sizes of the stream, already checked.
         """
         old, self._welcome, self._finder = self._finder, welcome, GroupFinder(welcome.tiers)
         for number in {*self._members, *self._repair}:
@@ -209,15 +204,14 @@ class PacketCollector:
         return self._intake
 
     def open(self, manifest: Manifest, bundled: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
-        """Checks the packets that arrived before the manifest, which is known now.
+        """Checks the packets that arrived before the manifest.
 
         Args:
-            manifest: Manifest of the stream; it lists the valid packets.
+            manifest: Manifest of the stream.
             bundled: Packets bundled in the init segment.
 
         Returns:
-            The filter that checks all packets, including later ones, against the manifest; and the packets that it has
-            accepted so far.
+            The filter that checks packets against the manifest; and the packets that it has accepted so far.
         """
         if self._intake is None:
             self._intake = PacketIntake(manifest)
@@ -237,7 +231,7 @@ class PacketCollector:
         return self._intake, taken
 
     def add(self, frame: Data) -> list[Packet]:
-        """Adds a received packet; returns this packet and all lost packets that can be recovered with it."""
+        """Adds a received packet; returns it and all lost packets that can be recovered with it."""
         if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
             return []
@@ -253,7 +247,7 @@ class PacketCollector:
         return out + self._solve(member[0]) if member else out
 
     def add_parity(self, frame: Parity) -> list[Packet]:
-        """Adds a received repair symbol and returns the lost packets that could be recovered with it."""
+        """Adds a received repair symbol; returns the lost packets that can be recovered with it."""
         if frame.group >= self._finder.num_groups or len(frame.payload) != self._symbol_bytes:
             self.num_bad += 1
             return []
@@ -276,10 +270,9 @@ class PacketCollector:
             at = self._have.find(0, at + 1, stop)
 
     def received_masks(self) -> Iterator[tuple[int, bytes]]:
-        """Yields bit masks that list the received packets; each mask is small enough for one datagram.
+        """Yields bit masks of the received packets, each small enough for one datagram.
 
-        Each item has the index of the first packet in the mask, and the mask, least significant bit first. Masks
-        without any received packet are omitted.
+        Each item has the index of the first packet in the mask, and the mask, least significant bit first.
         """
         for first in range(0, len(self._have), 8 * MAX_HELD_BYTES):
             some = np.frombuffer(self._have[first : first + 8 * MAX_HELD_BYTES], np.uint8)
@@ -287,15 +280,7 @@ class PacketCollector:
                 yield first, np.packbits(some, bitorder="little").tobytes()
 
     def _take(self, index: int, data: bytes) -> Packet | None:
-        """Checks a received packet and stores it if it is valid; returns the packet, or None if it is invalid.
-
-        A valid packet has the right checksum, belongs to the stream, and is listed in the manifest. If the manifest has
-        not arrived yet, this last check is made later.
-
-        Args:
-            index: Index of the packet in sending order.
-            data: Bytes of the packet.
-        """
+        """Checks a received packet and stores it; returns None if it is invalid."""
         try:
             packet = packet_from_bytes(data, self._welcome.stream_id)
         except BitstreamError:
@@ -327,11 +312,7 @@ class PacketCollector:
             self._members.get(member[0], {}).pop(member[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
-        """Recovers the lost packets of a parity group from its repair symbols, if these suffice; returns the packets.
-
-        Args:
-            number: Number of the parity group.
-        """
+        """Recovers the lost packets of a parity group from its repair symbols, if these suffice."""
         group, repair = self._finder.group(number), self._repair.get(number, {})
         members = self._members.setdefault(number, {})
         if not repair or len(members) == group.size or len(members) + len(repair) < group.size:

@@ -1,4 +1,4 @@
-"""Datagrams of the transport protocol as named tuples; `splatwire.transport.protocol.wire` encodes and decodes them."""
+"""Datagrams of the transport protocol as named tuples."""
 
 from typing import NamedTuple
 
@@ -48,11 +48,9 @@ class Hello(NamedTuple):
 class Challenge(NamedTuple):
     """Response of the server to `Hello`, with a token that the client must return in its `Request`.
 
-    The server stores nothing about the client.
-
     Attributes:
         nonce: Number that identifies the client's connection attempt.
-        token: Token that only the owner of the client's address receives (`token.TokenMint`).
+        token: Token that only the owner of the client's address receives.
     """
 
     nonce: int
@@ -64,9 +62,9 @@ class Request(NamedTuple):
 
     Attributes:
         nonce: Number that identifies the client's connection attempt.
-        token: Token of the server, which proves that the client receives datagrams at its address.
+        token: Token that the server has sent to the client's address.
         name: Name of the requested stream; an empty name requests the server's first stream.
-        scene_token: Signed token that opens private scenes, ASCII; empty without one. Sent over encrypted paths only.
+        scene_token: Signed token that opens private scenes, ASCII; empty without one. Only on encrypted paths.
     """
 
     nonce: int
@@ -76,14 +74,13 @@ class Request(NamedTuple):
 
 
 class TierHead(NamedTuple):
-    """Protection of a run of packets by repair symbols (parity), as the server declares it.
+    """Parity (repair symbols) of a range of consecutive packets.
 
-    A run is a series of consecutive packets in sending order with equal protection. It is divided into parity groups,
-    and each group has repair symbols for its packets.
+    The range is divided into parity groups, and each group has repair symbols for its packets.
 
     Attributes:
-        num_packets: Number of packets of the run.
-        groups: Number of interleaved parity groups of the run; 0 without parity.
+        num_packets: Number of packets of the range.
+        groups: Number of interleaved parity groups; 0 without parity.
         repair: Number of repair symbols per parity group.
     """
 
@@ -95,10 +92,10 @@ class TierHead(NamedTuple):
 class Welcome(NamedTuple):
     """Response of the server that accepts a request and declares the sizes of the stream.
 
-    For a live stream, the server sends a new welcome whenever the stream has grown.
+    For a live stream, the server sends it again whenever the stream has grown.
 
     Attributes:
-        nonce: Number that identifies the client's connection attempt, copied from the request.
+        nonce: Number that identifies the client's connection attempt.
         session: Id of the transfer, contained in all its datagrams.
         stream_id: Id of the stream, contained in every packet.
         object_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
@@ -106,12 +103,11 @@ class Welcome(NamedTuple):
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
         num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
         packet_bytes: Maximum size of a packet in bytes.
-        bundled: Number of packets bundled in the init segment: the first in sending order.
-        tiers: Parity of each run (consecutive packets with equal protection), in sending order. Together the runs
-            contain all packets.
-        preview: Preview to show until the scene is decoded, not validated here; empty without a preview.
-        is_live: True for a live stream: updated welcomes will follow in the same transfer.
-        viewable: True if the server sends packets by visibility after it has received the client's viewpoint (`View`).
+        bundled: Number of packets bundled in the init segment, the first in sending order.
+        tiers: Parity of consecutive ranges of packets, in sending order.
+        preview: Preview to show until the scene is decoded; empty without a preview.
+        is_live: True for a live stream.
+        viewable: True if the server can send visible packets first.
     """
 
     nonce: int
@@ -136,7 +132,7 @@ class Side(NamedTuple):
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
         segment: Index of the segment (source block) of the init segment.
-        symbol: Index of the symbol in the segment; repair symbols follow the source symbols.
+        symbol: Index of the symbol in the segment; source symbols come first.
         payload: Bytes of the symbol.
     """
 
@@ -170,7 +166,7 @@ class Parity(NamedTuple):
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
         group: Index of the parity group.
-        symbol: Index of the repair symbol among the repair symbols of the group, from 0.
+        symbol: Index of the repair symbol in the group.
         payload: Bytes of the symbol.
     """
 
@@ -189,10 +185,10 @@ class Feedback(NamedTuple):
         largest: Largest received sequence number.
         received: Number of received datagrams with a sequence number.
         time_us: Receiver's clock when `largest` was received, microseconds modulo 2**32.
-        side_missing: Number of init segment symbols still needed; 0 when complete.
-        nacks: Requested retransmissions: indices of packets in sending order.
-        lost_sequences: Sequence numbers of lost datagrams whose packets are requested. With view-dependent sending
-            order, a receiver cannot know which packets were sent. At most `MAX_NACKS` requests together with `nacks`.
+        side_missing: Number of symbols of the init segment that are still needed.
+        nacks: Packets to retransmit: their indices in sending order.
+        lost_sequences: Datagrams to retransmit: their sequence numbers. Used instead of `nacks` if the order of the
+            packets depends on the viewpoint.
     """
 
     session: int
@@ -211,13 +207,11 @@ class Bye(NamedTuple):
 
 
 class Have(NamedTuple):
-    """List of packets that a client already has when it resumes a transfer; sent after the request.
-
-    The server does not send these packets again unless a NACK requests them.
+    """List of packets that a client already has when it resumes a transfer.
 
     Attributes:
-        nonce: Number that identifies the client's connection attempt, as in the request.
-        stream_id: Id of the stream that the packets belong to; the list is ignored if the server sends another stream.
+        nonce: Number that identifies the client's connection attempt.
+        stream_id: Id of the stream that the packets belong to.
         head: 1 if the client has manifest and side information, else 0.
         first: Index in sending order of the first packet in the mask, a multiple of 8.
         held: Bit mask of received packets from index `first` on, least significant bit first.
@@ -231,11 +225,11 @@ class Have(NamedTuple):
 
 
 class View(NamedTuple):
-    """Viewpoint of the client for view-dependent sending, sent at most ten times per second.
+    """Viewpoint of the client, so that the server sends visible packets first.
 
     Attributes:
         session: Id of the transfer.
-        number: Number of the viewpoint, increasing; the server ignores older viewpoints.
+        number: Number of the viewpoint, increasing.
         budget: Maximum number of Gaussians that the client renders.
         width: Width of the rendered picture, pixels.
         height: Height of the rendered picture, pixels.
@@ -265,7 +259,7 @@ class Refuse(NamedTuple):
 
 
 class End(NamedTuple):
-    """Datagram of the server after it has sent every scheduled packet once; only retransmissions may follow.
+    """Datagram of the server after it has sent every packet once; only retransmissions may follow.
 
     Attributes:
         session: Id of the transfer.

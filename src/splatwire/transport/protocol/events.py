@@ -8,14 +8,13 @@ from splatwire.transport.protocol.datagrams import Welcome
 
 @dataclass(frozen=True)
 class Welcomed:
-    """The server has accepted the request: its first response with the sizes of the stream (welcome) was received.
+    """The server has accepted the request and declared the sizes of the stream.
 
     Attributes:
         num_packets: Number of packets of the complete stream.
         head_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
-        preview: Preview to show until the init segment is received (`splatwire.codec.preview`); empty without a
-            preview.
-        is_live: True for a live stream, whose number of packets grows: further events of this type follow.
+        preview: Preview to show until the scene can be decoded; empty without a preview.
+        is_live: True for a live stream; this event is then repeated whenever the stream has grown.
     """
 
     num_packets: int
@@ -25,10 +24,10 @@ class Welcomed:
 
     @staticmethod
     def of(frame: Welcome) -> "Welcomed":
-        """Creates the event from the datagram with which the server has accepted the request.
+        """Creates the event from the server's response.
 
         Args:
-            frame: The datagram, which contains the sizes of the stream.
+            frame: The response, with the sizes of the stream.
         """
         return Welcomed(frame.num_packets, frame.object_bytes, frame.preview, frame.is_live)
 
@@ -39,8 +38,8 @@ class SideInfoArrived:
 
     Attributes:
         manifest: Manifest of the stream.
-        side_info: Side information, checked against the manifest.
-        intake: Filter that checks packets against the manifest; every reported packet has passed the filter.
+        side_info: Side information of the stream.
+        intake: Filter that checks packets against the manifest.
     """
 
     manifest: Manifest
@@ -52,11 +51,9 @@ class SideInfoArrived:
 class PacketArrived:
     """A packet was received, or recovered from repair symbols.
 
-    Packets received before the side information are reported right after `SideInfoArrived`.
-
     Attributes:
-        packet: Valid packet of the stream.
-        repaired: True if the packet was lost and recovered from repair symbols.
+        packet: The packet, which is valid.
+        repaired: True if the packet was recovered from repair symbols.
     """
 
     packet: Packet
@@ -65,7 +62,7 @@ class PacketArrived:
 
 @dataclass(frozen=True)
 class StreamReplaced:
-    """The server continues with a new stream, such as the next period of a live sequence; earlier data are dropped.
+    """The server continues with a new stream, such as the next period of a live sequence.
 
     Attributes:
         stream: Previous stream with the packets that were received.
@@ -76,7 +73,7 @@ class StreamReplaced:
 
 @dataclass(frozen=True)
 class Interrupted:
-    """No datagrams arrive any more, or the connection was closed; the receiver tries to reconnect."""
+    """The server is silent or the connection was closed; the receiver tries to reconnect."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +81,7 @@ class Resumed:
     """The server has responded again after an interruption.
 
     Attributes:
-        kept: True if the data received before are kept and the transfer continues; False if the server now sends
-            another stream from its start.
+        kept: True if the data received before are kept; False if the transfer starts again with another stream.
     """
 
     kept: bool
@@ -98,7 +94,7 @@ class Finished:
     Attributes:
         reason: `complete` (every packet was received), `sent` (everything was sent, but packets are missing), `seen`
             (everything visible was received), `deadline` (time limit of the client), or an error message.
-        ok: True if manifest and side information were received, so that a scene can be decoded.
+        ok: True if a scene can be decoded from the received data.
     """
 
     reason: str

@@ -1,4 +1,4 @@
-"""Feedback tracker of a sender: converts the receiver's reports to round-trip times, delays and loss."""
+"""Evaluates a receiver's reports on the sender: round-trip times, delays and loss."""
 
 from collections import deque
 from typing import NamedTuple
@@ -10,16 +10,15 @@ RECENT = 8192
 
 
 class FeedbackSample(NamedTuple):
-    """Delay and loss measured from two successive reports of the receiver; input of the rate control.
+    """Delay and loss between two successive reports of the receiver; input of the rate control.
 
     Attributes:
-        round_trip: Round-trip time of the latest datagram received, seconds.
-        transit: One-way delay of the latest datagram received, seconds, plus an unknown constant clock offset.
-        num_sent: Number of datagrams that only the second report covers: those sent after the latest datagram of the
-            first report, up to and including the latest datagram of the second report.
-        num_arrived: Number of received datagrams among `num_sent`.
+        round_trip: Round-trip time of the latest received datagram, seconds.
+        transit: One-way delay of the latest received datagram, seconds, plus an unknown constant clock offset.
+        num_sent: Number of datagrams that were sent between the latest received datagrams of both reports.
+        num_arrived: Number of these datagrams that were received.
         bytes_arrived: Estimated size of the received datagrams in bytes.
-        seconds: Time between the arrivals of the latest datagrams of both reports at the receiver, seconds.
+        seconds: Time between the arrivals of the latest datagrams of both reports, seconds.
     """
 
     round_trip: float
@@ -31,7 +30,7 @@ class FeedbackSample(NamedTuple):
 
 
 class FeedbackTracker:
-    """Assigns sequence numbers to datagrams, stores their sending times, and evaluates the receiver's reports.
+    """Stores when datagrams were sent, and evaluates the receiver's reports.
 
     Attributes:
         sequence: Sequence number of the next datagram.
@@ -45,31 +44,27 @@ class FeedbackTracker:
 
     @property
     def has_unreported(self) -> bool:
-        """True if datagrams were sent since the latest sequence number that the receiver has reported."""
+        """True if datagrams were sent after the latest one that the receiver has reported."""
         return self.sequence - 1 > (self._last.largest if self._last else -1)
 
     def on_sent(self, num_bytes: int, now: float) -> None:
-        """Records the time `now` (seconds) and the size in bytes of a datagram that is being sent."""
+        """Records the time (seconds) and the size of a datagram that is being sent."""
         self._times.append((self.sequence, now))
         self.sequence += 1
         self._num_bytes += num_bytes
 
     def is_plausible(self, frame: Feedback) -> bool:
-        """Returns True if the counters of a report do not decrease and do not exceed the number of datagrams sent."""
+        """Returns False if the counters of a report decrease, or exceed the number of datagrams sent."""
         last = self._last
         grows = last is None or (frame.largest >= last.largest and frame.received >= last.received)
         return grows and frame.received <= frame.largest + 1 and frame.largest < max(self.sequence, 1)
 
     def on_feedback(self, frame: Feedback, now: float) -> FeedbackSample | None:
-        """Returns delay and loss since the previous report.
+        """Returns delay and loss since the previous report; None if they are unknown.
 
         Args:
             frame: Plausible report of the receiver.
             now: Time, seconds.
-
-        Returns:
-            The measurement. None for the first report, if no new datagrams were received, or if the sending time of
-            the latest datagram is no longer stored.
         """
         times, last = self._times, self._last
         if last is not None and frame.largest == last.largest:
@@ -85,6 +80,6 @@ class FeedbackTracker:
         return FeedbackSample(now - times[0][1], transit, sent, min(arrived, sent), arrived * mean, seconds)
 
     def _unwrapped(self, time_us: int) -> float:
-        """Converts the receiver's 32-bit clock (microseconds, wraps every 71 minutes) to seconds without wrapping."""
+        """Converts the receiver's 32-bit clock (microseconds) to seconds without overflow."""
         self._clock += ((time_us - self._clock + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
         return self._clock / 1e6

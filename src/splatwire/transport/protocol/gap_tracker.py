@@ -1,4 +1,4 @@
-"""Tracker of missing datagrams by sequence number, for NACKs when packets are sent in view-dependent order."""
+"""Tracks missing datagrams by sequence number, for NACKs when the order of packets depends on the viewpoint."""
 
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -14,10 +14,7 @@ see if one has been received.
 
 
 class GapTracker:
-    """Tracks sequence numbers of missing datagrams on the receiver, and decides when to request them.
-
-    Missing numbers are stored as ascending ranges, so that a long gap takes no more memory than one loss.
-    """
+    """Tracks the sequence numbers of missing datagrams on the receiver, and decides when to request them."""
 
     def __init__(self) -> None:
         self._starts: list[int] = []
@@ -27,7 +24,7 @@ class GapTracker:
         self._nack_tracker.max_attempts = MAX_ATTEMPTS
 
     def on_received(self, sequence: int, largest: int) -> None:
-        """Records a received datagram; sequence numbers between `largest` and `sequence` become missing.
+        """Records a received datagram, and the datagrams that are missing before it.
 
         Args:
             sequence: Sequence number of the datagram.
@@ -52,12 +49,10 @@ class GapTracker:
                 del self._starts[0], self._stops[0]
 
     def due(self, before: int, now: float) -> list[int]:
-        """Returns the missing sequence numbers to request in the next feedback report (`Feedback.lost_sequences`).
-
-        Each sequence number is requested at most `MAX_ATTEMPTS` times.
+        """Returns the sequence numbers to request in the next feedback report.
 
         Args:
-            before: First sequence number that is not requested yet, because its datagram may still be on its way.
+            before: First sequence number that is not requested yet.
             now: Time, seconds.
         """
         for number in [number for number in self._below(before) if self._attempts(number) >= MAX_ATTEMPTS]:

@@ -1,4 +1,4 @@
-"""Handshake of a client: one connection attempt until the server accepts the request (welcome)."""
+"""Handshake of a client: one connection attempt, until the server accepts the request."""
 
 import hashlib
 
@@ -28,7 +28,7 @@ class HandshakeAttempt:
         nonce: Random 64-bit number that identifies the attempt.
         now: Time, seconds.
         name: Name of the requested stream.
-        reliable: True if the path has validated the client's address (QUIC), so that no token is needed.
+        reliable: True on QUIC connections, which need no token.
         scene_token: Signed token that opens private scenes; empty without one.
     """
 
@@ -40,11 +40,11 @@ class HandshakeAttempt:
 
     @property
     def is_validated(self) -> bool:
-        """True if the server may accept the request: its token was returned, or the path needs no token."""
+        """True if the server may accept the request, because the client has its token or needs none."""
         return self._token is not None
 
     def poll(self, now: float) -> list[bytes]:
-        """Returns a list with the next handshake datagram if it is due at time `now` (seconds), else an empty list."""
+        """Returns the next handshake datagram in a list if it is due, else an empty list."""
         if now < self.next_at:
             return []
         if not self._reliable and now - self._token_at > TOKEN_S:
@@ -53,12 +53,12 @@ class HandshakeAttempt:
         return [self._frame()]
 
     def challenged(self, token: bytes, now: float) -> bytes:
-        """Processes the server's challenge: stores its token, and returns the request datagram with the token."""
+        """Stores the server's token and returns the request datagram with the token."""
         self._token, self._token_at, self.next_at = token, now, now + RETRY_S
         return self._frame()
 
     def refused(self, now: float, after: float = REFUSAL_RETRY_S) -> None:
-        """Schedules a retry after a temporary refusal and drops the token, which expires soon.
+        """Schedules a retry after a temporary refusal.
 
         Args:
             now: Time, seconds.

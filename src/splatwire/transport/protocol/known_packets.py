@@ -1,4 +1,4 @@
-"""Packets that a client already has when it resumes a transfer; the server skips these in its schedule."""
+"""Packets that a client already has when it resumes a transfer, and that the server does not send again."""
 
 from splatwire.transport.protocol.datagrams import Have
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -6,7 +6,7 @@ from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, WELCOME
 
 
 class KnownPackets:
-    """Packets that a client has reported as already received; one bit of memory per packet."""
+    """Packets that a client has reported as already received."""
 
     def __init__(self) -> None:
         self._packets = bytearray()
@@ -14,8 +14,6 @@ class KnownPackets:
 
     def take(self, frame: Have, stream: ServedStream) -> int:
         """Records which packets a client lists as received; returns the number of bytes that need not be sent.
-
-        Lists about another stream, or about a live stream, are ignored. Packets that were listed before add no bytes.
 
         Args:
             frame: List of received packets.
@@ -36,14 +34,11 @@ class KnownPackets:
         return size
 
     def has(self, kind: int, symbol: int) -> bool:
-        """True if a scheduled datagram need not be sent to this client.
-
-        Packets that the client already has are not sent. A client with the init segment gets none of its symbols, and
-        no repair symbols either: it requests missing packets by NACKs.
+        """True if a datagram need not be sent, because the client already has its content.
 
         Args:
-            kind: Kind of the datagram: `DATA` (packet), `SIDE` (init segment), `PARITY` (repair symbol) or `WELCOME`.
-            symbol: For `DATA`, index of the packet in sending order; otherwise ignored.
+            kind: Kind of the datagram, such as `DATA` (packet) or `SIDE` (init segment).
+            symbol: Index of the packet in sending order; ignored for other kinds.
         """
         if kind != DATA:
             return self._head and kind != WELCOME

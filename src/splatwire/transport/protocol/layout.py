@@ -1,4 +1,4 @@
-"""Division of data into source blocks of the erasure code, computed in the same way by sender and receiver.
+"""Divides data into source blocks of the erasure code, in the same way on sender and receiver.
 
 The init segment (manifest, side information, first packets) is split into segments, and the packets into parity groups.
 """
@@ -23,7 +23,7 @@ def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] 
     Args:
         manifest: Manifest of the stream.
         side_info: Side information of the stream.
-        packets: Packets to bundle, the first in sending order; each gets a size prefix.
+        packets: Packets to bundle, the first in sending order.
     """
     data = manifest_to_bytes(manifest)
     bundled = b"".join(_CARRIED.pack(len(packet)) + packet for packet in packets)
@@ -31,7 +31,7 @@ def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] 
 
 
 def bundled_bytes(packet_bytes: int, count: int) -> int:
-    """Returns the size that bundled packets add to the init segment in bytes: packets and their size prefixes.
+    """Returns the size that bundled packets add to the init segment, in bytes.
 
     Args:
         packet_bytes: Total size of the bundled packets in bytes.
@@ -68,7 +68,7 @@ def _carried(data: bytes) -> tuple[bytes, ...]:
 
 
 class Segments(NamedTuple):
-    """Division of the init segment into segments of nearly equal size; each segment is a source block of the FEC code.
+    """Division of the init segment into source blocks of the erasure code, of nearly equal size.
 
     Attributes:
         num_bytes: Size of the init segment in bytes.
@@ -80,7 +80,7 @@ class Segments(NamedTuple):
 
     @property
     def num_symbols(self) -> int:
-        """Total number of source symbols of all segments."""
+        """Total number of source symbols."""
         return num_symbols(self.num_bytes, self.symbol_bytes)
 
     @property
@@ -89,7 +89,7 @@ class Segments(NamedTuple):
         return -(-self.num_symbols // MAX_SYMBOLS)
 
     def size(self, segment: int) -> int:
-        """Returns the number of source symbols of one segment; these numbers differ by at most one between segments."""
+        """Returns the number of source symbols of one segment."""
         return self.num_symbols * (segment + 1) // self.num_segments - self.num_symbols * segment // self.num_segments
 
     def span(self, segment: int) -> slice:
@@ -100,13 +100,12 @@ class Segments(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Parity group: packets that share repair symbols, with indices `start + n * step` for n from 0 to `size - 1`.
+    """Parity group: packets with the indices `start + n * step`, which share repair symbols.
 
     Attributes:
         start: Index of the group's first packet in sending order.
-        step: Interleaving stride. Neighbours in sending order belong to different groups, so that a burst of losses is
-            spread over several groups.
-        size: Number of packets of the group; each is one source symbol of the erasure code.
+        step: Distance between the packets; other groups have the packets in between.
+        size: Number of packets of the group.
         repair: Number of repair symbols of the group.
     """
 
@@ -119,26 +118,26 @@ class Group(NamedTuple):
         """Returns the index in sending order of a packet of the group.
 
         Args:
-            symbol: Index of the packet in the group, 0 to `size - 1`; each packet is one source symbol.
+            symbol: Index of the packet in the group, 0 to `size - 1`.
         """
         return self.start + symbol * self.step
 
 
 def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
-    """Returns the parity groups (packets that share repair symbols) of a stream, in the order of their indices.
+    """Returns the parity groups (packets that share repair symbols) of a stream.
 
     Args:
-        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
+        tiers: Parity of consecutive ranges of packets, in sending order.
     """
     finder = GroupFinder(tiers)
     return [finder.group(number) for number in range(finder.num_groups)]
 
 
 class GroupFinder:
-    """Finds the parity group (packets that share repair symbols) of a packet, or the packets of a parity group.
+    """Finds the parity group (packets that share repair symbols) of a packet.
 
     Args:
-        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
+        tiers: Parity of consecutive ranges of packets, in sending order.
     """
 
     def __init__(self, tiers: Sequence[TierHead]) -> None:
@@ -164,8 +163,7 @@ class GroupFinder:
             index: Index of the packet in sending order.
 
         Returns:
-            Index of the parity group, and index of the packet among the source symbols of the group; None for a packet
-            without parity.
+            Index of the parity group, and index of the packet in the group; None for a packet without parity.
         """
         first = group = 0
         for tier in self._tiers:

@@ -1,4 +1,4 @@
-"""Prepares a live sequence for sending: each new group of pictures is added to the stream that clients receive."""
+"""Prepares a live sequence for sending: each new group of pictures is added to the stream."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -37,8 +37,7 @@ class StreamUpdate(ServedStream):
     """State of a live stream after a new group of pictures, prepared for sending.
 
     Attributes:
-        persistent: One byte per packet: 1 if later groups of pictures also need the packet, 0 for the motion of a
-            single group. Only packets with 1, and those of the newest group, may be retransmitted.
+        persistent: One byte per packet: 1 if later groups of pictures also need the packet, else 0.
         newest: Index in sending order of the first packet of the newest group of pictures.
     """
 
@@ -46,18 +45,15 @@ class StreamUpdate(ServedStream):
     newest: int = 0
 
     def may_retransmit(self, index: int) -> bool:
-        """Returns True if a packet, given by its index in sending order, may still be sent or retransmitted."""
+        """Returns True if a packet, given by its index in sending order, may still be sent."""
         return index < len(self.packets) and (index >= self.newest or bool(self.persistent[index]))
 
 
 class LiveSession:
     """Prepares a growing live stream for sending: each new group of pictures gives a new state of the stream.
 
-    A packet has the same index in sending order in all states.
-
     Args:
-        protection: Redundancy. Repair symbols are computed for the init segment, which is sent again with every group
-            of pictures, and for the motion packets of each group.
+        protection: Redundancy of the init segment and of the motion packets.
         importance: Function that returns the cost of losing each packet; the motion packets with the highest costs get
             parity. None for equal costs.
     """
@@ -77,8 +73,7 @@ class LiveSession:
         Args:
             manifest: Manifest of the stream, including the new group.
             side_info: Side information of the stream, including the new group.
-            packets: Packets of the new group, without stream id, in sending order. Packets that later groups also need
-                are moved to the front.
+            packets: Packets of the new group, without stream id, in sending order.
 
         Raises:
             InvalidValueError: If a packet is too large for a datagram, or the manifest has another packet count.
@@ -103,7 +98,7 @@ class LiveSession:
         return self._state(manifest, side_info, more=True)
 
     def end(self, manifest: Manifest, side_info: bytes) -> StreamUpdate:
-        """Returns the final state of the stream; clients then know that no group of pictures follows.
+        """Returns the final state of the stream, from which clients know that it has ended.
 
         Args:
             manifest: Manifest of the whole stream.
@@ -121,13 +116,8 @@ class LiveSession:
         return arrange([group], importance, self._protection, self._groups - 1)
 
     def _protect(self, tiers: tuple[TierHead, ...]) -> None:
-        """Computes the repair symbols and the sending order of the newest group of pictures.
-
-        The repair symbols of earlier groups of pictures are dropped.
-
-        Args:
-            tiers: Parity of each run (consecutive packets with equal protection) of the group, in sending order.
-        """
+        """Computes the repair symbols and the sending order of the newest group of pictures."""
+        # The repair symbols of earlier groups of pictures are dropped.
         before, newest = max(self._codes, -(-self._newest // MAX_SYMBOLS)), self._packets[self._newest :]
         past = (TierHead(self._newest, before, 0),) if self._newest else ()
         before = before if past else 0

@@ -18,9 +18,7 @@ class Arranged(NamedTuple):
 
     Attributes:
         order: Indices of the packets, in sending order.
-        tiers: Parity of each run of consecutive packets with equal protection. The runs of a group of pictures are its
-            keyframe packets, its motion packets with parity, and its motion packets without parity. Neighbouring runs
-            without parity are merged.
+        tiers: Parity of consecutive ranges of packets, in sending order.
     """
 
     order: tuple[int, ...]
@@ -31,8 +29,8 @@ class GroupPackets(NamedTuple):
     """Packets of one group of pictures, given by their indices in sending order.
 
     Attributes:
-        keyframes: Indices of the packets of keyframe Gaussians, which later groups also need.
-        motion: Indices of the packets of motion, which only this group needs.
+        keyframes: Indices of the keyframe packets, which later groups also need.
+        motion: Indices of the motion packets, which only this group needs.
     """
 
     keyframes: tuple[int, ...]
@@ -44,7 +42,7 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 
     Args:
         packets: All packets of the sequence, in sending order.
-        plan: Packet plan of the manifest, which maps packets to groups of pictures.
+        plan: Packet plan of the manifest.
     """
     groups = [GroupPackets((), ())] * (len(plan.spans) // 2)
     found: list[tuple[list[int], list[int]]] = [([], []) for _ in groups]
@@ -57,17 +55,15 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 def arrange(
     groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
 ) -> Arranged:
-    """Puts the packets of each group of pictures in sending order.
-
-    The keyframe packets come first, then the motion packets with parity, then the motion packets without parity.
+    """Puts the packets of each group of pictures in sending order: keyframe, protected motion, other motion.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.
         importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
             parity. None for equal costs.
-        protection: Redundancy; its attribute `motion` determines which share of the motion packets has parity, and how
-            many repair symbols these packets have.
-        first: Index in the sequence of the first of these groups of pictures.
+        protection: Redundancy; `motion` is the share of protected motion packets and the number of their repair
+            symbols.
+        first: Index in the sequence of the first of these groups.
 
     Returns:
         Sending order of the packets, and their parity.
@@ -92,10 +88,8 @@ def arrange(
 
 
 def _round_up(share: float) -> int:
-    """Rounds a fractional number of packets or repair symbols up to an integer.
-
-    A number that exceeds an integer only by a floating-point error (up to 1e-9) is rounded to this integer.
-    """
+    """Rounds up to an integer, but ignores floating-point errors."""
+    # Without the tolerance, 0.07 * 100 packets would be rounded up to 8.
     return math.ceil(share - 1e-9)
 
 
@@ -106,13 +100,7 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
 
 
 def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
-    """Simplifies a list of runs, which are consecutive packets with equal protection.
-
-    Adjacent runs without protection are merged, and empty runs are removed.
-
-    Args:
-        tiers: Number of packets and parity of each run, in sending order.
-    """
+    """Merges adjacent ranges of packets without parity, and removes empty ranges."""
     out = list[TierHead]()
     for tier in tiers:
         if tier.num_packets and out and not (tier.groups or out[-1].groups):

@@ -1,28 +1,27 @@
-"""NACK tracker of a receiver: decides when a missing packet is requested again.
-
-Several modules limit requests and retransmissions. Limits of a receiver:
-
-* interval between NACKs for a packet: `NACK_INTERVAL_S`;
-* number of NACKs per packet of a live stream: `MAX_ATTEMPTS`;
-* number of NACKs per sequence number, for streams with view-dependent order: `gap_tracker.MAX_ATTEMPTS`;
-* number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
-* number of later packets after which a packet counts as missing: `receiver.REORDER`;
-* number of successive `End` datagrams without a new packet, after which the receiver gives up:
-  `receiver.MAX_FRUITLESS_ENDS`.
-
-Limits of a server:
-
-* interval between retransmissions of a packet: `transfer.RESEND_S`;
-* packets that are retransmitted at all: `Protection.resend` and `Protection.resend_until`;
-* bytes sent to a client: `ServerLimits.max_sent_ratio`.
-
-The counterpart in browsers is `web/src/transport/transfer.ts`.
-"""
+"""NACK tracker of a receiver: decides when a missing packet is requested again."""
 
 import sys
 from collections.abc import Iterable
 
 from splatwire.transport.protocol.datagrams import MAX_NACKS
+
+# Several modules limit requests and retransmissions. Limits of a receiver:
+#
+# * interval between NACKs for a packet: `NACK_INTERVAL_S`;
+# * number of NACKs per packet of a live stream: `MAX_ATTEMPTS`;
+# * number of NACKs per sequence number, for streams with view-dependent order: `gap_tracker.MAX_ATTEMPTS`;
+# * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
+# * number of later packets after which a packet counts as missing: `receiver.REORDER`;
+# * number of successive `End` datagrams without a new packet, after which the receiver gives up:
+#   `receiver.MAX_FRUITLESS_ENDS`.
+#
+# Limits of a server:
+#
+# * interval between retransmissions of a packet: `transfer.RESEND_S`;
+# * packets that are retransmitted at all: `Protection.resend` and `Protection.resend_until`;
+# * bytes sent to a client: `ServerLimits.max_sent_ratio`.
+#
+# The counterpart in browsers is `web/src/transport/transfer.ts`.
 
 NACK_INTERVAL_S = 0.12
 """Minimum interval between NACKs for the same packet, seconds."""
@@ -31,12 +30,11 @@ MAX_ATTEMPTS = 8
 
 
 class NackTracker:
-    """Tracks NACKs of a receiver: time of the last NACK, and number of NACKs, of each missing packet.
+    """Tracks which missing packets a receiver has already requested (NACKs), and when.
 
     Attributes:
-        max_attempts: Maximum number of NACKs per packet; unlimited by default, `MAX_ATTEMPTS` for streams that are live
-            when a transfer begins.
-        exhausted: Number n of packets, the first n in sending order, of which none is requested any more.
+        max_attempts: Maximum number of NACKs per packet.
+        exhausted: Number of packets, the first in sending order, that are not requested any more.
     """
 
     def __init__(self) -> None:
@@ -49,20 +47,19 @@ class NackTracker:
         return self._last.get(index, (0.0, 0))[1]
 
     def forget(self, index: int) -> None:
-        """Removes a packet that has arrived from the tracker."""
+        """Removes a packet that has arrived."""
         self._last.pop(index, None)
 
     def __bool__(self) -> bool:
         return bool(self._last)
 
     def due(self, missing: Iterable[int], now: float) -> list[int]:
-        """Returns the missing packets to request now, at most `MAX_NACKS`, and records a NACK for each.
+        """Returns the missing packets to request now, and records a NACK for each.
 
-        Packets that were requested recently, or `max_attempts` times, are not requested.
+        Packets that were requested recently, or too often, are left out.
 
         Args:
-            missing: Indices of the missing packets in sending order, ascending. The first `exhausted` packets of the
-                stream must be left out.
+            missing: Indices of the missing packets in sending order, ascending, without the first `exhausted` packets.
             now: Time, seconds.
         """
         out: list[int] = []

@@ -1,4 +1,4 @@
-"""Reads the encoded preview (about a hundred Gaussians) of a stream, which the server sends with its first response."""
+"""Reads the encoded preview (about a hundred Gaussians) of a stream, which clients get first."""
 
 from splatwire.bitstream.sections import split_sections
 from splatwire.errors import BitstreamError
@@ -8,7 +8,7 @@ SECTION = "preview"
 
 
 def stream_preview(side_info: bytes, codec: str) -> bytes:
-    """Returns the encoded preview in a stream's side information; empty if the stream has no preview.
+    """Returns the encoded preview of a stream; empty if the stream has none.
 
     Args:
         side_info: Side information of the stream.

@@ -1,4 +1,4 @@
-"""Redundancy options of a sender, and which packets of a still scene get how many repair symbols."""
+"""Redundancy options of a sender, and the parity of the packets of a still scene."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,34 +19,22 @@ class Protection:
     """Redundancy of a transfer: repair symbols of the erasure code, sending order, and limits on retransmission.
 
     Attributes:
-        side_repair: Repair symbols per source symbol of the init segment, 0 to 2. With feedback, lost symbols are also
-            retransmitted.
-        side_lead: Share of the packets among which the symbols of the init segment are spread, 0 to 1. With 0, the init
-            segment is sent before all packets, for an early picture. Larger values survive longer bursts of losses
-            without feedback.
-        side_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default. Small
-            symbols need less repair (the lost share varies less) but have more headers.
-        head_share: Share of the packets, the first in sending order, that are bundled in the init segment, 0 to 1.
-            These packets arrive with the init segment and are protected by its repair symbols. For a small tier this is
-            cheaper than separate parity, because the lost share of many symbols varies less. Nothing is drawn before
-            the init segment is complete anyway.
-        tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, beginning with tier 0 (sent first).
-            Tiers beyond these have no parity.
-        parity_until: End of the time in which the repair symbols of a tier are sent, as the share of all packets sent
-            until then, 0 to 1. They are sent from the middle of the tier on, and at least until the end of the tier.
-            Small values recover packets early, large values survive longer bursts of losses.
+        side_repair: Repair symbols per source symbol of the init segment, 0 to 2.
+        side_lead: Share of the packets among which the symbols of the init segment are spread, 0 to 1. 0 sends the init
+            segment first, for an early picture; larger values survive longer bursts of losses.
+        side_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
+        head_share: Share of the packets, the first in sending order, that are bundled in the init segment, 0 to 1. The
+            repair symbols of the init segment protect them, too.
+        tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
+            tiers have no parity.
+        parity_until: Share of the packets after which the repair symbols of a tier are complete, 0 to 1. Small values
+            recover packets early, large values survive longer bursts of losses.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
-            evenly. Without overlap, one burst of losses can remove most of a small tier. With overlap, a transfer that
-            ends early loses packets of all tiers.
-        resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4. Missing init segment
-            symbols are always retransmitted and counted first. The rest is used for packets in the order of NACKs,
-            which is the order of importance unless tiers overlap. None: limited by `ServerLimits` only.
-        resend_until: Share of the packets, the first in sending order, that may be retransmitted, 0 to 1. With
-            importance tiers, these are the most important packets. `resend` does not ensure this: with few losses, its
-            bytes also suffice for unimportant packets.
-        motion: For a sequence, one pair per group of pictures: share of the motion packets that get parity, 0 to 1 (the
-            most important packets), and repair symbols per such packet, 0 to 2. The last pair applies to all later
-            groups. Repair symbols are sent with their group, because motion is useless later.
+            evenly. Overlap protects small tiers from bursts of losses.
+        resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for no limit.
+        resend_until: Share of the packets, the first in sending order, that may be retransmitted, 0 to 1.
+        motion: For a sequence, one pair per group of pictures: share of the motion packets that get parity, 0 to 1, and
+            repair symbols per such packet, 0 to 2. The last pair applies to all later groups.
 
     Raises:
         InvalidValueError: If a number is out of range.
@@ -83,10 +71,7 @@ class Protection:
             )
 
     def motion_of(self, group: int) -> tuple[float, float]:
-        """Returns how the motion packets of a group of pictures are protected, as two numbers.
-
-        The first is the share of these packets that get parity (repair symbols), 0 to 1. The second is the number of
-        repair symbols per packet with parity.
+        """Returns the share of a group's motion packets that get parity, and the repair symbols per such packet.
 
         Args:
             group: Index of the group of pictures, from 0.
@@ -95,23 +80,20 @@ class Protection:
 
     @property
     def limits_retransmission(self) -> bool:
-        """True if `resend` or `resend_until` limits retransmission."""
+        """True if retransmission is limited."""
         return self.resend is not None or self.resend_until < 1
 
 
 def num_bundled_packets(num_packets: int, protection: Protection) -> int:
-    """Returns how many of a stream's packets are bundled in the init segment, by `Protection.head_share`."""
+    """Returns how many packets are bundled in the init segment."""
     return round(protection.head_share * num_packets)
 
 
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
-    """Divides the packets of a stream into runs (consecutive packets with equal parity); returns the parity of each.
+    """Returns the parity of consecutive ranges of packets, in sending order.
 
-    The runs are, in sending order:
-
-    * packets that are bundled in the init segment, whose repair symbols protect them: no parity;
-    * one run for each importance tier that has an entry in `Protection.tier_repair`;
-    * all other packets: no parity.
+    The first range has the packets that are bundled in the init segment. A range for each importance tier with parity
+    follows, and a range for all other packets.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
@@ -130,15 +112,14 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Counts the packets of each importance tier that are sent separately, not bundled in the init segment.
+    """Counts the packets of each importance tier that are not bundled in the init segment.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
-        protection: Redundancy, which determines the bundled packets.
+        protection: Redundancy.
 
     Returns:
-        Number of packets of each tier. A single number for all tiers together if they are sent one after another
-        (`protection.tier_spread` is 0).
+        Number of packets of each tier; a single number for all packets if the tiers do not overlap in time.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

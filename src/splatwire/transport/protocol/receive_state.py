@@ -1,4 +1,4 @@
-"""Receive state of a transfer: the stream as far as it has been received."""
+"""State of a transfer on the receiver: the stream as far as it has been received."""
 
 from splatwire.bitstream import Manifest, ReadReport, SceneStream
 from splatwire.transport.protocol.collect import InitSegmentCollector, PacketCollector
@@ -12,7 +12,7 @@ datagrams may overtake the declaration, which is sent on the reliable stream.
 
 
 class ReceiveState:
-    """Receive state of a transfer: the stream as far as it has been received, and counters.
+    """State of a transfer on the receiver: the stream as far as it has been received, and counters.
 
     Attributes:
         finished: Result of the transfer; None while the transfer runs.
@@ -37,8 +37,8 @@ class ReceiveState:
         """Prepares to receive the stream that the server has declared.
 
         Args:
-            welcome: Declaration of the stream by the server, already checked.
-            discard: True to discard all data received before; False to keep them, for a live stream that has grown.
+            welcome: Server's response with the sizes of the stream, already checked.
+            discard: True to discard all data received before.
         """
         if discard or self._collector is None:
             self._missed_before, self._joined_at = self.num_missed, welcome.num_packets if welcome.is_live else 0
@@ -53,14 +53,11 @@ class ReceiveState:
             self._collector.add(frame)
 
     def _resume(self, before: Welcome, welcome: Welcome) -> bool:
-        """Continues an interrupted transfer in a new one; keeps the data that were received before.
+        """Continues an interrupted transfer with the data received before; returns False if it is another stream.
 
         Args:
-            before: Server's declaration of the stream in the earlier transfer.
-            welcome: Server's declaration of the stream in the new transfer.
-
-        Returns:
-            False if the data cannot be kept, because the server declares another stream.
+            before: Server's response in the earlier transfer.
+            welcome: Server's response in the new transfer.
         """
         if self._collector is None or welcome.stream_id != before.stream_id:
             return False
@@ -75,13 +72,7 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """Stores a packet that belongs to a state of the live stream that the server has not declared yet.
-
-        At most `MAX_WAITING_PACKETS` packets wait for the declaration (welcome).
-
-        Returns:
-            True if the packet belongs to such a state.
-        """
+        """Returns True, and stores the packet, if it belongs to a later state of the live stream."""
         welcome = self._welcome
         if welcome is None or not welcome.is_live:
             return False
@@ -94,33 +85,31 @@ class ReceiveState:
 
     @property
     def is_live(self) -> bool:
-        """True if the received stream is a live stream; remains True after the live stream has ended."""
+        """True if the stream is a live stream, or was one before it ended."""
         return self._grew
 
     @property
     def num_missed(self) -> int:
-        """Number of packets of a live sequence that this receiver has lost, in all periods since it joined.
-
-        Packets from before it joined do not count, because the server does not send their motion to late receivers.
-        """
+        """Number of packets of a live sequence that were lost since this receiver joined."""
         if self._welcome is None or self._collector is None or not self._grew:
             return self._missed_before
+        # Packets from before it joined do not count: the server does not send their motion to late receivers.
         missing = self._collector.missing(self._joined_at, self._welcome.num_packets)
         return self._missed_before + sum(1 for _ in missing)
 
     @property
     def welcome(self) -> Welcome | None:
-        """First response of the server, which declares the sizes of the stream; None before it is received."""
+        """Server's response with the sizes of the stream (welcome); None before it is received."""
         return self._welcome
 
     @property
     def preview(self) -> bytes:
-        """Preview from the server's first response (welcome); empty before the response or without a preview."""
+        """Encoded preview; empty before the server's response, or without a preview."""
         return self._welcome.preview if self._welcome else b""
 
     @property
     def collector(self) -> PacketCollector | None:
-        """Collector of the packets; None before the server's first response (welcome)."""
+        """Collector of the packets; None before the server's response."""
         return self._collector
 
     def stream(self) -> SceneStream | None:
@@ -135,7 +124,7 @@ class ReceiveState:
         return intake.report() if intake else None
 
     def describe_missing(self) -> str:
-        """Returns a message about data that have not arrived; empty before the server's first response (welcome)."""
+        """Returns a message about data that have not arrived; empty before the server's response."""
         if self._welcome is None or self._collector is None:
             return ""
         packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"
@@ -146,13 +135,6 @@ class ReceiveState:
 
 
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
-    """Returns the parameters of a stream that determine the sending order of its packets.
-
-    A receiver stores packets by their index in this order. If it resumes a transfer, it can keep them only if the
-    parameters are unchanged.
-
-    Args:
-        welcome: Declaration of the stream by the server.
-    """
+    """Returns the parameters of a stream that determine the sending order of its packets."""
     sizes = welcome.object_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.bundled
     return *sizes, welcome.tiers, welcome.is_live, welcome.viewable

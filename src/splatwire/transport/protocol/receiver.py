@@ -101,8 +101,7 @@ class Receiver(ReceiveState):
         nonce: Random 64-bit number that identifies this connection attempt.
         now: Time, seconds.
         options: Options of the receiver, such as the name of the stream.
-        reliable: True if the path carries handshake and side information reliably and has validated the client's
-            address (QUIC). One request is then enough, and init segment symbols do not count as datagrams.
+        reliable: True for a QUIC connection.
     """
 
     @checked
@@ -133,7 +132,7 @@ class Receiver(ReceiveState):
             self.set_viewpoint(self.options.viewpoint)
 
     def next_at(self) -> float | None:
-        """Time of the next call of `poll`, seconds; None when finished."""
+        """Time of the next call of `poll`, seconds; None after the end."""
         if self.finished:
             return None
         end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
@@ -159,7 +158,7 @@ class Receiver(ReceiveState):
         return [*greetings, *self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)], events
 
     def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes a received datagram; its content need not be valid.
+        """Processes a received datagram; it may be invalid.
 
         Args:
             data: Bytes of the datagram.
@@ -187,9 +186,7 @@ class Receiver(ReceiveState):
         Has no effect on streams without levels of detail.
 
         Args:
-            viewpoint: Viewpoint; its coordinates may be relative to any origin. They are converted to the origin of the
-                stream, which is in the side information. Until the side information arrives, (0, 0, 0) is used instead;
-                afterwards, the corrected viewpoint is sent.
+            viewpoint: Viewpoint, with coordinates relative to any origin.
             budget: Maximum number of Gaussians that are rendered.
 
         Raises:
@@ -203,9 +200,7 @@ class Receiver(ReceiveState):
         self._feedback_at = min(self._feedback_at, self._heard_at)
 
     def reconnect(self, now: float) -> list[Event]:
-        """Starts another connection attempt because the server is silent or the connection was closed.
-
-        Received data are kept.
+        """Starts another connection attempt; received data are kept.
 
         Args:
             now: Time, seconds.
@@ -218,7 +213,7 @@ class Receiver(ReceiveState):
         return events
 
     def may_resume(self, now: float) -> bool:
-        """True if an interrupted transfer may still be resumed, within `ReceiverOptions.reconnect_s`.
+        """True if an interrupted transfer may still be resumed.
 
         Args:
             now: Time, seconds.
@@ -238,11 +233,7 @@ class Receiver(ReceiveState):
         return ([], []) if self.finished else self._finish(reason)
 
     def _on_handshake(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes a handshake datagram of the server; ignores datagrams of other connection attempts.
-
-        Returns:
-            Datagrams to send, and events.
-        """
+        """Processes a handshake datagram of the server; returns datagrams to send, and events."""
         nonce, greeting = getattr(frame, "nonce", None), self._greeting
         if self._welcome is not None and nonce == self._nonce and isinstance(frame, Welcome):
             return self._on_further_welcome(self._welcome, frame, now)
@@ -262,19 +253,7 @@ class Receiver(ReceiveState):
         return [], []
 
     def _on_refusal(self, greeting: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes the server's refusal of a request: schedules a retry, or ends the transfer.
-
-        A refusal is temporary if no stream is available yet, or if an interrupted transfer still occupies the client's
-        slot.
-
-        Args:
-            greeting: Connection attempt that was refused.
-            reason: Index into `datagrams.REFUSALS`.
-            now: Time, seconds.
-
-        Returns:
-            Datagrams to send, and events.
-        """
+        """Processes the server's refusal of a request: schedules a retry, or ends the transfer."""
         if reason == NOT_YET:
             self._asking_since = now
             greeting.refused(now, RETRY_S if now - self._began < SOON_S else WAIT_S)
@@ -286,15 +265,7 @@ class Receiver(ReceiveState):
         return [], []
 
     def _on_welcome(self, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes the server's acceptance of a request: starts a transfer, or resumes an interrupted transfer.
-
-        Args:
-            frame: Acceptance of the request, with the sizes of the stream.
-            now: Time, seconds.
-
-        Returns:
-            Datagrams to send, and events.
-        """
+        """Processes the server's acceptance of a request: starts or resumes a transfer."""
         before, events = self._welcome, list[Event]()
         known = 0 if self._collector is None else self._collector.num_packets
         if before is None:
@@ -323,7 +294,7 @@ class Receiver(ReceiveState):
         return out, [*events, Welcomed.of(frame)]
 
     def _begin_session(self, now: float) -> None:
-        """Prepares for the datagrams of a new transfer: discards sequence numbers and NACKs of the previous one."""
+        """Prepares for the datagrams of a new transfer."""
         self._largest, self._received, self._largest_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
         self._told, self._ends_in_vain = 0, 0
@@ -333,20 +304,14 @@ class Receiver(ReceiveState):
             self._collector.highest = -1
 
     def _received_lists(self, now: float) -> list[bytes]:
-        """Returns the datagrams, if due, with which the server learns what a resuming client has already received.
-
-        The server does not send these packets again.
-        """
+        """Returns the datagrams, if due, that tell the server which packets a resuming client already has."""
         if not self._have_left or now < self._have_at:
             return []
         self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
         return self._have
 
     def _list_held(self, now: float) -> None:
-        """Prepares the datagrams that list the received packets, so that a resuming server does not send these again.
-
-        A live stream has no such list.
-        """
+        """Prepares the datagrams that tell the server which packets a resuming client already has."""
         assert self._welcome is not None
         assert self._collector is not None
         nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
@@ -355,18 +320,7 @@ class Receiver(ReceiveState):
         self._have_left, self._have_at = HAVE_TIMES, now
 
     def _on_further_welcome(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes a declaration of the stream (welcome) that the server sends during a transfer.
-
-        It declares a new state of a live stream or the next stream, or it is a duplicate.
-
-        Args:
-            before: Previous declaration.
-            frame: Received declaration.
-            now: Time, seconds.
-
-        Returns:
-            Datagrams to send, and events.
-        """
+        """Processes new sizes of a live stream, or the start of the next stream, during a transfer."""
         follows = frame.stream_id not in (before.stream_id, self._stream_before)
         grows = frame.stream_id == before.stream_id and frame.num_packets >= before.num_packets
         if not (frame.session == before.session and before.is_live and (grows or follows)):
@@ -446,19 +400,19 @@ class Receiver(ReceiveState):
         return [arrived, *(PacketArrived(packet, False) for packet in new)]
 
     def _resend_viewpoint(self) -> None:
-        """Sends the viewpoint to the server once more, relative to the stream's origin, which is now known."""
+        """Sends the viewpoint to the server again, relative to the stream's origin."""
         if self._viewpoint is not None and self._relative_to_origin(self._viewpoint[0]).origin != AT_ZERO:
             self.set_viewpoint(*self._viewpoint)
             self._moved_at = self._heard_at
 
     def _relative_to_origin(self, viewpoint: Viewpoint) -> Viewpoint:
-        """Returns a viewpoint in coordinates relative to the stream's origin, or to (0, 0, 0) while that is unknown."""
+        """Converts a viewpoint to coordinates relative to the stream's origin."""
         if self._manifest is None:
             return viewpoint.relative_to(AT_ZERO)
         return viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, self._manifest.codec))
 
     def _end_reason(self, now: float) -> str | None:
-        """Returns the reason (`Finished.reason`) if the transfer is over at time `now`, seconds, else None."""
+        """Returns the reason if the transfer is over, else None."""
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
@@ -486,10 +440,7 @@ class Receiver(ReceiveState):
         return out, [self.finished]
 
     def _is_silent(self, now: float) -> bool:
-        """True if the server has been silent for so long that a new connection attempt is due at time `now`, seconds.
-
-        False until a running attempt has had enough time (`ATTEMPT_S`).
-        """
+        """True if the server has been silent for so long that a new connection attempt is due."""
         suspect_s = min(RECONNECT_AFTER_S, self.options.silence_s)
         suspect_s += self.options.silence_s if self._reliable else 0.0  # QUIC closes the connection earlier
         if self._welcome is None or now - self._heard_at <= suspect_s:
@@ -500,7 +451,7 @@ class Receiver(ReceiveState):
 
     @property
     def _is_cut_off(self) -> bool:
-        """Returns True if no large datagrams arrive, probably because the path allows only smaller ones (MTU)."""
+        """True if no large datagrams arrive, probably because the path allows only smaller ones (MTU)."""
         assert self._welcome is not None
         assert self._collector is not None
         return self._collector.highest < 0 and self._longest < min(MAX_DATAGRAM // 2, self._welcome.packet_bytes)
@@ -517,14 +468,11 @@ class Receiver(ReceiveState):
 
     @property
     def _viewing(self) -> bool:
-        """True if the server sends packets in view-dependent order, that is, for the current viewpoint."""
+        """True if the server sends packets in an order that depends on the viewpoint."""
         return self._view is not None and self._welcome is not None and self._welcome.viewable
 
     def _viewpoint_datagrams(self, now: float) -> list[bytes]:
-        """Returns the datagram with the viewpoint in a list if it is due, else an empty list.
-
-        The datagram is repeated because it can be lost.
-        """
+        """Returns the datagram with the viewpoint in a list if it is due, else an empty list."""
         if self._view is None or self._welcome is None or not self._welcome.viewable:
             return []
         if now - self._view_at < (VIEW_S if self._told < TWICE else VIEW_AGAIN_S):
@@ -533,7 +481,7 @@ class Receiver(ReceiveState):
         return [encode(self._view._replace(session=self._welcome.session))]
 
     def _nacks(self, now: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Returns `Feedback.nacks` and `Feedback.lost_sequences`: the missing packets and datagrams to request now."""
+        """Returns the packets (`Feedback.nacks`) and datagrams (`Feedback.lost_sequences`) to request now."""
         assert self._welcome is not None
         if self._collector is None:
             return (), ()

@@ -16,18 +16,15 @@ class ReceiverOptions:
 
     Attributes:
         name: Name of the requested stream; an empty name requests the server's first stream.
-        scene_token: Signed token that opens private scenes, ASCII; empty without one. Only for encrypted paths (QUIC).
-        deadline_s: Time from the start after which the transfer ends with the received data, seconds; None for no
-            limit.
+        scene_token: Signed token that opens private scenes, ASCII; empty without one. Only for encrypted paths.
+        deadline_s: Time after which the transfer ends with the received data, seconds; None for no limit.
         nack: True to request retransmission of lost packets.
         silence_s: Idle timeout of a connection (QUIC), seconds.
-        reconnect_s: Maximum silence of the server, once it has accepted the request, before the transfer fails,
-            seconds. Until then the receiver tries to reconnect and keeps the received data. 0: the transfer fails after
-            `silence_s`.
+        reconnect_s: Time in which the receiver tries to reconnect to a silent server before the transfer fails,
+            seconds.
         limits: Maximum sizes of a stream that are accepted.
         viewpoint: Initial viewpoint: only packets visible from there are sent; None to receive all packets.
-            `Receiver.set_viewpoint` changes the viewpoint later.
-        stays: True to wait for further viewpoints after everything visible was received; False to end the transfer.
+        stays: True to wait for further viewpoints after everything visible was received.
     """
 
     name: str = ""

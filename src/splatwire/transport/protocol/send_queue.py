@@ -1,4 +1,4 @@
-"""Send queue of one transfer: yields each datagram once, in the stream's sending order or in view-dependent order."""
+"""Queue of the datagrams of one transfer, in a fixed order or in one that depends on the viewpoint."""
 
 from array import array
 from collections import deque
@@ -34,20 +34,17 @@ def viewpoint_of(view: View) -> Viewpoint:
 
 
 class ViewUpdateBudget:
-    """Limits the share of time that a server spends on new viewpoints of its clients.
-
-    Viewpoints are processed one after another, each at a time that this class assigns.
-    """
+    """Limits the time that a server spends on new viewpoints of its clients."""
 
     def __init__(self) -> None:
         self._free_at = 0.0
 
     def take(self, now: float, last: float | None, tiles: int) -> float:
-        """Reserves processing time for a client's viewpoint and returns the time at which to process it, seconds.
+        """Reserves processing time for a client's viewpoint; returns when to process it, seconds.
 
         Args:
             now: Time, seconds.
-            last: Time at which the client's previous viewpoint was processed, seconds; None before the first.
+            last: Time at which the client's previous viewpoint was processed, seconds; None for the first.
             tiles: Number of tiles of the scene.
         """
         at = max(self._free_at, now if last is None else max(now, last + BETWEEN_S))
@@ -58,10 +55,8 @@ class ViewUpdateBudget:
 class SentLog:
     """Remembers which packet was in each recently sent datagram, for NACKs that contain sequence numbers.
 
-    Clients send such NACKs for streams with view-dependent order. For other streams, NACKs contain packet indices.
-
     Args:
-        noted: True to log datagrams; False for clients whose NACKs contain packet indices.
+        noted: False for clients whose NACKs contain packet indices.
     """
 
     def __init__(self, noted: bool) -> None:
@@ -72,15 +67,13 @@ class SentLog:
 
         Args:
             sequence: Sequence number of the datagram.
-            packet_index: Index of its packet in sending order; -1 if the datagram contains no packet.
+            packet_index: Index of its packet in sending order; -1 without a packet.
         """
         if self._indices is not None:
             self._indices[sequence % RECENT] = packet_index + 1
 
     def packet_index(self, number: int, sequence: int) -> int:
-        """Returns the index in sending order of the packet that a lost datagram contained.
-
-        Returns -1 if the datagram contained no packet, or is too old: the log has the latest `RECENT` datagrams only.
+        """Returns the index in sending order of the packet that a lost datagram contained; -1 if unknown.
 
         Args:
             number: Sequence number of the lost datagram.
@@ -92,26 +85,22 @@ class SentLog:
     def answered(self, number: int | None) -> None:
         """Removes a lost datagram from the log, so that further NACKs for it are ignored.
 
-        Called when the packet of the datagram is queued for retransmission.
-
         Args:
-            number: Sequence number of the lost datagram. None has no effect: the client requested the packet by its
-                index.
+            number: Sequence number of the datagram; None if the client requested the packet by its index.
         """
         if number is not None:
             self.note(number, -1)
 
 
 class SendQueue:
-    """Queue of the datagrams that are sent to one client for the first time; retransmissions are queued elsewhere.
+    """Queue of the datagrams that are sent to one client for the first time.
 
     Args:
         stream: Prepared stream to send.
-        reliable: True if the init segment is sent at once on a reliable (QUIC) stream.
+        reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        head_left: True if the init segment has just been sent: the last datagram taken from the queue contained its
-            last symbol.
+        head_left: True if the last datagram taken from the queue has completed the init segment.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
@@ -127,7 +116,7 @@ class SendQueue:
 
     @property
     def viewed(self) -> bool:
-        """True if the client has sent a viewpoint, which then determines the order of the packets."""
+        """True if the client has sent a viewpoint."""
         return self.viewed_at is not None
 
     def __bool__(self) -> bool:
@@ -136,23 +125,11 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams that are sent in the stream's fixed order, before those in view-dependent order.
-
-        If the client has sent no viewpoint, all datagrams are sent in the fixed order. Otherwise, only the init segment
-        and the coarsest tiles are.
-        """
+        """Number of datagrams that are sent in the stream's fixed order."""
         return self._schedule.opening_end if self.viewed else len(self._schedule.items)
 
     def pop(self) -> Item:
-        """Removes the next datagram from the queue and returns it as in `SendSchedule.items`.
-
-        Returns:
-            Three integers. The first is the kind of the datagram's content, which determines the other two:
-
-            * `DATA` (a packet): 0, and the index of the packet in sending order.
-            * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
-            * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
-        """
+        """Removes the next datagram from the queue and returns it as in `SendSchedule.items`."""
         if self._next < self._num_scheduled:
             item = self._schedule.items[self._next]
             self._next += 1
@@ -166,7 +143,7 @@ class SendQueue:
         return DATA, 0, self._run.popleft()
 
     def set_viewpoint(self, viewpoint: Viewpoint, budget: int, now: float) -> None:
-        """Reorders the queue for a viewpoint: only the tiles visible from there are sent, most important first.
+        """Reorders the queue for a viewpoint: only visible tiles are sent, the most important first.
 
         Args:
             viewpoint: Viewpoint of the client, relative to the stream's origin.
@@ -188,7 +165,7 @@ class SendQueue:
 
         Args:
             tile: Index of the tile.
-            if_begun: True to queue them only if another part of the tile has already been sent.
+            if_begun: True to queue them only if a part of the tile has already been sent.
         """
         tiles = self._stream.tiles
         assert tiles is not None
@@ -202,15 +179,11 @@ class SendQueue:
     def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
         """Updates the send queue after a live stream has grown.
 
-        The new queue contains the new init segment, the packets of the earlier state that are still to be sent, and the
-        new packets. The first response (welcome), which declares the new state to the client, is inserted three times
-        because it can be lost.
-
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
-            welcome: Queue item of the welcome.
-            known: Number of packets in the earlier state.
+            welcome: Queue item of the datagram that declares the new sizes of the stream.
+            known: Number of packets before the stream has grown.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).items

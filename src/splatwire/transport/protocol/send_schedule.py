@@ -1,7 +1,4 @@
-"""Sending order of datagrams: side information and repair symbols are placed between the packets.
-
-Packets keep the order in which they are given: the most important tier first (`bitstream.send_order`).
-"""
+"""Sending order of datagrams: symbols of the init segment and repair symbols are placed between the packets."""
 
 from collections.abc import Sequence
 
@@ -19,23 +16,16 @@ def build_send_schedule(
 ) -> tuple[tuple[int, int, int], ...]:
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
-    Symbols of the init segment are spread over the first packets. Repair symbols are sent from the middle of the
-    packets that they protect.
-
     Args:
-        head: Number of symbols to send of each segment (source block) of the init segment, repair symbols included.
-        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
+        head: Number of symbols to send of each segment (source block) of the init segment.
+        tiers: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
-        protection: Redundancy; determines over which part of the transfer the symbols are spread.
-        present: Number of packets of each importance tier, without the packets that are bundled in the init segment.
-            Empty if the stream has no tiers and no bundled packets.
+        protection: Redundancy.
+        present: Number of packets of each importance tier, except bundled packets. Empty without tiers and bundled
+            packets.
 
     Returns:
-        Three integers for each datagram. The first is the kind of its content, which determines the other two:
-
-        * `DATA` (a packet): 0, and the index of the packet in sending order.
-        * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
-        * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
+        Three integers for each datagram, as in `SendSchedule.items`.
     """
     num_packets = sum(tier.num_packets for tier in tiers)
     head_items = sorted(((n / size, k, n) for k, size in enumerate(head) for n in range(size)))
@@ -59,11 +49,9 @@ def build_send_schedule(
 def _packet_times(present: Sequence[int], spread: float | int) -> list[float]:
     """Returns when each packet is sent, as a fraction of the whole transfer, 0 to 1.
 
-    The packets of each importance tier are spread evenly over a part of the transfer.
-
     Args:
         present: Number of packets of each importance tier.
-        spread: Overlap of the parts: 0 sends the tiers one after another, 1 spreads each tier over the whole transfer.
+        spread: Overlap of the tiers in time, 0 to 1.
     """
     num_packets, first, times = max(sum(present), 1), 0, list[float]()
     for size in present:

@@ -61,11 +61,7 @@ Key = tuple[Hashable, int]
 class Server:
     """Server of prepared streams to many clients, as a state machine without socket and clock.
 
-    A client must first return a token to prove that it receives datagrams at its address. Until then, the server
-    stores nothing about the client and answers each full-size datagram with one small response. Traffic to a forged
-    address is thus not amplified. Each token can start one transfer only.
-
-    An internal error ends the transfer of one client and is logged in one line; other transfers continue.
+    A client must first return a token to prove that it receives datagrams at its address.
 
     Args:
         streams: Prepared streams by name; a client that requests no name gets the first.
@@ -75,7 +71,7 @@ class Server:
         on_failure: Called with the address of a client after an internal error has ended its transfer.
 
     Attributes:
-        total_pacer: Pacer of all sent bytes together, which the page server shares; None without a total limit.
+        total_pacer: Pacer of all sent bytes together; None without a total limit.
         access: Access rules for private scenes; None if all scenes are public.
         draining: True to refuse new transfers, while running transfers continue.
 
@@ -132,19 +128,17 @@ class Server:
     def receive(
         self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Network | None = None
     ) -> bytes | None:
-        """Processes a received datagram, whose content need not be valid, and returns the response.
+        """Processes a received datagram, which may be invalid, and returns the response.
 
         Args:
-            address: Address of the client; clients with equal addresses are considered the same.
+            address: Address of the client.
             data: Bytes of the datagram.
             now: Time, seconds.
-            reliable: True for a session that carries handshake and side information reliably and has validated the
-                client's address (QUIC), so that no token is needed.
+            reliable: True for a QUIC connection, which needs no token.
             network: Network of the client, for limits per network; None derives the network from the address.
 
         Returns:
-            Datagram to send to the client as response, or None. Before the client has returned a token, the response is
-            never larger than the received datagram.
+            Datagram to send to the client, or None.
         """
         self._now = now
         if kind_of(data) not in TO_SERVER:
@@ -181,9 +175,7 @@ class Server:
         return None
 
     def poll(self, now: float, most: int = 64) -> list[tuple[Hashable, bytes]]:
-        """Returns datagrams that are due at time `now`, each with the address to send to.
-
-        The datagrams are ordered by due time, so that no transfer delays the others.
+        """Returns datagrams that are due, each with the address to send to.
 
         Args:
             now: Time, seconds.
@@ -221,12 +213,12 @@ class Server:
     def replace(
         self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
     ) -> None:
-        """Replaces all streams for new transfers; running transfers continue with their streams until they end.
+        """Replaces all streams for new transfers; running transfers continue with the old streams.
 
         Args:
             streams: Prepared streams by name; a client that requests no name gets the first.
             updates: Updates of these streams by name, which clients can request, too. None for an update that does not
-                exist yet: clients then ask again until it does.
+                exist yet.
         """
         self._streams, self._updates = dict(streams), dict(updates or {})
 
@@ -264,7 +256,7 @@ class Server:
             self._on_failure(address)
 
     def forget(self, address: Hashable, reason: str = "closed") -> None:
-        """Ends all transfers to a client's address, for instance after the client's connection was closed.
+        """Ends all transfers to a client's address.
 
         Args:
             address: Address of the client.
@@ -297,22 +289,13 @@ class Server:
     def _refused(self, network: Network, request: Request, refusal: int, now: float) -> int:
         """Counts and logs a refused request, and returns the reason to send to the client.
 
-        Repeated requests, and requests for an update that does not exist yet, are not logged. A network with too many
-        refused requests within `WINDOW_S` is not logged any more. Further requests for missing or private streams are
-        then refused with "too many transfers".
-
-        Args:
-            network: Network of the client.
-            request: The refused request.
-            refusal: Reason for the refusal, as an index into `datagrams.REFUSALS`; 0 for a repeated request.
-            now: Time, seconds.
-
         Returns:
-            Reason to send to the client, as an index into `datagrams.REFUSALS`; 0 for no response.
+            Index into `datagrams.REFUSALS`; 0 for no response.
         """
         if not refusal or (refusal == NOT_YET and request.name in self._updates):
             return refusal  # followers request the next update several times a second
         self.num_refused += 1
+        # A network with too many refused requests is not logged any more.
         if not self._refusals.allowed(network, now):
             return TOO_MANY if refusal in (UNKNOWN_STREAM, NEEDS_TOKEN) else refusal
         self._refusals.note(network, request.nonce, now)
@@ -321,19 +304,7 @@ class Server:
         return refusal
 
     def _begin(self, key: Key, frame: Request, now: float, reliable: bool, network: Network) -> int | None:
-        """Starts a transfer, if the limits allow it.
-
-        Args:
-            key: Address of the client, and nonce of its connection attempt.
-            frame: Request of the client.
-            now: Time, seconds.
-            reliable: True if handshake and init segment are sent on a reliable (QUIC) stream.
-            network: Network of the client, for limits per network.
-
-        Returns:
-            None if the transfer has started. Otherwise the reason for the refusal, as an index into
-            `datagrams.REFUSALS`; 0 for a repeated request, which gets no response.
-        """
+        """Starts a transfer if the limits allow it, and returns None; otherwise returns the reason for the refusal."""
         starts = self._update_starts if frame.name in self._updates else self._starts
         if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
             self.num_rejected += 1
@@ -369,10 +340,7 @@ class Server:
         return None
 
     def _default_stream(self) -> str:
-        """Returns the name of the stream for clients that request no name: the first public or else first private one.
-
-        Unlisted streams must be requested by name; the result is empty if there are only these.
-        """
+        """Returns the name of the stream for clients that request no name; empty if there is none."""
         if self.access is None:
             return next(iter(self._streams))
         listed = (name for name in self._streams if self.access.is_listed(name))
@@ -397,7 +365,7 @@ class Server:
         self._schedule(key)
 
     def _schedule(self, key: Key) -> None:
-        """Schedules the next datagram of a transfer; ends the transfer at its maximum number of bytes or datagrams."""
+        """Schedules the next datagram of a transfer, or ends the transfer if its limits are reached."""
         transfer = self._transfers[key]
         at = transfer.next_at()
         if transfer.is_exhausted:
@@ -411,13 +379,7 @@ class Server:
             heapq.heappush(self._due, (at, self._tick, key))
 
     def _end_transfer(self, key: Key, reason: str) -> None:
-        """Removes a transfer and logs its end; no more datagrams are sent to its client for it.
-
-        Args:
-            key: Key of the transfer.
-            reason: Reason for the log: the client has left, was displaced or silent, its connection was closed, it has
-                received the maximum number of bytes (exhausted), or an internal error (failed).
-        """
+        """Removes a transfer and logs its end."""
         transfer, network = self._transfers.pop(key), self._networks.pop(key)
         del self._sessions[(key[0], transfer.session)]
         self._planned.pop(key, None)
@@ -427,10 +389,7 @@ class Server:
         )  # fmt: skip
 
     def _end_silent(self, now: float) -> None:
-        """Ends transfers whose clients have sent no datagram for `ServerLimits.silence_s`.
-
-        Also removes outdated entries from the queue of scheduled times.
-        """
+        """Ends transfers whose clients have not sent datagrams for some time."""
         if now - self._swept_at < 0.25:
             return
         self._swept_at = now

@@ -1,4 +1,4 @@
-"""Streams prepared for sending: symbols, parity and sending order, computed once and shared by all clients."""
+"""Streams prepared for sending: symbols, parity and sending order, shared by all clients."""
 
 import functools
 import hashlib
@@ -54,8 +54,8 @@ class SendSchedule(NamedTuple):
             * `DATA` (a packet): 0, and the index of the packet in sending order.
             * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
             * `PARITY` (a repair symbol): index of the parity group, and index of the repair symbol in it.
-        head_end: Number of datagrams up to the last symbol of the init segment.
-        opening_end: Number of datagrams that are sent before view-dependent tiles; 0 for streams without tiles.
+        head_end: Number of datagrams up to the end of the init segment.
+        opening_end: Number of datagrams that are sent before the order depends on the viewpoint; 0 without tiles.
     """
 
     items: Sequence[tuple[int, int, int]]
@@ -72,22 +72,19 @@ class ServedStream:
         head_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
         head_digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
-        head: Symbols of each segment (source block) of the init segment: source symbols, repair symbols that are always
-            sent, and further repair symbols that are sent only after NACKs.
+        head: Symbols of each segment (source block) of the init segment, with a reserve of repair symbols.
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
-        bundled: Number of packets bundled in the init segment: the first in sending order. These are sent separately
-            only after a NACK.
-        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
+        bundled: Number of packets bundled in the init segment, the first in sending order.
+        tiers: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
-        schedule: Datagrams in sending order, with three integers each (see `SendSchedule.items`).
-        preview: Preview, sent to clients with the first response (welcome); empty without a preview.
+        schedule: Datagrams in sending order, as in `SendSchedule.items`.
+        preview: Encoded preview, which clients get first; empty without a preview.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
         resendable: Number of packets, the first in sending order, that may be retransmitted; None for all.
-        tiles: Tiles for view-dependent sending order; None for streams without levels of detail.
-        opening_packets: Number of packets of the coarsest tiles, the first in sending order. These packets, their
-            repair symbols and the init segment are sent before view-dependent tiles.
-        is_live: True for a live stream: further packets will follow.
+        tiles: Tiles of a stream with levels of detail, else None.
+        opening_packets: Number of packets of the coarsest tiles, which are sent first for every viewpoint.
+        is_live: True for a live stream.
     """
 
     stream_id: int
@@ -110,25 +107,21 @@ class ServedStream:
 
     @functools.cached_property
     def send_schedule(self) -> SendSchedule:
-        """Sending order for clients that receive everything in datagrams, including the init segment (UDP)."""
+        """Sending order for UDP clients."""
         return self.schedule_of(self.schedule)
 
     @functools.cached_property
     def reliable_schedule(self) -> SendSchedule:
-        """Sending order for clients that receive the init segment on a reliable QUIC stream.
-
-        The init segment is sent first, because nothing can be decoded without it. It has no repair symbols, because the
-        QUIC stream does not lose data.
-        """
+        """Sending order for QUIC clients, which receive the init segment first, on a reliable stream."""
         segments = Segments(self.head_bytes, self.symbol_bytes)
         head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
         return self.schedule_of((*head, *(item for item in self.schedule if item[0] != SIDE)))
 
     def schedule_of(self, items: Sequence[tuple[int, int, int]]) -> SendSchedule:
-        """Builds a schedule from datagrams in sending order: finds where the init segment and the coarsest tiles end.
+        """Builds a schedule from datagrams in sending order.
 
         Args:
-            items: Kind and numbers of each datagram in sending order, as in `SendSchedule.items`.
+            items: Three integers for each datagram, as in `SendSchedule.items`.
         """
         last_of_head = last_of_opening = -1
         for number, item in enumerate(items):
@@ -139,13 +132,10 @@ class ServedStream:
         return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
 
     def in_opening(self, item: tuple[int, int, int]) -> bool:
-        """True if a datagram belongs to the start of a transfer, which is the same for every viewpoint of the client.
-
-        The start consists of the init segment, the packets of the coarsest tiles (`opening_packets`), and their repair
-        symbols. Tiles that depend on the viewpoint follow.
+        """True if a datagram belongs to the start of a transfer, which is the same for every viewpoint.
 
         Args:
-            item: Kind and numbers of the datagram, as in `schedule`.
+            item: The datagram as three integers, as in `SendSchedule.items`.
         """
         kind, group, symbol = item
         if kind == PARITY:
@@ -159,12 +149,9 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of symbols of each segment of the init segment that every client gets without a request.
-
-        A segment is a source block of the FEC code. Further symbols are only sent to clients that report missing ones.
-        If the number differs between segments, this is the smallest.
-        """
+        """Number of FEC symbols of each segment that every client gets without asking."""
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
+        # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.
         return min(counts.values())
 
     @functools.cached_property
@@ -174,15 +161,12 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmissions of this stream are limited, by a number of bytes or to the first packets.
-
-        Lost symbols of the init segment are then replaced sparingly, to save bytes.
-        """
+        """True if retransmissions of this stream are limited."""
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property
     def num_retransmittable(self) -> int:
-        """Number n of packets that may be retransmitted: the first n in sending order."""
+        """Number of packets, the first in sending order, that may be retransmitted."""
         return len(self.packets) if self.resendable is None else self.resendable
 
     def may_retransmit(self, index: int) -> bool:
@@ -190,9 +174,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a datagram that waits in the send queue should still be sent after a live stream has grown.
-
-        Motion of past groups of pictures, for example, is not needed any more.
+        """True if a datagram in the send queue should still be sent after a live stream has grown.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
@@ -209,10 +191,9 @@ class ServedStream:
         return self.tiles is not None
 
     def sizes(self) -> dict[str, int]:
-        """Returns the bytes needed to send the stream once, with datagram headers but without UDP and IP headers.
+        """Returns the bytes to send for the init segment, the packets, and the repair symbols of both.
 
-        Keys: `side` (init segment), `side_protection` (its repair symbols), `packets`, and `packet_protection` (repair
-        symbols of packets).
+        Keys: `side`, `side_protection`, `packets`, `packet_protection`. Headers of UDP and IP do not count.
         """
         segments = Segments(self.head_bytes, self.symbol_bytes)
         per_symbol, source = self.symbol_bytes + SIDE_OVERHEAD, segments.num_symbols
@@ -235,10 +216,9 @@ def make_served_stream(
 
     Args:
         stream: Complete stream; each packet must fit a datagram.
-        protection: Redundancy; None for the default of `Protection`.
-        preview: Encoded preview that clients get with the first response (`preview.stream_preview`); may be empty.
-        importance: For a sequence: cost of losing each motion packet, by packet id. The motion packets with the highest
-            costs get parity. None for equal costs.
+        protection: Redundancy; None for the default.
+        preview: Encoded preview, which clients get first; may be empty.
+        importance: For a sequence: cost of losing each motion packet, by packet id. None for equal costs.
 
     Raises:
         InvalidValueError: If packets are missing, or a packet or the preview is too large for a datagram.
@@ -279,10 +259,7 @@ def make_served_stream(
 
 
 def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
-    """Prepares a stream with levels of detail for sending in an order that depends on the client's viewpoint.
-
-    Only the coarsest tiles are sent first for every viewpoint: up to `OPENING_BYTES`, at least one tile.
-    """
+    """Prepares a stream with levels of detail for sending in an order that depends on the client's viewpoint."""
     count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
     last = max(int(tiles.first_packets[count]), stream.bundled)
     stream = replace(stream, opening_packets=last)
@@ -294,13 +271,7 @@ def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
 def _packets_in_order(
     stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
 ) -> tuple[list[Packet], tuple[TierHead, ...]]:
-    """Sorts the packets of a stream into sending order, and computes the parity of each run (consecutive packets).
-
-    Args:
-        stream: Complete stream.
-        protection: Redundancy; determines the parity.
-        importance: For a sequence: cost of losing each motion packet, by packet id; None for equal costs.
-    """
+    """Sorts the packets of a stream into sending order, and computes their parity."""
     ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
     if not protection.motion:
         return ordered, protected_tiers([plan.tier_of(packet.id.block) for packet in ordered], protection)
@@ -312,7 +283,7 @@ def _packets_in_order(
 
 
 def side_symbol_bytes(num_bytes: int) -> int:
-    """Returns the default size of FEC symbols for an init segment of `num_bytes` bytes, in bytes."""
+    """Returns the default size of FEC symbols for an init segment of `num_bytes` bytes."""
     finer = num_bytes // SMALL_OBJECT_SYMBOLS // ALIGNMENT * ALIGNMENT
     return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
 
@@ -325,11 +296,11 @@ def head_symbols(
     Args:
         data: Bytes of the init segment.
         symbol_bytes: Size of a symbol in bytes.
-        protection: Redundancy, which determines the number of repair symbols.
+        protection: Redundancy.
 
     Returns:
-        Symbols of each segment (source block): source symbols, then repair symbols. And for each segment, the number of
-        symbols that every client gets; the others are a reserve for clients that report missing symbols.
+        Symbols of each segment (source block), with a reserve of repair symbols; and for each segment, the number of
+        symbols that every client gets.
     """
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []
@@ -351,8 +322,8 @@ def parity_symbols(
 
     Args:
         packets: Packets in sending order.
-        tiers: Parity of each run (consecutive packets with equal protection), in sending order.
-        symbol_bytes: Size of a symbol in bytes; each packet is one source symbol.
+        tiers: Parity of consecutive ranges of packets, in sending order.
+        symbol_bytes: Size of a symbol in bytes.
     """
     out = []
     for group in parity_groups(tiers):

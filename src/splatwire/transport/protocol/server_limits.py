@@ -12,15 +12,13 @@ class ServerLimits(CheckedFields):
 
     Attributes:
         sessions: Maximum number of concurrent transfers.
-        per_network: Maximum number of concurrent transfers to one network: an IPv4 address, or a /64 prefix of IPv6.
-            Many users may share a network, but no network may use all transfers. A network may start twice this number
-            of transfers per minute.
+        per_network: Maximum number of concurrent transfers to one network: an IPv4 address, or a /64 prefix of IPv6. A
+            network may start twice this number of transfers per minute.
         silence_s: Time without datagrams of a client after which its transfer ends, seconds.
         rate: Maximum sending rate per client, bytes per second.
         start_rate: Maximum sending rate per client before the first feedback, bytes per second.
-        fixed_rate: Constant sending rate per client regardless of feedback, bytes per second; None for rate control.
-        total_rate: Maximum sending rate to all clients together, bytes per second; None for no maximum. It counts
-            datagrams without the headers of UDP and QUIC, and bytes of HTTP responses.
+        fixed_rate: Constant sending rate per client, bytes per second; None for rate control.
+        total_rate: Maximum sending rate to all clients together, bytes per second, HTTP included; None for no maximum.
         max_sent_ratio: Maximum bytes sent to a client, divided by the bytes of the complete stream.
     """
 

@@ -14,7 +14,7 @@ _STAMP, _MASK, _TICKS = struct.Struct("<I"), (1 << 32) - 1, 1e4
 
 
 class TokenMint:
-    """Creates and verifies tokens.
+    """Creates and verifies tokens that prove that a client receives datagrams at its address.
 
     Args:
         secret: Secret key of the server, at least 16 bytes.
@@ -29,7 +29,7 @@ class TokenMint:
         self._secret = secret
 
     def token(self, address: Hashable, nonce: int, name: str, now: float) -> bytes:
-        """Returns a token for a client: time of creation, and message authentication code of all arguments.
+        """Returns a token for a client, authenticated with the secret key.
 
         Args:
             address: Address of the client.
@@ -40,7 +40,7 @@ class TokenMint:
         return self._made(int(now * _TICKS) & _MASK, address, nonce, name)
 
     def age(self, token: bytes, address: Hashable, nonce: int, name: str, now: float) -> float | None:
-        """Verifies a token and returns its age in seconds; None if it has expired or was made for other arguments.
+        """Verifies a token and returns its age in seconds; None if it has expired or is invalid.
 
         Args:
             token: Token returned by the client.

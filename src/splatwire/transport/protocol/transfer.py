@@ -52,15 +52,12 @@ QUIET_S = 1.0
 class ServerTransfer:
     """Transfer of a stream to one client, with rate control and retransmission.
 
-    A state machine without socket and clock.
-
     Args:
         stream: Prepared stream to send.
         session: Id of the transfer.
         limits: Limits on the transfer, such as the maximum rate.
         now: Time, seconds.
-        reliable_head: True if the init segment is sent on a reliable (QUIC) stream. Each of its source symbols is then
-            sent once, without repair symbols, and does not count as a datagram in feedback.
+        reliable_head: True if the init segment is sent on a reliable (QUIC) stream.
         nonce: Random number of the client's connection attempt.
     """
 
@@ -96,7 +93,7 @@ class ServerTransfer:
         self._allow(0)
 
     def welcome(self) -> bytes:
-        """Returns the datagram that accepts the client's request and declares the sizes of the stream (welcome)."""
+        """Returns the datagram that accepts the client's request and declares the sizes of the stream."""
         p = self.stream
         head = (self.nonce, self.session, p.stream_id, p.head_bytes, p.head_digest, p.symbol_bytes)
         return encode(
@@ -105,9 +102,6 @@ class ServerTransfer:
 
     def update(self, stream: ServedStream) -> None:
         """Continues with the new state of a live stream, or with a different stream.
-
-        For a new state, the new init segment is sent first, then packets that remain from the earlier state and are
-        still useful, then the new packets. For a different stream, everything that is queued is dropped.
 
         Args:
             stream: New state of the prepared live stream, or another prepared stream.
@@ -127,8 +121,6 @@ class ServerTransfer:
     def _allow(self, known: int) -> None:
         """Raises the maximum number of bytes to send to this client, after a live stream has grown.
 
-        The maximum grows in proportion to the size of the new packets and the new init segment.
-
         Args:
             known: Number of packets of the live stream before it grew.
         """
@@ -136,18 +128,11 @@ class ServerTransfer:
         self._most_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
-        """Removes packets that the client already has from the queue.
-
-        Lowers the limit on bytes sent to the client accordingly.
-        """
+        """Removes packets that the client already has from the queue."""
         self._most_bytes -= int(self._limits.max_sent_ratio * self._held.take(frame, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
-        """Removes the next datagram that the client needs from the queue, and returns it; None if none is left.
-
-        Datagrams that the client does not need are dropped. The datagram is returned as three integers, as in
-        `SendSchedule.items`.
-        """
+        """Removes the next datagram that the client needs from the queue and returns it; None if none is left."""
         while self._order:
             item = self._order.pop()
             if self._order.head_left:
@@ -159,10 +144,8 @@ class ServerTransfer:
     def on_handshake_rtt(self, round_trip: float | None) -> None:
         """Sets the initial sending rate from the round-trip time of the handshake.
 
-        Without feedback yet, the rate corresponds to one initial window of packets per round trip.
-
         Args:
-            round_trip: Time from sending the token to its return, seconds; None if unknown.
+            round_trip: Round-trip time, seconds; None if unknown.
         """
         if round_trip is not None and round_trip <= FRESH_S and self.stream.tiles is None:  # wait for a view
             self.control.on_handshake_rtt(round_trip)
@@ -174,10 +157,7 @@ class ServerTransfer:
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """True if the server may respond to this client's request with a welcome (acceptance) now; counts the response.
-
-        The response can be lost, so a client may repeat its request. It gets at most `MAX_WELCOMES` responses, at
-        intervals of at least `WELCOME_S`, and none after its first feedback.
+        """True if the server may repeat its response to this client's request now; counts the response.
 
         Args:
             now: Time, seconds.
@@ -188,11 +168,7 @@ class ServerTransfer:
         return True
 
     def next_at(self) -> float | None:
-        """Returns the time of the next datagram, seconds; None if nothing may be sent now.
-
-        Nothing is sent while the client is silent, or after the maximum number of bytes for this client. Before the
-        first feedback, a client over UDP gets an initial window of datagrams only.
-        """
+        """Returns the time of the next datagram, seconds; None if nothing may be sent now."""
         opening = self._opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
         if self.is_exhausted or not (self._heard or opening):
             return None
@@ -229,11 +205,11 @@ class ServerTransfer:
         return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
 
     def on_viewpoint(self, view: View, turns: ViewUpdateBudget, now: float) -> None:
-        """Schedules the processing of a client's viewpoint; it replaces an older viewpoint that still waits.
+        """Schedules the processing of a client's viewpoint, which replaces an older one.
 
         Args:
             view: Received viewpoint.
-            turns: Scheduler of the viewpoints of all clients, which assigns the time of processing.
+            turns: Limiter of the processing time for viewpoints of all clients.
             now: Time, seconds.
         """
         tiles = self.stream.tiles
@@ -244,10 +220,7 @@ class ServerTransfer:
             self._look_at = turns.take(now, self._order.viewed_at, tiles.num_tiles)
 
     def feedback(self, frame: Feedback, now: float) -> None:
-        """Processes a feedback report of the client: sets the sending rate and queues the requested retransmissions.
-
-        Reports with implausible counters do not affect the rate.
-        """
+        """Processes a feedback report of the client: sets the sending rate and queues retransmissions."""
         if not self._reported and self._welcomes:
             self.control.on_handshake_rtt(now - self._welcomed_at)
         self.heard_at, self._heard, self._reported = now, True, True
@@ -259,18 +232,13 @@ class ServerTransfer:
         self._queue_retransmissions(frame, now)
 
     def _slow_down(self, now: float) -> None:
-        """Reduces the sending rate if the client's feedback is overdue at time `now`, seconds."""
+        """Reduces the sending rate if the client's feedback is overdue."""
         if self._limits.fixed_rate is None and self._feedback_tracker.has_unreported:
             self.control.on_feedback_timeout(now)
             self._pacer.rate = self.control.rate
 
     def _on_retransmitted(self, item: tuple[int, int, int], now: float) -> None:
-        """Records that a datagram was retransmitted, and removes it from the queue of retransmissions.
-
-        Args:
-            item: The retransmitted datagram as three integers, as in `SendSchedule.items`.
-            now: Time, seconds.
-        """
+        """Records that a datagram was retransmitted."""
         if item[0] == SIDE:
             self._head_waiting -= 1
             self._head_left_at = now if self._head_waiting == 0 else None
@@ -295,15 +263,7 @@ class ServerTransfer:
         return data
 
     def _queue_retransmissions(self, frame: Feedback, now: float) -> None:
-        """Queues the retransmissions that the NACKs of a report request, within the stream's limit on their bytes.
-
-        Packets that were retransmitted recently are skipped. The init segment has priority: bytes for its missing
-        symbols are reserved.
-
-        Args:
-            frame: Feedback report of the client, with NACKs.
-            now: Time, seconds.
-        """
+        """Queues the retransmissions that the client requests, within the stream's limit on their bytes."""
         wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
         symbol_bytes = self.stream.symbol_bytes + SIDE_OVERHEAD
         missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.stream.head)))
@@ -332,31 +292,23 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Finds the packets that the client requests in a feedback report (NACKs).
+        """Yields the packets that the client requests (NACKs), and the sequence numbers of their lost datagrams.
 
-        Yields:
-            Index of the packet in sending order, -1 if it is unknown; and sequence number of the lost datagram. The
-            latter is None if the client has requested the packet by its index.
+        The index of a packet is -1 if it is unknown. The sequence number is None if the client sent the index.
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns symbols of the init segment to send to a client that reports missing ones.
-
-        They are about 50 % more than are missing, because some will be lost; one more if the stream limits
-        retransmission. Repair symbols that were not sent before come first.
+        """Returns symbols of the init segment (`SendSchedule.items`) for a client that reports missing ones.
 
         Args:
             missing: Number of symbols that the client needs.
-
-        Returns:
-            Three integers for each symbol, as in `SendSchedule.items`: the kind `SIDE`, the index of the segment, and
-            the index of the symbol in the segment.
         """
         head = self.stream.head
         longest = max(map(len, head))
+        # About 50 % more than are missing, because some will be lost; one more if retransmission is limited.
         count = min(missing + 1 if self.stream.counts_bytes else missing + missing // 2 + 2, 512)
         items: list[tuple[int, int, int]] = []
         while len(items) < count:

@@ -1,8 +1,6 @@
 """Binary encoding and decoding of the transport protocol's datagrams, with validation.
 
-Byte 0 contains the protocol version (high 4 bits) and the datagram kind; all numbers are little-endian. Every kind
-except `DATA` ends with a CRC-32 of all preceding bytes; packets in `DATA` have their own checksum. The tables are in
-`docs/wire.md`.
+The format is described in `docs/wire.md`.
 """
 
 import struct
@@ -103,9 +101,8 @@ def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: in
         kind: `SIDE` for a symbol of the init segment, `PARITY` for a repair symbol of packets.
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        group: For `SIDE`, index of the segment (source block) of the init segment; for `PARITY`, index of the parity
-            group.
-        symbol: For `SIDE`, index of the symbol in the segment; for `PARITY`, index of the repair symbol in the group.
+        group: Index of the segment of the init segment, or of the parity group.
+        symbol: Index of the symbol in the segment, or of the repair symbol in the group.
         payload: Bytes of the symbol.
     """
     return _closed(_SIDE.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
@@ -157,16 +154,13 @@ def kind_of(data: bytes) -> int:
 
 
 def refuse_other_version(data: bytes) -> bytes | None:
-    """Returns the refusal of a client that uses another protocol version, encoded in the client's version.
-
-    All versions have nonce, checksum and refusal reason at the same positions. The refusal is smaller than the
-    client's datagram.
+    """Returns the refusal of a client that uses another protocol version, encoded in that version.
 
     Args:
         data: Datagram of a client.
 
     Returns:
-        The refusal; None if the datagram is not a valid `Hello` or `Request` of another version.
+        The refusal; None if the datagram is not a valid request of another version.
     """
     if len(data) <= _REFUSE.size + _CRC.size or data[0] >> 4 == VERSION or data[0] & 15 not in (HELLO, REQUEST):
         return None
@@ -177,7 +171,7 @@ def refuse_other_version(data: bytes) -> bytes | None:
 
 
 def decode(data: bytes) -> Frame:
-    """Decodes the bytes of a datagram after checking its size and checksum.
+    """Decodes a datagram after checking its size and checksum.
 
     Raises:
         UnsupportedVersionError: If the datagram has another protocol version.

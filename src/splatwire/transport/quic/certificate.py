@@ -47,7 +47,7 @@ def utc_now() -> datetime.datetime:
 
 
 class RenewedIdentity:
-    """Self-signed certificate that is replaced after `RENEWED_DAYS`, for servers that run for a long time.
+    """Self-signed certificate that is renewed regularly, for servers that run for a long time.
 
     Call the object to get the current certificate and key.
 
@@ -68,7 +68,7 @@ class RenewedIdentity:
         self._identity = self_signed(self._hosts, now=self._made_at)
 
     def __call__(self) -> Identity:
-        """Returns the current certificate and key; creates new ones if the certificate is older than `RENEWED_DAYS`."""
+        """Returns the current certificate and key; creates new ones if they are too old."""
         now = self._clock()
         if now - self._made_at >= datetime.timedelta(days=RENEWED_DAYS):
             self._made_at, self._identity = now, self_signed(self._hosts, now=now)
@@ -107,7 +107,7 @@ class FileIdentity:
 
 
 def self_signed(hosts: Sequence[str] = HOSTS, days: int = DAYS, now: datetime.datetime | None = None) -> Identity:
-    """Creates a self-signed certificate with an ECDSA key on P-256, the type that browsers require.
+    """Creates a self-signed certificate with an ECDSA key on P-256.
 
     Args:
         hosts: Host names and IP addresses of the server, which the certificate contains.

@@ -1,4 +1,4 @@
-"""Receiver of a stream over QUIC: connects the receiver of the protocol core to an aioquic connection."""
+"""Receiver of a stream over QUIC."""
 
 import asyncio
 import socket
@@ -44,13 +44,10 @@ UNTRUSTED = range(0x100 + 42, 0x100 + 49)
 class Trust:
     """Rules for which TLS certificates of a server are accepted.
 
-    By default, the certificate must be signed by a certificate authority (CA) that the operating system trusts.
-
     Attributes:
         authority: PEM certificates of the accepted CAs, or the server's self-signed certificate; None for the CAs that
             the operating system trusts.
-        fingerprint: SHA-256 of the only accepted certificate, hexadecimal; names and dates in the certificate are then
-            not checked. None for no such restriction.
+        fingerprint: SHA-256 of the only accepted certificate, hexadecimal; None for no such restriction.
         insecure: True to accept any certificate, with no protection against an attacker on the path.
 
     Raises:
@@ -80,9 +77,9 @@ async def receive_quic(
         address: Address of the server.
         options: Options of the receiver.
         trust: Accepted certificates of the server.
-        on_event: Called in the event loop with every event of the receiver, such as an arrived packet.
+        on_event: Called with every event of the receiver, such as an arrived packet.
         tap: Called with the source, destination and payload of every UDP datagram sent or received.
-        stop: Future of the caller; when it is done, the transfer ends and received data are kept.
+        stop: Future that ends the transfer when it is done; received data are kept.
 
     Returns:
         The finished receiver; `Receiver.finished` has the reason.
@@ -116,7 +113,7 @@ async def receive_quic(
 
 
 class _Client(QuicConnectionProtocol):
-    """Connects a receiver of the protocol core with an aioquic connection: passes datagrams, frames and time."""
+    """Connects a receiver with an aioquic connection: passes datagrams, frames and time."""
 
     def __init__(
         self, quic: QuicConnection, receiver: Receiver, trust: Trust, on_event: Callable[[Event], Any] | None,
@@ -190,10 +187,7 @@ class _Client(QuicConnectionProtocol):
         self._rearm()
 
     def _on_terminated(self, event: events.ConnectionTerminated) -> None:
-        """Processes the end of the QUIC connection.
-
-        The transfer ends too, unless a new connection can resume it.
-        """
+        """Processes the end of the QUIC connection, which may also end the transfer."""
         by_application = event.frame_type is None
         final = event.error_code in ((MALFORMED, INTERNAL) if by_application else UNTRUSTED)
         if not final and self._receiver.may_resume(self._loop.time()):
@@ -295,13 +289,11 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
 
 
 class _Connected:
-    """Adapter that sends the datagrams of aioquic over a connected UDP socket, and reports each one to a function.
-
-    aioquic passes a destination with every datagram, but a connected socket accepts none, so the adapter drops it.
+    """Sends the datagrams of aioquic over a connected UDP socket, and reports each one to a function.
 
     Args:
         transport: asyncio transport of the connected socket.
-        tap: Called with True and the bytes of each datagram, for example to capture the traffic; True means "sent".
+        tap: Called with True for a sent datagram and its bytes.
     """
 
     def __init__(self, transport: Any, tap: Callable[[bool, bytes], None]) -> None:

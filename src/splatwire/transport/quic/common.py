@@ -46,7 +46,7 @@ REFUSED, MALFORMED, FULL, INTERNAL = 1, 2, 3, 4
 
 @dataclass(frozen=True)
 class QuicLimits:
-    """Limits of a QUIC server on connections; `ServerLimits` limits the transfers.
+    """Limits of a QUIC server on connections.
 
     Attributes:
         connections: Maximum number of concurrent connections, including handshakes.
@@ -96,9 +96,7 @@ def on_stream(data: bytes) -> bool:
 
 
 def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
-    """Writes bytes to a QUIC stream and returns True if QUIC accepted the bytes.
-
-    Returns False if the peer has reset the stream, which can happen before the event of the reset is processed.
+    """Writes bytes to a QUIC stream; returns False if the peer has reset the stream.
 
     Args:
         quic: Connection of aioquic.
@@ -135,12 +133,10 @@ def configuration(*, is_client: bool, alpn: list[str], idle_s: float) -> Any:
 
 @functools.cache
 def _register_rate_control() -> None:
-    """Registers a congestion controller in aioquic that limits the bytes in flight by the measured delivery rate.
+    """Registers a congestion controller in aioquic that limits the bytes in flight by the measured delivery rate."""
 
-    QUIC's usual controllers would reduce the rate at every random loss. The sending rate of datagrams is set by
-    `pacing.RateControl`; this limit also covers the reliable stream and QUIC's retransmissions.
-    """
-
+    # QUIC's usual controllers would reduce the rate at every random loss. `pacing.RateControl` sets the sending rate of
+    # datagrams; this limit also covers the reliable stream and QUIC's retransmissions.
     class Bounded(QuicCongestionControl):
         def __init__(self, *, max_datagram_size: int) -> None:
             super().__init__(max_datagram_size=max_datagram_size)
@@ -172,7 +168,7 @@ def _register_rate_control() -> None:
 
 
 def has_token(data: bytes) -> bool:
-    """Returns True if a QUIC packet with long header contains a token, which the server has sent in a Retry packet."""
+    """Returns True if a QUIC packet with long header contains a token from a Retry packet."""
     try:
         return bool(pull_quic_header(Buffer(data=data)).token)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Check for the package `aioquic`, which the other modules of this package import at the top."""
+"""Check for the package `aioquic`."""
 
 import importlib.util
 

@@ -23,7 +23,7 @@ class Page:
     Attributes:
         port: TCP port; 0 lets the system choose.
         public_origin: Web origin by which visitors reach the page through a proxy; None without a proxy.
-        pinned: True if the page accepts the server's certificate by its fingerprint, as for self-signed certificates.
+        pinned: True if the page accepts the server's certificate by its fingerprint.
         live: Name of the live stream that the page shows; None to show the streams of the server.
         proxies: Networks of trusted proxies, whose header `X-Forwarded-For` gives the address of the client.
     """
@@ -46,10 +46,10 @@ async def open_quic_server(
         streams: Streams by name.
         host: Address to listen on.
         port: UDP port; 0 lets the system choose.
-        identity: Returns the current certificate and key.
-        limits: Limits of connections and resources for clients.
+        identity: Function that returns the current certificate and key.
+        limits: Limits on clients.
         stack: Exit stack that closes the servers.
-        origins: Web origins whose pages may open sessions; all origins are allowed if empty.
+        origins: Web origins whose pages may open sessions; empty for all.
         page: Settings of the page; None for no page.
         access: Access rules for private scenes; None if all scenes are public.
     """

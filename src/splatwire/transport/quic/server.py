@@ -1,4 +1,4 @@
-"""QUIC server around the protocol core: sessions of native clients, and WebTransport sessions of browsers."""
+"""QUIC server: sessions of native clients, and WebTransport sessions of browsers."""
 
 import asyncio
 import os
@@ -49,16 +49,11 @@ REQUEST_TIMEOUT_S = 10.0
 class QuicServer(SocketServer):
     """QUIC server of streams on one UDP socket; runs until `close`. Requires a running event loop.
 
-    With `RETRY_HANDSHAKES` or more concurrent handshakes, new clients must first return a token (QUIC Retry), which
-    validates their address. With fewer handshakes, no Retry is sent, because it costs a round trip and can be lost. An
-    unvalidated client gets at most three times the bytes that it sent (RFC 9000, 8.1).
-
     Args:
         streams: Prepared streams by name; a client that requests no name gets the first.
         host: Address to listen on.
         port: UDP port; 0 selects a free port.
-        identity: Certificate and key, or a function that is called for each new connection and returns the current
-            certificate and key.
+        identity: Certificate and key, or a function that returns the current ones.
         limits: Limits on the transfers of clients.
         quic_limits: Limits on the connections of clients.
 
@@ -100,8 +95,6 @@ class QuicServer(SocketServer):
     def reload_identity(self) -> None:
         """Reads the certificate from its files again, for connections that start from now on.
 
-        Keeps the current certificate if this raises an error. Has no effect without certificate files.
-
         Raises:
             InvalidValueError: If the files are invalid.
             OSError: If a file cannot be read.
@@ -125,7 +118,7 @@ class QuicServer(SocketServer):
         self.bytes_sent += num_bytes
 
     def on_frame(self, session: Session, data: bytes) -> None:
-        """Processes a frame or DATAGRAM of a client; ignores it if the connection has been closed.
+        """Processes a frame or DATAGRAM of a client.
 
         Args:
             session: Session that received the frame.
@@ -163,11 +156,7 @@ class QuicServer(SocketServer):
         self._set_timer(now)
 
     def _end_failed(self, address: Hashable) -> None:
-        """Closes the connection of a client after an internal error of the server.
-
-        Args:
-            address: Session or connection of the client, which the protocol core uses as its address.
-        """
+        """Closes the connection of a client after an internal error of the server."""
         connection = address.connection if isinstance(address, Session) else address
         assert isinstance(connection, _Connection)
         with suppress(Exception):  # closing sends too and may fail; the connection is already forgotten
@@ -180,7 +169,7 @@ class QuicServer(SocketServer):
         self.networks[connection.network] += 1
 
     def leave(self, connection: "_Connection") -> None:
-        """Removes a closed connection from the counts of connections; repeated calls have no effect."""
+        """Removes a closed connection from the counts of connections."""
         self.greeting.discard(connection)
         if connection in self.connections:
             del self.connections[connection]
@@ -191,8 +180,7 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the client.
-            begins: True for a new connection before its handshake: allows twice the limit plus `SPARE`, so that surplus
-                clients can be refused with a reason later. False for a connection that is already counted.
+            begins: True for a new connection before its handshake.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
@@ -200,19 +188,18 @@ class QuicServer(SocketServer):
     def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
         """Chooses the connection that is closed in favour of a new one when the server is full.
 
-        It is the newest connection of the network that holds the most connections.
-
         Args:
             network: Network of the new connection.
             newcomer: The new connection, if it has already started.
 
         Returns:
-            Connection to close. None if no other network has more connections than that of the new connection.
+            Connection to close, or None to refuse the new one.
         """
         if self.networks[network] > self.limits.per_network:
             return None
         held = self.networks - Counter([] if newcomer is None else [network])
         full = choose_eviction(held, network)
+        # The newest connection of the network that has the most.
         some = (other for other in reversed(self.connections) if other.network == full)
         return next((other for other in some if other is not newcomer), None)
 
@@ -245,10 +232,6 @@ class _LimitedEndpoint(AioquicServer):
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Passes a UDP datagram to aioquic, unless it starts a connection that the server cannot accept.
 
-        Beyond the limit of connections, some more are accepted (twice the limit plus `SPARE` in total), so that their
-        clients can be refused with a reason. After that, a client must first prove its address by returning a token
-        (QUIC Retry), and replaces a connection of another network that has more connections.
-
         Args:
             data: Payload of the datagram.
             addr: Socket address of the client.
@@ -256,6 +239,8 @@ class _LimitedEndpoint(AioquicServer):
         assert isinstance(data, bytes)
         if len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols:
             self._network = network_of(addr)
+            # Beyond the limit, some more connections are accepted, so that their clients can be refused with a reason. After
+            # that, a client must return a token (QUIC Retry), and replaces a connection of another network.
             is_full, token = self._owner.is_full(self._network, begins=True), has_token(data)
             if is_full and token and self._owner.connection_to_evict(self._network) is None:
                 self._owner.num_refused += 1
@@ -266,7 +251,7 @@ class _LimitedEndpoint(AioquicServer):
         super().datagram_received(data, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """Ignores an ICMP error about an earlier datagram, such as "port unreachable"."""
+        """Ignores an ICMP error, such as "port unreachable"."""
 
 
 class _CountingTransport:
@@ -284,10 +269,7 @@ class _CountingTransport:
 
 
 class _Connection(QuicConnectionProtocol):
-    """QUIC connection of one client.
-
-    The application protocol of the TLS handshake decides if it has a native session or WebTransport sessions.
-    """
+    """QUIC connection of one client, with a native session or WebTransport sessions."""
 
     def __init__(self, quic: QuicConnection, owner: QuicServer, network: Network) -> None:
         super().__init__(quic)
@@ -302,19 +284,17 @@ class _Connection(QuicConnectionProtocol):
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Processes a UDP datagram of this connection.
 
-        Closes the connection if too many bytes are buffered, because aioquic extends flow-control windows even for data
-        that have not been read.
-
         Args:
             data: Payload of the datagram.
             addr: Socket address of the client.
         """
         self.guarded(super().datagram_received, data, addr)
+        # aioquic extends flow-control windows even for data that have not been read.
         if not self._over and self.quic._local_max_data.used - self._read > UNREAD_BYTES:
             self.malformed("too much waits for what is missing before it")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
-        """Processes an event of aioquic; invalid input of the client closes only this connection."""
+        """Processes an event of aioquic."""
         if isinstance(event, events.StreamDataReceived):
             self._read += len(event.data)
         match event:
@@ -332,7 +312,7 @@ class _Connection(QuicConnectionProtocol):
                 self._sessions.event(event)
 
     def guarded(self, work: Callable[..., object], *arguments: object) -> None:
-        """Calls a function for this connection; an exception closes this connection only.
+        """Calls a function for this connection; an exception closes only this connection.
 
         Args:
             work: Function to call.

@@ -40,13 +40,12 @@ as by a full queue on the path. A client may confirm to the protocol core what i
 class Session:
     """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
 
-    Each datagram travels on a reliable stream (then also called a frame) or in a QUIC DATAGRAM, depending on its kind.
-    The protocol core uses the session object as the address of the client.
+    Each datagram travels on a reliable stream (then called a frame) or in a QUIC DATAGRAM, depending on its kind.
 
     Args:
-        connection: QUIC connection with the attributes `quic`, `owner` (the server), `transmit`, `end` and `malformed`.
+        connection: QUIC connection of the client.
         stream: Number of the reliable stream; None until the client opens the stream.
-        prefix: First bytes of every DATAGRAM of the session, which identify a WebTransport session.
+        prefix: First bytes of every DATAGRAM of the session.
     """
 
     def __init__(self, connection: Any, stream: int | None, prefix: bytes = b"") -> None:
@@ -59,10 +58,7 @@ class Session:
         self._held: list[bytes] = []
 
     def send(self, data: bytes) -> None:
-        """Queues a frame for sending, on the reliable stream or as DATAGRAM, depending on its kind.
-
-        `connection.transmit` sends it.
-        """
+        """Queues a datagram of the protocol for sending."""
         copied, quic = on_stream(data) and self._copies > 0, self.connection.quic
         if on_stream(data):
             if kind_of(data) == WELCOME and isinstance(frame := decode(data), Welcome):  # a long head follows
@@ -86,7 +82,7 @@ class Session:
             self.connection.malformed("no stream for what was asked for")
 
     def opened(self, stream: int) -> None:
-        """Stores the number of the reliable stream that the client has opened; sends the frames that waited for it."""
+        """Stores the number of the reliable stream that the client has opened, and sends waiting frames."""
         self.stream = stream
         for frame in self._held:
             self._on_stream(frame)
@@ -102,13 +98,13 @@ class Session:
             self.connection.owner.on_frame(self, frame)
 
     def datagram(self, data: bytes) -> None:
-        """Processes a received DATAGRAM; ignores a DATAGRAM with more than `MAX_DATAGRAM` bytes."""
+        """Processes a received DATAGRAM."""
         if len(data) <= MAX_DATAGRAM:
             self.connection.owner.on_frame(self, data)
 
 
 class NativeSession:
-    """Session over splatwire's own application protocol, without HTTP/3: one reliable stream, and DATAGRAM frames.
+    """Session without HTTP/3, with one reliable stream and DATAGRAM frames.
 
     Args:
         connection: QUIC connection of the client.
@@ -120,7 +116,7 @@ class NativeSession:
         self.asked = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Processes an event of the QUIC connection: received stream data or a received DATAGRAM."""
+        """Processes an event of the QUIC connection."""
         match event:
             case events.StreamDataReceived():
                 if event.stream_id != STREAM:
@@ -142,7 +138,7 @@ class NativeSession:
 
 
 class WebTransportSessions:
-    """HTTP/3 connection with one WebTransport session at `WEBTRANSPORT_PATH`: one reliable stream, and datagrams.
+    """HTTP/3 connection with one WebTransport session: one reliable stream, and datagrams.
 
     Args:
         connection: QUIC connection of the client.
@@ -158,7 +154,7 @@ class WebTransportSessions:
         self.asked = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Processes an event of the QUIC connection, whose data belong to HTTP/3."""
+        """Processes an event of the QUIC connection."""
         if isinstance(event, (events.StreamDataReceived, events.StreamReset, events.StopSendingReceived)):
             inside = self._session is not None and event.stream_id == self._session.stream
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
@@ -196,7 +192,7 @@ class WebTransportSessions:
                 self._session.datagram(event.data)
 
     def _status(self, headers: dict[bytes, bytes]) -> int:
-        """Returns the HTTP status with which a request for a WebTransport session is answered."""
+        """Returns the HTTP status of the response to a request for a WebTransport session."""
         wanted = headers.get(b":path", b"").split(b"?")[0]
         if wanted.decode("ascii", "replace") != WEBTRANSPORT_PATH:
             return 404
