@@ -239,8 +239,8 @@ class _LimitedEndpoint(AioquicServer):
         assert isinstance(data, bytes)
         if len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols:
             self._network = network_of(addr)
-            # Beyond the limit, some more connections are accepted, so that their clients can be refused with a reason. After
-            # that, a client must return a token (QUIC Retry), and replaces a connection of another network.
+            # Beyond the limit, some more connections are accepted, so that their clients can be refused with a reason.
+            # After that, a client must return a token (QUIC Retry), and replaces a connection of another network.
             is_full, token = self._owner.is_full(self._network, begins=True), has_token(data)
             if is_full and token and self._owner.connection_to_evict(self._network) is None:
                 self._owner.num_refused += 1
