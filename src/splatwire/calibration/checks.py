@@ -7,13 +7,13 @@ from splatwire.errors import InvalidValueError
 
 
 def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: bool) -> None:
-    """Checks the fields of a settings dataclass, and raises an error that names the invalid ones.
+    """Checks the fields of a settings dataclass.
 
     Args:
         settings: A dataclass instance.
         what: Name of the operation that the settings are for, used in the error message.
         counts: Names of the fields that must be 1 or more.
-        **sensible: True for each field, by its name, whose value the caller has found valid; False for an invalid one.
+        **sensible: Whether the value of each field, by its name, is valid.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

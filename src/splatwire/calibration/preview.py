@@ -49,11 +49,10 @@ class PreviewConfig:
     Attributes:
         num_bytes: Maximum size of the preview in bytes.
         steps: Number of optimisation steps; each step renders one view.
-        rounds: Number of relocations, which move the least visible Gaussians to regions with a large error.
-        moved: Share of the Gaussians that a relocation moves, 0 to 1.
-        still: Point in the optimisation after which Gaussians are no longer relocated, as a share of the steps, 0 to 1.
-        rounding: Point in the optimisation after which parameters are rounded to values that can be sent, as a share
-            of the steps, 0 to 1.
+        rounds: Number of times that the least visible Gaussians are moved to regions with a large error.
+        moved: Share of the Gaussians that are moved each time, 0 to 1.
+        still: Share of the steps after which no more Gaussians are moved, 0 to 1.
+        rounding: Share of the steps after which parameters are rounded to values that can be sent, 0 to 1.
         views: Maximum number of views that the preview is fitted to.
         width: Maximum width of these views, pixels.
         scored_views: Maximum number of views for measuring the quality of the result.
@@ -89,8 +88,8 @@ class PreviewResult:
     Attributes:
         section: Bytes of the section `preview` of the side information.
         num_gaussians: Number of Gaussians of the preview.
-        psnr: Mean PSNR over the views in decibels, by name. `background`: pictures of the background colour only;
-            `preview`: pictures of the preview; `complete`: pictures of the complete scene.
+        psnr: Mean PSNR in decibels of pictures of the background only, of the preview, and of the complete scene, by
+            the names `background`, `preview` and `complete`.
         seconds: Duration of the fit in seconds.
     """
 
@@ -131,11 +130,10 @@ def preview_for_scene(
 
 
 class _Fit:
-    """Gradient descent on the Gaussians of a preview.
+    """Gradient descent on the Gaussians of a preview."""
 
-    The parameters are the ten numbers of each Gaussian (`PreviewFrame.values`), divided by their learning rates, so
-    that the Adam optimiser needs only one learning rate.
-    """
+    # The parameters are the ten numbers of each Gaussian (`PreviewFrame.values`), divided by their learning rates,
+    # so that the Adam optimiser needs only one learning rate.
 
     def __init__(self, scene: Scene, pictures: References, config: PreviewConfig) -> None:
         keep_freed_memory()
@@ -179,14 +177,13 @@ class _Fit:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
     def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
-        """Chooses the Gaussians with which the fit begins, at the positions of random visible elements of the scene.
-
-        The probability of an element is proportional to its footprint in all views. Sizes follow from the distances to
-        the nearest neighbours.
+        """Chooses random visible elements of the scene, with whose Gaussians the fit begins.
 
         Returns:
             The value ranges for quantisation; and the parameters of the Gaussians, as in `PreviewFrame.values`.
         """
+        # The probability of an element is proportional to its footprint in all views. Sizes follow from the
+        # distances to the nearest neighbours.
         share = footprint_importance(scene, self._pictures.cameras).share.astype(np.float64)
         shown = int((share > 0).sum())
         if not shown:
@@ -206,21 +203,18 @@ class _Fit:
     def _current_gaussians(self) -> tuple[Float[np.ndarray, "G 10"], Gaussians]:
         """Returns the Gaussians of the preview in the current state of the optimisation.
 
-        In the last part of the fit, the parameters are rounded to the values that the preview can store.
-
         Returns:
             Parameters as in `PreviewFrame.values`, float64 (G, 10); and the Gaussians with these parameters.
         """
+        # In the last part of the fit, the parameters are rounded to the values that the preview can store.
         values = (self._raw.values * self._rates).astype(np.float64)
         if self._rounded:
             values = self.frame.values(np.rint(self.frame.levels(values)))
         return values, self.frame.gaussians(values)
 
     def _gradients(self, view: int) -> tuple[Float[np.ndarray, "G 10"], Float[np.ndarray, "3"]]:
-        """Returns the gradients of a view's mean squared error with respect to Gaussian parameters and background.
-
-        Rounding of the parameters is treated as the identity function (straight-through).
-        """
+        """Returns the gradients of a view's mean squared error with respect to Gaussian parameters and background."""
+        # Rounding of the parameters is treated as the identity function (straight-through).
         values, gaussians = self._current_gaussians()
         drawn = _DifferentiablePicture(gaussians, self._pictures.cameras, view, self._background)
         mask = self._pictures.masks[view]
@@ -233,10 +227,7 @@ class _Fit:
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
 
     def _start_rounding(self) -> None:
-        """Fixes the quantisation ranges to the current parameters.
-
-        From now on, pictures are rendered with rounded parameters.
-        """
+        """Fixes the quantisation ranges to the current parameters; rounds the parameters from now on."""
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
         least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
@@ -249,11 +240,9 @@ class _Fit:
         np.clip(self._behind.values, 0, 1 / BACKGROUND_RATE, out=self._behind.values)
 
     def _relocate(self) -> None:
-        """Relocates the least visible Gaussians to regions with a large error.
-
-        The Gaussians with the largest error are split in two along their longest axis. A relocated Gaussian becomes one
-        of the two halves.
-        """
+        """Moves the least visible Gaussians to regions with a large error."""
+        # The Gaussians with the largest error are split in two along their longest axis. A relocated Gaussian
+        # becomes one of the two halves.
         shown, wrong = self._weights_and_errors()
         count = max(1, round(self._config.moved * len(shown)))
         least = np.argsort(shown, kind="stable")[:count]
@@ -274,8 +263,8 @@ class _Fit:
         """Measures, for each Gaussian, how visible it is, and how wrong the pictures are where it is visible.
 
         Returns:
-            Sum of the blending weights of each Gaussian over the pixels of some views; and the same sum with each
-            weight multiplied by the squared error of the pixel.
+            Sum of the blending weights of each Gaussian over pixels; and this sum weighted by the pixels' squared
+            errors.
         """
         now = self._current_gaussians()[1]
         shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)
@@ -309,7 +298,8 @@ class _Adam:
         self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_LEAST))
 
     def forget(self, rows: np.ndarray) -> None:
-        """Sets the first moment of relocated Gaussians to zero, because it refers to their previous positions."""
+        """Sets the first moment of some Gaussians to zero."""
+        # After a relocation it refers to their previous positions.
         self._mean[rows] = 0
 
 
@@ -332,10 +322,10 @@ class _DifferentiablePicture:
         """Returns the gradients of the Gaussians' parameters and of the background, given the gradient of the image.
 
         Args:
-            d_image: Gradient of a loss with respect to the pixels, or weights of the pixels.
+            d_image: Gradient of a loss with respect to the pixels.
 
         Returns:
-            The gradients of means, quats, scales, opacities and colors as a list, and the gradient of the background.
+            The gradients of means, quats, scales, opacities and colors, and the gradient of the background.
         """
         weights = np.ascontiguousarray(d_image, np.float32)
         found = self._picture.gradients(self._arrays, self.image, weights)
@@ -343,11 +333,11 @@ class _DifferentiablePicture:
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
-    """Measures the mean PSNR of an encoded preview over some views; returns the content of `PreviewResult.psnr`.
+    """Measures the mean PSNR of an encoded preview over some views.
 
     Args:
         scene: The complete scene, for comparison.
-        section: Bytes of the encoded preview, the section `preview` of the side information.
+        section: Bytes of the encoded preview.
         pictures: Reference pictures of the views.
         show: Called with the name of the current task and its completed share, 0 to 1.
     """

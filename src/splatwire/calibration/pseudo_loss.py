@@ -17,12 +17,12 @@ from splatwire.types import AnchorScene, Cameras, ReceivedScene
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """Complete scene and its division into packets, from which a calibration simulates packet losses.
+    """Complete scene and its division into packets, from which packet losses are simulated.
 
     Attributes:
         complete: The complete scene as a decoder returns it.
         groups: Indices of the anchors in each packet.
-        cameras: Cameras of the pictures with which a concealer is trained; None to train without pictures.
+        cameras: Cameras of the pictures for the training of a concealer; None to train without pictures.
     """
 
     complete: ReceivedScene[AnchorScene]
@@ -53,9 +53,9 @@ def calibration_data(
     """Prepares a scene and its division into packets, so that a calibration can simulate packet losses.
 
     Args:
-        stream: The complete stream; determines the anchors of each packet.
+        stream: The complete stream.
         complete: The decoded scene.
-        cameras: Cameras of the pictures with which a concealer is trained; None to train without pictures.
+        cameras: Cameras of the pictures for the training of a concealer; None to train without pictures.
 
     Raises:
         InvalidValueError: If a packet was lost, or the stream has fewer than two packets.
@@ -70,7 +70,9 @@ def calibration_data(
 
 @checked
 def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
-    """Returns the indices of `rate * count` randomly chosen packets to drop, at least 1, at most `count - 1`.
+    """Returns the indices of `rate * count` randomly chosen packets to drop.
+
+    At least one packet is dropped, and at least one is kept.
 
     Raises:
         InvalidValueError: If an argument is out of range.

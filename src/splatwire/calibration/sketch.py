@@ -1,8 +1,10 @@
 """Creates a sketch of a scene: coarse copies of the most important elements, sent as side information.
 
-Elements are anchors or explicit Gaussians. A sketch also contains how much a receiver enlarges received elements next
-to lost ones. The best enlargement is chosen by comparing rendered pictures after simulated packet losses.
+Elements are anchors or explicit Gaussians.
 """
+
+# A sketch also contains how much a receiver enlarges received elements next to lost ones. The best enlargement is
+# chosen by comparing rendered pictures after simulated packet losses.
 
 import time
 from collections.abc import Callable, Sequence
@@ -37,11 +39,13 @@ class SketchResult:
         section: Bytes of the section `sketch` of the side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
         exponent: Exponent of the enlargement of received elements next to lost ones.
-        trust: Strength of the correction of this enlargement by a neural network: 0 for none, 1 for full.
-        psnr: Mean PSNR in decibels, by name. `no loss`: without loss. `drop`, `grow` and `sketch`: after simulated
-            packet losses, with the concealer of this name. Empty if no losses were simulated for this purpose.
+        trust: Strength, 0 to 1, of the correction of this enlargement by a neural network.
+        psnr: Mean PSNR in decibels without loss (`no loss`), and after simulated packet losses with the concealers
+            `drop`, `grow` and `sketch`.
         seconds: Duration in seconds.
     """
+
+    # `psnr` is empty if no losses were simulated for this purpose.
 
     section: bytes
     num_sketched: int
@@ -55,17 +59,17 @@ class SketchResult:
 class Sketch(Protocol):
     """Protocol of a sketch: coarse copies of important elements, which a receiver draws if the elements are lost.
 
-    Elements are anchors or explicit Gaussians. The copies are sent in the side information, together with the
-    parameters with which a receiver enlarges received elements to cover lost ones.
+    Elements are anchors or explicit Gaussians.
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Parameters of the enlargement. First the exponents: one for anchors (size), two for explicit Gaussians
-            (size and opacity). Then the strength of the correction of the enlargement by a neural network (trust): 0
-            for none, 1 for full.
+        growth: Parameters of the enlargement of received elements: exponents, then the strength of its correction by a
+            neural network, 0 to 1.
         growths: Exponents among which the calibration chooses, the default first.
         trusts: Strengths of the correction among which the calibration chooses, the default first.
     """
+
+    # There is one exponent for anchors (size), two for explicit Gaussians (size and opacity).
 
     @property
     def num_sketched(self) -> int:
@@ -73,10 +77,7 @@ class Sketch(Protocol):
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters with which a receiver enlarges received elements to cover lost ones next to them.
-
-        First the exponents of the enlargement, then the strength of its correction by a neural network (trust), 0 to 1.
-        """
+        """Parameters with which a receiver enlarges received elements to cover lost ones next to them."""
 
     @property
     def growths(self) -> Sequence[tuple[float, ...]]:
@@ -99,24 +100,23 @@ class Sketch(Protocol):
     def around(self, partial: ReceivedScene) -> Any:
         """Replaces lost elements of a received scene by the coarse copies of this sketch.
 
-        The result is the input of `proposal`, which then enlarges received elements. It does not depend on the
-        parameters of the enlargement (`growth`), so sketches that differ only in these can share it.
-
         Args:
             partial: The received scene.
 
         Returns:
-            The scene with copies, and further inputs of `proposal`.
+            The scene with copies, as input of `proposal`.
         """
+        # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
+        # only in these can share it.
 
     def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
         """Conceals losses as a receiver with this sketch does: enlarges drawn elements to cover missing ones.
 
         Args:
-            around: Received scene with coarse copies in place of lost elements, as returned by the method `around`.
+            around: Result of the method `around`.
 
         Returns:
-            The scene with coarse copies, and the enlargement (result of the concealer `sketch`).
+            The scene with coarse copies, and the enlargement.
         """
 
 
@@ -172,13 +172,12 @@ class _Scores:
     def best_growth(self, sketch: Sketch, show: Progress) -> Sketch:
         """Returns the sketch with the best parameters for enlarging received elements next to lost ones.
 
-        The parameters with the highest PSNR after simulated packet losses are chosen: first the strength of the
-        correction by a neural network (trust), then the exponents.
-
         Args:
             sketch: Sketch with the coarse copies, and any parameters.
             show: Called with the name of the current task and its completed share, 0 to 1.
         """
+        # The parameters with the highest PSNR after simulated packet losses are chosen: first the strength of
+        # the correction by a neural network (trust), then the exponents.
         losses = [sketch.around(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
         tried: dict[tuple[float, ...], float] = {}
 
@@ -195,16 +194,14 @@ class _Scores:
     def held_out(self, sketch: Sketch, show: Progress) -> dict[str, float]:
         """Measures the picture quality without loss, and after simulated packet losses with three concealers.
 
-        The concealers are `drop`, `grow` and `sketch`. The losses are not those with which the parameters of the sketch
-        were chosen.
-
         Args:
-            sketch: The sketch, which is added to the stream.
+            sketch: The sketch.
             show: Called with the name of the current task and its completed share, 0 to 1.
 
         Returns:
             Mean PSNR in decibels for `no loss` and for each concealer (`SketchResult.psnr`).
         """
+        # The losses are not those with which the parameters of the sketch were chosen.
         found, richer = (
             {"no loss": self._quality(self._scene)},
             add_concealment(self._stream, "sketch", sketch.section()),

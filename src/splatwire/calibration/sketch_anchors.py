@@ -1,4 +1,4 @@
-"""Coarse copies of the most important anchors of a scene (a sketch), which a receiver draws if the anchors are lost."""
+"""Coarse copies of the most important anchors of a scene (a sketch)."""
 
 import math
 from collections.abc import Callable
@@ -37,14 +37,12 @@ _FURTHEST = 4.0
 class AnchorSketch:
     """Coarse copies of a scene's most important anchors, which a receiver draws if the anchors are lost (a sketch).
 
-    Implements the protocol `splatwire.calibration.sketch.Sketch`.
-
     Attributes:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
         growths: Exponents of the enlargement among which the calibration chooses, the default first.
-        trusts: Strengths of the correction of the enlargement by a neural network among which the calibration chooses,
-            0 to 1, the default first.
+        trusts: Strengths, 0 to 1, of the correction of the enlargement by a neural network among which the calibration
+            chooses.
     """
 
     copies: SketchSection
@@ -65,7 +63,7 @@ class AnchorSketch:
 
         Args:
             stream: The complete stream.
-            complete: The decoded scene, with its background.
+            complete: The decoded scene.
             cameras: Views in which the importance of anchors is measured.
             most: Maximum size of the sketch in bytes.
             config: Settings of the calibration.
@@ -91,19 +89,14 @@ class AnchorSketch:
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters with which a receiver enlarges received anchors to cover lost ones next to them.
-
-        The first is the exponent of the enlargement (`Grow.exponent`). The second is the strength of the correction of
-        the enlargement by a neural network (trust), 0 for none to 1 for full.
-        """
+        """Exponent of the enlargement of received anchors, and strength of its correction by a neural network."""
         return self.copies.exponent, self.copies.trust
 
     def with_growth(self, growth: tuple[float, ...]) -> "AnchorSketch":
         """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received anchors.
 
         Args:
-            growth: Exponent of the enlargement, and strength of its correction by a neural network (0 to 1), as in the
-                attribute `growth`.
+            growth: New value of the attribute `growth`.
         """
         exponent, trust = growth
         return replace(self, copies=replace(self.copies, exponent=exponent, trust=trust))
@@ -115,22 +108,24 @@ class AnchorSketch:
     def around(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
         """Replaces lost anchors of a received scene by the coarse copies of this sketch.
 
-        The result is the input of `proposal`, which then enlarges received anchors. It does not depend on the
-        parameters of the enlargement (`growth`), so sketches that differ only in these can share it.
-
         Args:
             partial: The received scene.
+
+        Returns:
+            The scene with copies, as input of `proposal`.
         """
+        # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
+        # only in these can share it.
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
     def proposal(self, around: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
         """Conceals losses as a receiver with this sketch does: enlarges drawn anchors to cover missing ones.
 
         Args:
-            around: Received scene with coarse copies in place of lost anchors, as returned by the method `around`.
+            around: Result of the method `around`.
 
         Returns:
-            The scene with coarse copies, and the enlargement (result of the concealer `sketch`).
+            The scene with coarse copies, and the enlargement.
         """
         return around.filled, around.proposal(self.copies)
 
@@ -138,17 +133,15 @@ class AnchorSketch:
 def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: SketchConfig, show: Progress) -> Sensitivity:
     """Measures how much errors of each anchor's attributes change the rendered pictures.
 
-    With `SketchConfig.quick`, the measurement uses pictures of half the width and height, and only the most important
-    anchors.
-
     Args:
         scene: The complete scene.
         cameras: Views to render.
-        most: Maximum size of the sketch (coarse copies of important anchors) in bytes. It determines how many anchors
-            the quick measurement includes.
+        most: Maximum size of the sketch in bytes.
         config: Settings of the calibration.
         show: Called with the name of the current task and its completed share, 0 to 1.
     """
+    # With `SketchConfig.quick`, the measurement uses pictures of half the width and height, and only the most
+    # important anchors, whose number follows from `most`.
 
     def progress(share: float) -> None:
         show("measuring importance", share)
@@ -168,8 +161,6 @@ def _largest_sketch(
 ) -> SketchSection:
     """Returns the sketch with the most copies and the highest precision that takes at most `most` bytes.
 
-    Searches for the Lagrange multiplier (squared error per bit) at which the optimal sketch has about this size.
-
     Args:
         material: Data of the scene and of the anchors that may be copied.
         size_of: Function that returns the encoded size of a sketch in bytes.
@@ -177,6 +168,7 @@ def _largest_sketch(
         options: Settings for the choice and quantisation.
         show: Called with the completed share, 0 to 1.
     """
+    # Searches for the Lagrange multiplier (squared error per bit) at which the optimal sketch has about this size.
     best: SketchSection | None = None
     large: tuple[float, float] | None = None
     small: tuple[float, float] | None = None

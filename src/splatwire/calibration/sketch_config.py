@@ -1,4 +1,4 @@
-"""Settings for computing a sketch: coarse copies of important elements of a scene, sent as side information."""
+"""Settings for computing a sketch."""
 
 from dataclasses import dataclass, field
 
@@ -16,14 +16,13 @@ class SketchConfig:
     Attributes:
         share: Maximum size of the sketch, as a share of the size of the stream.
         drop_rate: Share of the packets that is lost in each simulated packet loss.
-        masks: Number of simulated losses for choosing how much a receiver enlarges received elements next to lost ones;
-            0 for the default enlargement.
-        held_out_masks: Number of further simulated losses, for reporting the gain in PSNR; 0 for no report.
+        masks: Number of simulated losses for choosing how much received elements are enlarged; 0 for the default.
+        held_out_masks: Number of further simulated losses for reporting the PSNR; 0 for no report.
         views: Maximum number of views for measuring the importance of elements.
         scored_views: Maximum number of views for comparing rendered pictures.
         width: Maximum width of the pictures, pixels.
-        probes: Number of random samples per view for measuring importance (`render_sensitivity`).
-        quick: True to measure the importance of anchors with the faster `quick_sensitivity`.
+        probes: Number of random samples per view for measuring importance.
+        quick: True to measure the importance of anchors faster and less precisely.
         fit: Settings for the choice and quantisation of the copied anchors.
         seed: Seed of all random numbers.
     """

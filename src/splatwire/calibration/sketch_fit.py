@@ -1,7 +1,6 @@
-"""Chooses the anchors that get a coarse copy, and the precision of each copy, by rate-distortion optimisation.
+"""Chooses the anchors that get a coarse copy, and the precision of each copy, by rate-distortion optimisation."""
 
-The distortion is the error in rendered pictures, estimated to first order from the sensitivity of the pictures.
-"""
+# The distortion is the error in rendered pictures, estimated to first order from the sensitivity of the pictures.
 
 import math
 from dataclasses import dataclass
@@ -38,11 +37,9 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        crowding: Factor on the estimated cost of losing an anchor or one of its Gaussians. A smaller factor gives fewer
-            copies.
+        crowding: Factor on the estimated cost of losing an anchor; a smaller factor gives fewer copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
-        max_excess: Upper limit of the enlargement, as a multiple of the enlargement for the average loss
-            (`Grow.max_excess`).
+        max_excess: Upper limit of the enlargement (`Grow.max_excess`).
         trust: Strength of the correction of the enlargement by a neural network, 0 to 1 (`SceneFree.trust`).
     """
 
@@ -56,17 +53,16 @@ class SketchFit(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class SketchMaterial:
-    """Scene data from which `fit_sketch` chooses the anchors that get a coarse copy, and the precision of each copy.
+    """Scene data for the choice of the anchors that get a coarse copy, and of the precision of each copy.
 
     M anchors may get a copy (candidates). A cost is a squared error in the rendered pictures.
 
     Attributes:
         candidates: Indices of the candidates, ascending, int64 (M).
-        channels: Channels of the candidates: features, and logarithms of the ratio of scalings to their predicted
-            values, float64 (M, D).
+        channels: Features of the candidates, and logarithms of the ratio of scalings to their predicted values, float64
+            (M, D).
         mean: Mean of the channels over the most important anchors, float64 (D).
-        forward: Decorrelating transform of the channels to coefficients, float64 (D, D). The coefficients are in
-            descending order of variance; an error of 1 has the same cost in each of them.
+        forward: Decorrelating transform of the channels to coefficients, by descending variance, float64 (D, D).
         backward: Inverse of `forward`, float64 (D, D).
         spread: Standard deviation of each coefficient, float64 (D).
         weight: Cost of an error of 1 in a coefficient of each candidate, float64 (M).
@@ -77,6 +73,8 @@ class SketchMaterial:
         mask: Mask of the offsets that exist, bool (M, K).
         num_anchors: Number of anchors of the scene, N.
     """
+
+    # An error of 1 has the same cost in each coefficient.
 
     candidates: np.ndarray
     channels: np.ndarray
@@ -95,18 +93,17 @@ class SketchMaterial:
     def price_of(self, count: float, options: SketchFit) -> float:
         """Returns the price of a bit (squared error per bit) at which about `count` anchors get a coarse copy.
 
-        An anchor is copied if the error caused by its loss exceeds the price times the bits of its copy.
-
         Args:
             count: Number of anchors to copy.
             options: Settings for the choice.
         """
+        # An anchor is copied if the error caused by its loss exceeds the price times the bits of its copy.
         ranked = np.sort(self.removal)[::-1]
         return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
 
 
 def num_candidates(most: int) -> int:
-    """Returns the number of most important anchors that are considered for a coarse copy in a sketch.
+    """Returns the number of most important anchors that are considered for a coarse copy.
 
     Args:
         most: Maximum size of the sketch in bytes.
@@ -115,7 +112,7 @@ def num_candidates(most: int) -> int:
 
 
 def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
-    """Prepares the data with which `fit_sketch` chooses the anchors that get a coarse copy (the sketch).
+    """Prepares the data for choosing the anchors that get a coarse copy.
 
     Args:
         complete: The complete scene.
@@ -149,11 +146,7 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets that the coarse copies of anchors contain: positions of Gaussians relative to their anchor.
-
-    They are in units of the anchor's first three scalings. In streams whose packets contain the exact positions of
-    anchors, a receiver draws the copy of a lost anchor at a predicted position (`ExpectedPlaces`). The offsets are then
-    relative to this position.
+    """Returns the offsets that the coarse copies of anchors contain, in units of the anchor's first three scalings.
 
     Args:
         complete: The complete scene.
@@ -161,6 +154,8 @@ def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray
     Returns:
         Offsets of all N anchors, float64 (N, 3 K).
     """
+    # In streams whose packets contain the exact positions of anchors, a receiver draws the copy of a lost anchor at
+    # a predicted position (`ExpectedPlaces`). The offsets are then relative to this position.
     anchors, guessed = to_arrays(complete.scene.anchors), complete.get(ExpectedPlaces)
     offsets, rows = anchors.offsets.astype(np.float64), anchors.num_anchors
     if guessed is None:
@@ -177,7 +172,7 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
     Args:
         material: Data of the scene and of the anchors that may be copied.
-        price: Lagrange multiplier: squared error that a bit must save.
+        price: Squared error that a bit must save (Lagrange multiplier).
         options: Settings for the choice and quantisation.
     """
     basis, step = _basis(material, price, options)
@@ -199,16 +194,15 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
-    """Chooses the transform and the quantisation steps for the coarse copies of anchors at a given price of a bit.
+    """Chooses the transform and the quantisation steps for the coarse copies of anchors.
 
     Args:
         material: Data of the scene and of the anchors that may be copied.
-        price: Lagrange multiplier: squared error that a bit must save.
+        price: Squared error that a bit must save (Lagrange multiplier).
         options: Settings for the choice and quantisation.
 
     Returns:
-        Two values. The first is the quantised transform (basis) of features and scalings, with the quantisation step of
-        offsets. The second is the coarsest quantisation step of the coefficients.
+        The quantised transform with the quantisation step of offsets, and the coarsest step of the coefficients.
     """
     # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
     likely = options.crowding * material.removal > price * BITS_OF_COPY
@@ -238,10 +232,11 @@ class _Plan:
     Attributes:
         mask: Mask of the Gaussians that each copy contains, bool (M, K).
         values: Quantised coefficients of features and scalings, int64 (M, C).
-        offsets: Quantised offsets of the Gaussians, int64 (M, 3 K); 0 for Gaussians that are not in the mask.
-        error: Squared error in the pictures if the copy is drawn in place of the anchor, float64 (M); infinite for a
-            copy without Gaussians.
+        offsets: Quantised offsets of the Gaussians, int64 (M, 3 K).
+        error: Squared error in the pictures if the copy is drawn in place of the anchor, float64 (M).
     """
+
+    # Offsets are 0 for Gaussians that are not in the mask; errors are infinite for a copy without Gaussians.
 
     mask: np.ndarray
     values: np.ndarray
@@ -272,7 +267,7 @@ class _Plan:
         """Estimates the size of each coarse copy at this precision level in bits, float64 (M).
 
         Args:
-            members: Mask of the copies over which symbol frequencies are counted for the estimate, bool (M).
+            members: Copies for whose entropy code the size is estimated, bool (M).
         """
         used = members if members.sum() >= 16 else np.ones_like(members)
         total = np.full(len(members), 6.0)
@@ -290,14 +285,13 @@ def _rounded(numbers: np.ndarray) -> np.ndarray:
 
 
 def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:
-    """Returns the ideal code length of each integer in bits, if code lengths follow from frequencies in a sample.
-
-    Large magnitudes use an escape code.
+    """Returns the ideal code length of each integer in bits, given the frequencies in a sample.
 
     Args:
         values: Integers to code.
         sample: Integers over which frequencies are counted.
     """
+    # Large magnitudes use an escape code.
     counts = np.bincount(np.minimum(np.abs(sample), _MAGNITUDES), minlength=_MAGNITUDES + 1) + 0.3
     magnitude = np.abs(values)
     bits = -np.log2(counts / counts.sum())[np.minimum(magnitude, _MAGNITUDES)] + (magnitude > 0)

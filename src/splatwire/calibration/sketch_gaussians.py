@@ -1,8 +1,7 @@
-"""Coarse copies of a scene's most important Gaussians (a sketch), which a receiver draws if the Gaussians are lost.
+"""Coarse copies of the most important Gaussians of a scene (a sketch)."""
 
-The most important 1 % of the Gaussians cause 60 to 96 % of the error after a packet loss (scenes luigi, tiger, guitar,
-truck), and no concealer can predict them.
-"""
+# The most important 1 % of the Gaussians cause 60 to 96 % of the error after a packet loss (scenes luigi, tiger,
+# guitar, truck), and no concealer can predict them.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -39,14 +38,12 @@ _CLOSE = 0.98
 class GaussianSketch:
     """Coarse copies of a scene's most important Gaussians, which a receiver draws if these are lost (a sketch).
 
-    Implements the protocol `splatwire.calibration.sketch.Sketch`.
-
     Attributes:
         splats: All Gaussians of the stream, in coding order.
         places: Indices in `splats` of the Gaussians that have a copy, int64.
         info: The stream's side information.
-        growth: Parameters with which a receiver enlarges Gaussians next to lost ones: exponent for the size, exponent
-            for the opacity, and strength of the correction by a neural network (0 to 1).
+        growth: Parameters of the enlargement of received Gaussians: exponents for size and opacity, and strength of its
+            correction by a neural network, 0 to 1.
         growths: Pairs of exponents (size, opacity) among which the calibration chooses, the default first.
         trusts: Strengths of the correction among which the calibration chooses, the default first.
     """
@@ -71,7 +68,7 @@ class GaussianSketch:
 
         Args:
             stream: The complete stream.
-            complete: The decoded scene, with its background.
+            complete: The decoded scene.
             cameras: Views in which the importance of Gaussians is measured.
             most: Maximum size of the sketch in bytes.
             config: Settings of the calibration.
@@ -108,7 +105,7 @@ class GaussianSketch:
         """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received Gaussians.
 
         Args:
-            growth: New value of the attribute `growth`: exponents for size and opacity, and strength of the correction.
+            growth: New value of the attribute `growth`.
         """
         return replace(self, growth=growth)
 
@@ -120,13 +117,11 @@ class GaussianSketch:
     def around(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
         """Replaces lost Gaussians of a received scene by the coarse copies of this sketch.
 
-        The result is the input of `proposal`, which then enlarges Gaussians next to lost ones.
-
         Args:
             partial: The received scene.
 
         Returns:
-            The scene with copies, and the inputs of the neural network that corrects the enlargement.
+            The scene with copies, as input of `proposal`, and the inputs of the network that corrects the enlargement.
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None
@@ -137,11 +132,10 @@ class GaussianSketch:
         """Conceals losses as a receiver with this sketch does: enlarges Gaussians to cover missing ones.
 
         Args:
-            around: Received scene with coarse copies in place of lost Gaussians, and the inputs of the neural network,
-                as returned by the method `around`.
+            around: Result of the method `around`.
 
         Returns:
-            The scene with coarse copies, and the enlargement (result of the concealer `sketch`).
+            The scene with coarse copies, and the enlargement.
         """
         filled, inputs = around
         size, opacity, trust = self.growth
@@ -152,7 +146,7 @@ def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
     """Returns about the largest number of copies that fit into a given number of bytes, never more.
 
     Args:
-        size: Function that encodes a given number of copies and returns the bytes; nearly proportional to the number.
+        size: Function that returns the encoded bytes of a number of copies.
         most: Maximum number of copies.
         limit: Maximum size in bytes.
 

@@ -32,11 +32,11 @@ class CalibrationViews(CheckedFields):
 
     Attributes:
         cameras: The cameras, usually those of the training views.
-        photo: Function that returns the photo of a view, given its index; None to use pictures of the complete scene as
-            references.
+        photo: Function that returns the photo of a view, by its index; None to compare with pictures of the complete
+            scene.
         background: RGB of the background; None for the background of the scene's training.
-        mask: Function that returns the mask of a view, given its index: True for pixels that are compared. It returns
-            None for a view without a mask. The attribute is None if no view has a mask.
+        mask: Function that returns the mask of pixels that are compared in a view, by its index, or None; None without
+            masks.
     """
 
     cameras: Cameras
@@ -67,10 +67,7 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Returns the scene in front of the background colour of these views.
-
-        If the views have no background colour, the scene is returned unchanged.
-        """
+        """Returns the scene in front of the background colour of these views, if they have one."""
         return scene if self.background is None else replace(scene, background=self.background)
 
 
@@ -90,7 +87,7 @@ class References:
 
     @staticmethod
     def of(scene: Scene, views: CalibrationViews) -> "References":
-        """Returns the reference pictures of the views: their photos. Views without photos get pictures of the scene."""
+        """Returns the photos of the views or, without photos, pictures of the scene."""
         photo, mask, numbers = views.photo, views.mask, range(views.cameras.num_views)
         images = (
             list(iterate_views(scene, views.cameras)) if photo is None else [to_numpy(photo(view)) for view in numbers]
@@ -98,7 +95,8 @@ class References:
         return References(views.cameras, images, [None if mask is None else _array(mask(view)) for view in numbers])
 
     def psnr(self, view: int, picture: Float[Any, "H W 3"]) -> float:
-        """Returns the PSNR of a rendered view in decibels, at most 100."""
+        """Returns the PSNR of a rendered view in decibels."""
+        # At most 100.
         mask = self.masks[view]
         decibels = psnr(picture[None], self.images[view][None], None if mask is None else mask[None])
         return min(float(decibels[0]), _MOST_DECIBELS)
@@ -129,7 +127,8 @@ def _resized(image: Float[np.ndarray, "H W C"], size: tuple[int, int]) -> Float[
 
 
 def _resized_mask(mask: Bool[np.ndarray, "H W"] | None, size: tuple[int, int]) -> Bool[np.ndarray, "H2 W2"] | None:
-    """Resizes a mask like its photo; a resized pixel is True if all contributing original pixels are True."""
+    """Resizes a mask like its photo."""
+    # A resized pixel is True if all contributing original pixels are True.
     if mask is None:
         return None
     return _resized((~mask)[..., None].astype(np.float32), size)[..., 0] == 0

@@ -1,9 +1,10 @@
 """The concealers of the paper that this project implements (CARI, GNN), and the baselines of the paper.
 
-The package registers these concealers with `register_concealer` and the entry points of `pyproject.toml`, like any
-third-party package (docs/your-own-concealer.md). No other package imports this package. `docs/paper-map.md` lists the
-code of each equation.
+`docs/paper-map.md` lists the code of each equation.
 """
+
+# The package registers these concealers with `register_concealer` and the entry points of `pyproject.toml`, like any
+# third-party package (docs/your-own-concealer.md). No other package imports this package.
 
 from splatwire.paper.cari import CARI_PRESETS, Cari
 from splatwire.paper.fill import MaskVote

@@ -1,9 +1,7 @@
-"""Compiled kernels that choose the neighbours from which the concealer CARI interpolates a lost anchor.
+"""Compiled kernels that choose the neighbours from which the concealer CARI interpolates a lost anchor."""
 
-Each candidate neighbour gets a score, and the highest scores are chosen. Results equal those of
-`splatwire.paper.weighting._select_plain`. Lost anchors (queries) are processed independently, so results do not depend
-on the number of threads.
-"""
+# Results equal those of `splatwire.paper.weighting._select_plain`. Lost anchors (queries) are processed independently,
+# so results do not depend on the number of threads.
 
 from typing import no_type_check
 
@@ -29,7 +27,8 @@ def _similarity(a, b):
 @njit()
 @no_type_check
 def _power(base, exponent):
-    """Returns `base ** exponent`; fast for the exponents 2, 1.5 and -0.5, which the paper uses."""
+    """Returns `base ** exponent`."""
+    # Fast for the exponents 2, 1.5 and -0.5, which the paper uses.
     if exponent == np.float32(2):
         return base * base
     if exponent == np.float32(1.5):
@@ -42,7 +41,7 @@ def _power(base, exponent):
 @njit()
 @no_type_check
 def _insert(index, strength, candidate, u):
-    """Inserts a candidate into a list sorted by descending score, behind entries of equal score; drops the last entry.
+    """Inserts a candidate into a list sorted by descending score, and drops the last entry.
 
     Args:
         index: Anchor indices in the list, changed in place.
@@ -50,6 +49,7 @@ def _insert(index, strength, candidate, u):
         candidate: Anchor index of the candidate.
         u: Score of the candidate.
     """
+    # Behind entries of equal score.
     place = strength.shape[0] - 1
     while place > 0 and strength[place - 1] < u:
         strength[place] = strength[place - 1]
@@ -71,7 +71,7 @@ def _score_query(context, signature, reliability, query, candidates, distance, e
         query: Index of the lost anchor.
         candidates: Indices of its candidate anchors, int64 (L).
         distance: Distances of the candidates, float32 (L).
-        exponents: Three exponents of the score and epsilon, see `score_and_keep`.
+        exponents: Three exponents of the score and epsilon.
         index: Output: indices of the best candidates, int64 (G, keep).
         strength: Output: their scores, float32 (G, keep).
     """
@@ -113,7 +113,7 @@ def score_and_keep(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Chooses the neighbours from which CARI interpolates each lost anchor: the candidates with the highest scores.
 
-    Each attribute group has its own neighbours. `splatwire.paper.weighting.select_neighbors` describes the score.
+    Each attribute group has its own neighbours.
 
     Args:
         context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
@@ -123,12 +123,12 @@ def score_and_keep(
         candidates: Indices of the candidate anchors of each query, int64 (Q, L).
         distance: Distances of the candidates, float32 (Q, L).
         keep: Number of candidates to keep, at most L.
-        exponents: Exponents of `distance + epsilon`, of the similarity of contexts and of the similarity of
-            signatures; the fourth number is epsilon. float32 (4).
+        exponents: Exponents of distance, context similarity and signature similarity, then epsilon, float32 (4).
 
     Returns:
         Anchor indices, int64 (Q, G, keep), and scores, float32 (Q, G, keep), highest score first.
     """
+    # `splatwire.paper.weighting.select_neighbors` describes the score.
     index = np.empty((len(queries), reliability.shape[1], keep), np.int64)
     strength = np.empty(index.shape, np.float32)
     _score_all(context, signature, reliability, queries, candidates, distance, exponents, index, strength)

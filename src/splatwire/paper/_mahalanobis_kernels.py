@@ -1,7 +1,6 @@
-"""Compiled nearest-neighbour search by Mahalanobis distance; the reference is `tests/reference/mahalanobis.py`.
+"""Compiled nearest-neighbour search by Mahalanobis distance; the reference is `tests/reference/mahalanobis.py`."""
 
-Queries are independent, so results do not depend on the number of threads.
-"""
+# Queries are independent, so results do not depend on the number of threads.
 
 from typing import no_type_check
 
@@ -15,14 +14,13 @@ from splatwire.ops.compiled import njit
 def _distance_bound(x, low, high, reach):
     """Returns a lower bound of the squared Mahalanobis distance from a query to the points of a block.
 
-    The nearest-neighbour search skips a block whose bound is too large.
-
     Args:
         x: Query position, float64 (3).
         low: Lower corner of the block's bounding box.
         high: Upper corner of the block's bounding box.
         reach: Largest standard deviation among the block's points along each axis.
     """
+    # The nearest-neighbour search skips a block whose bound is too large.
     total = 0.0
     for axis in range(3):
         away = max(low[axis] - x[axis], x[axis] - high[axis], 0.0) / reach[axis]
@@ -55,22 +53,21 @@ def _insert(index, distance, candidate, gap):
 def nearest(queries, points, sizes, number, starts, low, high, reach, bound, index, distance):
     """Finds the k nearest points of each query by Mahalanobis distance, nearest first.
 
-    Points are divided into blocks; blocks that are too far from a query are skipped.
-
     Args:
         queries: Query positions, float64 (Q, 3).
         points: Point positions, sorted by block, float64 (S, 3).
         sizes: Sizes of the points along the axes, positive, float64 (S, 3).
-        number: Index of each sorted point before sorting, int64 (S). Of equally distant points, the one with the lower
-            index is first.
+        number: Index of each sorted point before sorting, int64 (S).
         starts: Index of the first point of each block, then S, int64 (B + 1).
         low: Lower corner of each block's bounding box, float64 (B, 3).
         high: Upper corner of each block's bounding box, float64 (B, 3).
         reach: Largest size in each block along each axis, float64 (B, 3).
         bound: Upper bound of the squared distance from each query to its k-th neighbour, float64 (Q).
         index: Output: indices of the neighbours before sorting, int64 (Q, k).
-        distance: Output: squared distances of the neighbours, float64 (Q, k), initialised with infinity.
+        distance: Output: squared distances of the neighbours, float64 (Q, k).
     """
+    # Points are divided into blocks; blocks that are too far from a query are skipped. Of equally distant points,
+    # the one with the lower index is first. `distance` must be initialised with infinity.
     last = index.shape[1] - 1
     for q in prange(queries.shape[0]):
         x, near, far = queries[q], index[q], distance[q]

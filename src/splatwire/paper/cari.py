@@ -37,40 +37,45 @@ _CHUNK = 1 << 13
 class Cari:
     """Conceals an anchor with the prior's mean plus a weighted mean of the neighbours' residuals.
 
-    All defaults are the paper's constants.
-
-    For each lost anchor (query), the `candidates` nearest anchors with the attribute are scored. The score is the
-    product `w_geo w_ctx w_unc w_conf w_sig` of factors for distance, similarity of hash-grid features, uncertainty of
-    the prior, confidence, and similarity of residual signatures. There is one score per attribute group (feature
-    groups, scaling, offsets). The `neighbors` candidates with the highest scores are used for the interpolation.
-
-    Our choices for details that the paper does not specify:
-
-    * Signature of a query. In the first pass, a lost anchor has no residuals and thus a zero signature. `w_sig` is then
-      equal for all candidates. From the second pass on, the signature is computed from the residuals of the previous
-      pass.
-    * Refinement. In later passes, anchors concealed in the previous pass are also candidates (except for themselves),
-      with confidence `recovered_confidence`. All queries are updated at once, so their order does not matter.
-    * Offsets that do not exist have no residual; their weight is distributed over the other neighbours, per offset. The
-      signature's offset mean includes only existing offsets.
-    * The mask is lost with its packet. Neighbours vote on it, with the weights of the offsets (`vote`).
-    * Estimated sizes are clamped to at least the smallest received size.
-    * If no anchor has the attribute, or all scores are zero, the result is the prior's mean.
+    The `candidates` nearest anchors of each lost anchor are scored by distance, similarity of hash-grid features,
+    uncertainty of the prior, confidence, and similarity of residual signatures. The `neighbors` with the highest scores
+    are used for the interpolation. All defaults are the paper's constants.
 
     Attributes:
         candidates: Number of nearest anchors that are scored, L.
-        neighbors: Number of candidates used for the interpolation, K.
+        neighbors: Number of neighbours used for the interpolation, K.
         distance_exponent: alpha, of the distance.
         context_exponent: beta, of the hash-context similarity.
         uncertainty_exponent: gamma, of the prior's scale.
         signature_exponent: delta, of the similarity of residual signatures.
-        epsilon: Added to distances, uncertainties and the sum of scores; the paper gives no value.
+        epsilon: Added to distances, uncertainties and the sum of scores.
         recovered_confidence: Confidence of anchors concealed in a previous pass.
         passes: Number of passes.
-        ridge: Strength of the ridge refinement of features (`splatwire.paper.ridge`); None to disable it.
+        ridge: Strength of the ridge refinement of features; None to disable it.
         vote: Rule that determines the mask.
         backend: `numba` (compiled), or `torch` (reference).
     """
+
+    # The score is the product `w_geo w_ctx w_unc w_conf w_sig`. There is one score per attribute group (feature
+    # groups, scaling, offsets).
+
+    # Our choices for details that the paper does not specify:
+
+    # Signature of a query. In the first pass, a lost anchor has no residuals and thus a zero signature. `w_sig` is
+    # then equal for all candidates. From the second pass on, the signature is computed from the residuals of the
+    # previous pass.
+
+    # Refinement. In later passes, anchors concealed in the previous pass are also candidates (except for
+    # themselves), with confidence `recovered_confidence`. All queries are updated at once, so their order does not
+    # matter.
+
+    # Offsets that do not exist have no residual; their weight is distributed over the other neighbours, per offset.
+    # The signature's offset mean includes only existing offsets.
+
+    # The mask is lost with its packet. Neighbours vote on it, with the weights of the offsets (`vote`).
+
+    # Estimated sizes are clamped to at least the smallest received size. If no anchor has the attribute, or all
+    # scores are zero, the result is the prior's mean. The paper gives no value for `epsilon`.
 
     candidates: int = 128
     neighbors: int = 8
@@ -105,7 +110,7 @@ class Cari:
         return "cari"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with estimates of the lost attributes; received values are unchanged."""
+        """Returns the scene with estimates of the lost attributes."""
         context = to_tensors(context)
         fixed = _prepare(context, self)
         estimate = _Estimate(
@@ -132,11 +137,12 @@ class _ConstantData:
         context: The received scene.
         groups: Groups of attribute channels that are interpolated with the same neighbours and weights.
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
-        certainty: Factor of each anchor's score as a neighbour, lower for an uncertain prior (`w_unc` in the paper),
-            per attribute group.
-        everyone: Search tree of all anchors. The first pass uses received anchors as neighbours only, later passes use
-            concealed ones, too.
+        certainty: Factor of each anchor's score per attribute group, lower for an uncertain prior (`w_unc` in the
+            paper).
+        everyone: Search tree of all anchors.
     """
+
+    # The first pass uses received anchors as neighbours only, later passes use concealed ones, too.
 
     context: ReceivedScene
     groups: tuple[AttributeGroup, ...]
@@ -147,13 +153,14 @@ class _ConstantData:
 
 @dataclass(frozen=True, eq=False)
 class _Estimate:
-    """Attributes of all anchors as estimated so far by CARI, which refines them in several passes.
+    """Attributes of all anchors as estimated so far by CARI.
 
     Attributes:
-        residuals: Differences of all attributes from the mean that the prior predicts; 0 for lost attributes before the
-            first pass.
-        mask: Offset masks of all anchors; True for lost masks before the first pass.
+        residuals: Differences of all attributes from the prior's mean.
+        mask: Offset masks of all anchors.
     """
+
+    # Before the first pass, residuals of lost attributes are 0, and lost masks are True.
 
     residuals: Residuals
     mask: Bool[Tensor, "N K"]
@@ -176,10 +183,11 @@ def _refine(settings: Cari, fixed: _ConstantData, old: _Estimate, *, first: bool
     Args:
         settings: Settings of the concealer.
         fixed: Data that does not change between the passes.
-        old: Estimate before this pass. The values of neighbours are taken from it, so that the order in which anchors
-            are processed has no influence.
+        old: Estimate before this pass.
         first: True in the first pass, in which only received anchors are neighbours.
     """
+    # The values of neighbours are taken from `old`, so that the order in which anchors are processed has no
+    # influence.
     context = fixed.context
     signature = unit_rows(signatures(old.residuals))
     parts, mask = tuple(part.clone() for part in old.residuals.parts), old.mask.clone()
@@ -215,18 +223,16 @@ def _exponents(settings: Cari) -> ScoreExponents:
 def _candidates(
     settings: Cari, fixed: _ConstantData, received: Bool[Tensor, "N"], *, first: bool
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Finds the nearest anchors of each lost anchor (query): the candidates from which its neighbours are chosen.
-
-    In the first pass, only anchors with the attribute received are candidates; later, concealed anchors are, too.
+    """Finds the nearest anchors of each lost anchor (query), from which its neighbours are chosen.
 
     Args:
         settings: Settings of the concealer.
         fixed: Data that does not change between the passes.
         received: Mask of the anchors with the attribute received.
-        first: True in the first pass.
+        first: True in the first pass, in which only received anchors are candidates.
 
     Yields:
-        Chunks of queries: their indices (Q), the indices of their candidates (Q, L), and the distances (Q, L).
+        Groups of queries: their indices (Q), the indices of their candidates (Q, L), and the distances (Q, L).
     """
     positions = fixed.context.places
     support = received.nonzero()[:, 0]
@@ -260,8 +266,6 @@ def _interpolate(
 ) -> Float[Tensor, "Q D"]:
     """Estimates residuals of lost anchors as weighted sums of their neighbours' residuals, for one attribute group.
 
-    For features, the optional ridge refinement is added.
-
     Args:
         settings: Settings of the concealer.
         fixed: Data that does not change between the passes.
@@ -269,6 +273,7 @@ def _interpolate(
         residuals: Residuals of all anchors.
         near: Neighbours of the lost anchors, with weights.
     """
+    # For features, the optional ridge refinement is added.
     values = residuals.parts[group.part]
     if group.attribute is Attribute.OFFSET:
         return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
@@ -281,15 +286,14 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of the offsets that the next pass can use as neighbours' values: those with a known residual.
-
-    Lost offsets have an interpolated residual after a pass. A received offset has no known residual if the offset mask
-    of its anchor was lost.
+    """Returns the mask of the offsets with a known residual, which the next pass can use.
 
     Args:
         context: The received scene.
         mask: Received or estimated offset masks of all anchors.
     """
+    # Lost offsets have an interpolated residual after a pass. A received offset has no known residual if the offset
+    # mask of its anchor was lost.
     offset = context.loss_mask.column(Attribute.OFFSET)
     usable = ~offset | context.loss_mask.column(Attribute.MASK)
     return mask & usable[:, None]

@@ -17,20 +17,19 @@ MASK_RULES = ("majority", "count", "all")
 class MaskVote:
     """Rule that decides from the neighbours of a lost anchor which of its offsets exist (its mask).
 
-    The paper does not specify a rule, although masks are lost with their packets. The share of an offset is the
-    weighted share of the neighbours that have this offset. The rules are:
+    The share of an offset is the weighted share of the neighbours that have this offset. The rules are:
 
     * `majority`: an offset exists if its share is at least `threshold`;
-    * `count`: as many offsets exist as the neighbours have on average (rounded), namely those with the largest shares;
-      of equal shares, the offset with the lower index;
+    * `count`: as many offsets exist as the neighbours have on average, those with the largest shares;
     * `all`: every offset exists.
-
-    Without neighbours, every offset exists.
 
     Attributes:
         rule: Name of the rule, one of `MASK_RULES`.
         threshold: Minimum share of an offset with the rule `majority`.
     """
+
+    # The paper does not specify a rule, although masks are lost with their packets. Of equal shares, the offset
+    # with the lower index wins. Without neighbours, every offset exists.
 
     rule: str = "majority"
     threshold: float = 0.5
@@ -62,11 +61,12 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups attributes that were lost for the same anchors, so that the neighbours of these are searched only once.
+    """Groups the attributes that were lost for the same anchors.
 
     Returns:
-        For each group, the mask of the anchors that received the attributes, and the attributes.
+        Pairs of the mask of anchors that have the attributes, and the attributes.
     """
+    # Neighbours are searched only once for each group.
     groups: list[tuple[Tensor, list[Attribute]]] = []
     for attribute in Attribute:
         column = context.loss_mask.column(attribute)
@@ -84,7 +84,7 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
 def weighted_mean(
     values: Float[Tensor, "N D"], index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]
 ) -> Float[Tensor, "Q D"]:
-    """Returns the weighted sum of the neighbours' values for each lost anchor; a mean if the weights sum to 1."""
+    """Returns the weighted sum of the neighbours' values for each lost anchor."""
     # embedding_bag reads the neighbours' values in place: three times faster than first copying all Q k D values
     return torch.nn.functional.embedding_bag(
         index.contiguous(), values, mode="sum", per_sample_weights=weight.contiguous()
@@ -103,13 +103,13 @@ def weighted_mean_of_existing(
         values: K offsets of each anchor, side by side in D columns; zero if an offset does not exist.
         exists: True for offsets that exist.
         index: Neighbours of each query.
-        weight: Weights of the neighbours, not negative; their sum is usually 1. Averages are scaled by the sum.
+        weight: Weights of the neighbours, not negative.
 
     Returns:
-        Two items:
-        * Averages; zero for offsets that no neighbour has.
-        * For each offset, the share of the total weight that belongs to neighbours with this offset, 0 to 1.
+        Averages, zero for offsets that no neighbour has; and for each offset the share of the total weight of the
+        neighbours with this offset, 0 to 1.
     """
+    # Averages are scaled by the sum of the weights, usually 1.
     total = weight.sum(dim=1, keepdim=True)
     has = weighted_mean(exists.to(weight.dtype), index, weight)
     tiny = torch.finfo(weight.dtype).tiny

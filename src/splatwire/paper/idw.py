@@ -25,17 +25,16 @@ _CHUNK = 1 << 14
 class Idw:
     """Conceals an anchor with the weighted mean of the nearest received anchors, weights `1 / distance ** power`.
 
-    An offset is averaged over the neighbours that have it. The neighbours vote on the mask. Without received anchors,
-    the result is the prior's mean.
-
     Attributes:
         neighbors: Number of neighbours, k.
         power: Exponent of the distance.
-        metric: `euclidean`, or `mahalanobis` with the neighbour's covariance `diag(scaling[:3] ** 2)`, the extent of
-            the neighbour's Gaussians along the world axes. A neighbour with missing scaling is assumed to be a sphere
-            of mean size.
+        metric: `euclidean`, or `mahalanobis` with the neighbour's covariance `diag(scaling[:3] ** 2)`.
         vote: Rule that determines the mask.
     """
+
+    # An offset is averaged over the neighbours that have it. Without received anchors, the result is the prior's
+    # mean. The scalings are the extent of the neighbour's Gaussians along the world axes. A neighbour with missing
+    # scaling is assumed to be a sphere of mean size.
 
     neighbors: int = 8
     power: float = 1.0
@@ -55,7 +54,7 @@ class Idw:
         return "idw"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with estimates of the lost attributes; received values are unchanged."""
+        """Returns the scene with estimates of the lost attributes."""
         context = to_tensors(context)
         filled = context.filled
         for received, attributes in attributes_by_gap(context):
@@ -67,7 +66,7 @@ class Idw:
         """Finds the nearest received anchors of each lost anchor (query), and their weights for the interpolation.
 
         Yields:
-            Chunks of queries: their indices (Q), the indices of their neighbours (Q, k), and the weights of the
+            Groups of queries: their indices (Q), the indices of their neighbours (Q, k), and the weights of the
             neighbours (Q, k), with sum 1 per query.
         """
         context, received = to_tensors((context, received))
@@ -84,7 +83,8 @@ class Idw:
 
 
 def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int) -> Float[Tensor, "Q k"]:
-    """Returns weights `distance ** -power`, normalised to sum 1. If a distance is 0, the other neighbours get 0."""
+    """Returns weights `distance ** -power`, normalised to sum 1."""
+    # If a distance is 0, the other neighbours get 0.
     nearest = distance[:, :1]
     # distances relative to the nearest neighbour avoid overflow in any unit of length; `where` does not select 0 / 0
     ratio = torch.where(nearest > 0, nearest / distance, (distance == 0).to(distance.dtype))
@@ -93,7 +93,8 @@ def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int)
 
 
 def _extents(context: ReceivedScene) -> Float[Tensor, "N 3"]:
-    """Returns the sizes of the anchors along the world axes; the mean size for anchors with missing scaling."""
+    """Returns the sizes of the anchors along the world axes."""
+    # The mean size for anchors with missing scaling.
     size = context.scene.anchors.scalings[:, :3]
     known = context.loss_mask.column(Attribute.SCALING) & (size > 0).all(dim=1)
     mean = size[known].mean() if bool(known.any()) else size.new_ones(())
@@ -113,14 +114,14 @@ def fill_from_neighbors(
 
     Args:
         anchors: All anchors as received; source of the neighbours' values.
-        filled: Output: all anchors, whose rows `queries` are changed. An offset that exists in no neighbour is not
-            changed.
+        filled: Output: all anchors, whose rows `queries` are changed.
         attributes: Attributes to fill.
         queries: Indices of the anchors to fill.
         index: Anchor indices of the neighbours of each query.
         weight: Weights of the neighbours, with sum 1 per query.
         vote: Rule that determines the mask.
     """
+    # An offset that exists in no neighbour is not changed.
     if Attribute.FEATURE in attributes:
         filled.features[queries] = weighted_mean(anchors.features, index, weight)
     if Attribute.SCALING in attributes:
@@ -140,12 +141,12 @@ def fill_from_neighbors(
 class PriorMean:
     """Conceals an anchor with the mean predicted by the hash grid (the paper's prior prediction, no residual).
 
-    The prior does not predict masks. The nearest received anchors vote on them, weighted by inverse distance.
-
     Attributes:
         neighbors: Number of neighbours that vote.
         vote: Rule that determines the mask.
     """
+
+    # The prior does not predict masks. The nearest received anchors vote on them, weighted by inverse distance.
 
     neighbors: int = 8
     vote: MaskVote = field(default_factory=MaskVote)
@@ -160,7 +161,7 @@ class PriorMean:
         return "prior"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with estimates of the lost attributes; received values are unchanged."""
+        """Returns the scene with estimates of the lost attributes."""
         context = to_tensors(context)
         filled = context.filled
         received = context.loss_mask.column(Attribute.MASK)

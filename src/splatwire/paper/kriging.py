@@ -29,15 +29,16 @@ _RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
 class Correlogram:
     """Correlation between the attributes of two anchors as a function of their distance d, for kriging.
 
-    It is `correlation * exp(-d / range)` for different anchors, and 1 for an anchor with itself. Even the closest
-    neighbour thus leaves the share `1 - correlation` of the variance unexplained (nugget).
+    It is `correlation * exp(-d / range)` for different anchors, and 1 for an anchor with itself.
 
     Attributes:
-        correlation: Correlation of different anchors at distance 0, from 0 (no correlation) to less than 1.
-        range: Distance at which the correlation has fallen to `correlation / e`, positive. Its unit is the distance
-            from a lost anchor to its farthest neighbour, which adapts it to the dense foreground and the sparse
-            background.
+        correlation: Correlation of different anchors at distance 0, at least 0 and less than 1.
+        range: Distance at which the correlation has fallen to `correlation / e`, positive, in units of the distance
+            from a lost anchor to its farthest neighbour.
     """
+
+    # Even the closest neighbour leaves the share `1 - correlation` of the variance unexplained (nugget). The unit
+    # of `range` adapts it to the dense foreground and the sparse background.
 
     correlation: float
     range: float
@@ -50,25 +51,22 @@ class Kriging:
 
     The estimate of a lost anchor (query) is `v_q = m + r^T R^-1 (v_k - m)`. Here m is the expected value (`target`),
     and v_k are the values of the neighbours. R has the correlations between the neighbours, and r the correlations
-    between the neighbours and the query.
-
-    Each attribute has its own `Correlogram` (correlation as a function of distance): the one with the smallest error
-    when a sample of received anchors is predicted from its received neighbours. If no correlogram predicts better than
-    the mean m, the estimate is m.
-
-    If a neighbour lacks an offset, the mean m of this offset is used. The mask bits are estimated as numbers from 0 to
-    1 and then decided by `vote`.
+    between the neighbours and the query. Correlations are fitted to the received anchors.
 
     Attributes:
         neighbors: Number of received neighbours of each lost anchor (query).
         target: Mean m of an anchor. `residual`: the anchor's prior mean. `absolute`: the mean of all received anchors.
-            `regression`: a linear function of the anchor's prior means of all attributes, fitted to the received
-            anchors. `regression` has the least error in every attribute, but not the best picture
-            (docs/concealment.md). Masks always use `absolute`.
-        sample: Number of received anchors that are predicted for the choice of the correlogram.
+            `regression`: a linear function of the anchor's prior means, fitted to the received anchors.
+        sample: Number of received anchors to which correlations are fitted.
         seed: Seed of the sample.
         vote: Rule that determines the mask.
     """
+
+    # Each attribute has its own `Correlogram` (correlation as a function of distance): the one with the smallest
+    # error when a sample of received anchors is predicted from its received neighbours. If no correlogram predicts
+    # better than the mean m, the estimate is m. If a neighbour lacks an offset, the mean m of this offset is used.
+    # The mask bits are estimated as numbers from 0 to 1 and then decided by `vote`. `regression` has the least
+    # error in every attribute, but not the best picture (docs/concealment.md). Masks always use `absolute`.
 
     neighbors: int = 16
     target: str = "residual"
@@ -89,10 +87,8 @@ class Kriging:
         return "kriging"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with estimates of the lost attributes.
-
-        An attribute that was received for no anchor is set to the prior's mean.
-        """
+        """Returns the scene with estimates of the lost attributes."""
+        # An attribute that was received for no anchor is set to the prior's mean.
         context = to_tensors(context)
         filled = context.filled
         inputs = regression_inputs(context) if self.target == "regression" else None
@@ -143,18 +139,18 @@ def kriging_weights(
     distance: Float[Tensor, "Q k"],
     fit: Correlogram,
 ) -> Float[Tensor, "Q k"]:
-    """Computes the weights with which neighbours predict a lost anchor (query) with the least expected error.
+    """Computes the kriging weights `R^-1 r` of the neighbours of each lost anchor (query).
 
-    These kriging weights are `R^-1 r`. R has the correlations between the neighbours, and r their correlations with the
-    query; `fit` gives the correlation at each distance.
+    R has the correlations between the neighbours, and r their correlations with the query.
 
     Args:
         positions: Positions of all anchors.
         index: Anchor indices of the neighbours of each lost anchor (query).
         distance: Distances of the neighbours from the query, farthest last.
-        fit: Correlation as a function of distance. It is below 1 even at distance 0, so R is invertible although two
-            neighbours may have the same position.
+        fit: Correlation as a function of distance.
     """
+    # The correlation is below 1 even at distance 0, so R is invertible although two neighbours may have the same
+    # position.
     if fit.correlation == 0 or index.shape[1] == 0:
         return torch.zeros_like(distance)
     unit = fit.range * distance[:, -1:].clamp(min=torch.finfo(distance.dtype).tiny)
@@ -172,9 +168,9 @@ class _Field:
 
     Attributes:
         attribute: The attribute.
-        mean: Expected values of every anchor, as selected by `Kriging.target`.
-        residual: Received value minus mean; 0 for lost anchors and for offsets that do not exist.
-        exists: True for values that were received and exist; other values are excluded from errors.
+        mean: Expected values of every anchor.
+        residual: Received value minus mean; 0 for values that were not received.
+        exists: True for values that were received and exist.
         spread: Variance of the residual of each channel.
     """
 
@@ -199,10 +195,8 @@ class _Field:
 
 
 def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
-    """Returns the inputs from which `regress` predicts the attributes of each anchor, received or lost.
-
-    These are the means of all attributes that the prior predicts, standardised over the scene.
-    """
+    """Returns the inputs from which `regress` predicts the attributes of each anchor, received or lost."""
+    # The means of all attributes that the prior predicts, standardised over the scene.
     prior = context[Prior]
     means = torch.cat([prior.feature.mean, prior.scaling.mean, prior.offset.mean], dim=1).double()
     spread = means.std(dim=0, correction=0)
@@ -212,10 +206,7 @@ def regression_inputs(context: ReceivedScene) -> Float64[Tensor, "N P"]:
 def regress(
     inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
 ) -> Float[Tensor, "N D"]:
-    """Predicts attribute values of all anchors by linear regression; kriging uses them as expected values.
-
-    The linear function of `inputs` is fitted to the received values by ridge regression. The prediction is 0 if
-    regression would not reduce the prediction error.
+    """Predicts attribute values of all anchors by ridge regression.
 
     Args:
         inputs: Inputs of all anchors, from `regression_inputs`.
@@ -225,6 +216,7 @@ def regress(
     Returns:
         The predicted deviations of all anchors, received or lost.
     """
+    # Kriging uses them as expected values. The prediction is 0 if regression would not reduce the prediction error.
     result = torch.zeros_like(values)
     patterns, group = exists.unique(dim=1, return_inverse=True)
     for number in range(patterns.shape[1]):
@@ -235,11 +227,9 @@ def regress(
 
 
 def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Float64[Tensor, "P D"]:
-    """Fits a linear function from `inputs` to `values` by ridge regression, and returns its coefficients.
-
-    The penalty on large coefficients is the one with the least prediction error, as estimated by generalised
-    cross-validation. If a prediction of zero has an even smaller error, all coefficients are zero.
-    """
+    """Fits a linear function from `inputs` to `values` by ridge regression, and returns its coefficients."""
+    # The penalty on large coefficients is the one with the least prediction error, as estimated by generalised
+    # cross-validation. If a prediction of zero has an even smaller error, all coefficients are zero.
     count = len(inputs)
     power, axes = torch.linalg.eigh(inputs.T @ inputs)
     power, seen, total = power.clamp(min=0), axes.T @ (inputs.T @ values), float((values**2).sum())
@@ -289,7 +279,7 @@ def _neighborhoods(
     """Finds the nearest received anchors of each lost anchor (query).
 
     Yields:
-        Chunks of queries: their indices (Q), the indices of their neighbours (Q, k), and the distances (Q, k).
+        Groups of queries: their indices (Q), the indices of their neighbours (Q, k), and the distances (Q, k).
     """
     positions, support = context.places, received.nonzero()[:, 0]
     tree = TensorTree(positions[support])
@@ -299,6 +289,7 @@ def _neighborhoods(
 
 
 def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
-    """Raises estimated scalings of lost anchors to at least the smallest received scaling; they may be negative."""
+    """Raises estimated scalings of lost anchors to at least the smallest received scaling."""
+    # They may be negative.
     missing = ~context.loss_mask.column(Attribute.SCALING)[:, None]
     return torch.where(missing, plausible_scalings(context.scene.anchors, context.loss_mask, scalings), scalings)

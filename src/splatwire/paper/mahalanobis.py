@@ -14,18 +14,18 @@ _BLOCK = 64
 
 
 class MahalanobisSearch:
-    """Finds the points that are nearest to a query by Mahalanobis distance.
+    """Finds the points that are nearest to a query by Mahalanobis distance; exact.
 
     The distance of the query q from the point k is `sqrt((x_q - x_k)^T diag(size_k)^-2 (x_q - x_k))`.
-
-    No point is excluded by Euclidean distance, because a large point can be the nearest one from far away. Points of
-    similar size and position share a block. A block is skipped only if none of its points can be among the nearest, so
-    the result is exact.
 
     Args:
         points: Positions of the points.
         sizes: Extents of the points along the axes, positive.
     """
+
+    # No point is excluded by Euclidean distance, because a large point can be the nearest one from far away. Points
+    # of similar size and position share a block. A block is skipped only if none of its points can be among the
+    # nearest, so the result is exact.
 
     def __init__(self, points: Float[Tensor, "S 3"], sizes: Float[Tensor, "S 3"]) -> None:
         places, extents = points.double().numpy(), sizes.double().numpy()
@@ -44,15 +44,15 @@ class MahalanobisSearch:
     def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
         """Finds the k points that are nearest to each query by Mahalanobis distance, nearest first.
 
-        Of equally distant points, the lower index is first. If there are fewer than k points, all are returned.
-
         Args:
             queries: Query positions.
-            k: Number of neighbours.
+            k: Maximum number of neighbours.
 
         Returns:
             Indices of the points, and their Mahalanobis distances from the query in the dtype of the queries.
         """
+        # Of equally distant points, the lower index is first. If there are fewer than k points, all are
+        # returned.
         kept = min(k, len(self._places))
         index = np.full((len(queries), kept), len(self._places), dtype=np.int64)
         squared = np.full((len(queries), kept), np.inf)
@@ -67,13 +67,13 @@ class MahalanobisSearch:
     def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
         """Returns for each query a squared Mahalanobis distance within which its `kept` nearest neighbours must be.
 
-        The search skips points beyond this bound. It is computed from points near the query by Euclidean distance.
-
         Args:
             queries: Query positions.
             x: The same positions, float64 (Q, 3).
             kept: Number of neighbours.
         """
+        # The search skips points beyond this bound. It is computed from points near the query by Euclidean
+        # distance.
         index = self._tree.query(queries, 2 * kept)[0]
         own = np.empty_like(self._order)
         own[self._order] = np.arange(len(self._order))
@@ -83,11 +83,9 @@ class MahalanobisSearch:
 
 
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns an order of the points in which neighbours in the list are near in space and of similar size.
-
-    The nearest-neighbour search divides the points into blocks in this order. The points of a block are similar, so
-    that it can skip most blocks as a whole.
-    """
+    """Returns an order of the points in which neighbours in the list are near in space and of similar size."""
+    # The nearest-neighbour search divides the points into blocks in this order. The points of a block are similar,
+    # so that it can skip most blocks as a whole.
     # Sorted by the largest extent, rounded down to a power of two, then along the Z-order curve.
     low = places.min(axis=0, initial=np.inf)
     width = max(float((places - low).max(initial=0.0)), np.finfo(np.float64).tiny)

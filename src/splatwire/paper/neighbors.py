@@ -32,7 +32,7 @@ def nearest_other_points(
         tree: The search tree.
         points: Positions of the query points.
         own: Index of each query point in the tree; this point is excluded from the neighbours.
-        k: Number of neighbours; fewer are returned if the tree has fewer other points.
+        k: Maximum number of neighbours.
 
     Returns:
         Indices of the neighbours in the tree, nearest first, and their distances.

@@ -1,7 +1,4 @@
-"""Optional refinement of the features that CARI interpolates: a local linear model instead of the weighted mean.
-
-The model is fitted to the neighbours' features by ridge regression, that is, least squares with a penalty on slopes.
-"""
+"""Optional refinement of the features that CARI interpolates: a local linear model instead of the weighted mean."""
 
 import torch
 from jaxtyping import Float
@@ -14,22 +11,23 @@ def ridge_correction(
     weight: Float[Tensor, "Q k"],
     strength: float,
 ) -> Float[Tensor, "Q D"]:
-    """Corrects the interpolated residual of a lost anchor (query), because residuals vary with the position.
+    """Corrects the interpolated residual of a lost anchor (query) by a local linear model of the residuals.
 
     A linear function of the position, with slope B, is fitted to the neighbours' residuals by weighted least squares,
-    with the penalty `strength * |B| ** 2`. The correction is the value of this function at the query minus the weighted
-    mean of the residuals. Positions are in units of the standard deviation of the neighbours' positions. This is our
-    interpretation of the paper's "lightweight ridge-refinement".
+    with the penalty `strength * |B| ** 2`.
 
     Args:
         offsets: Positions of the neighbours relative to the query.
         residuals: Residuals of the neighbours.
         weight: Weights of the neighbours.
-        strength: Weight of the penalty, positive; with a large weight, the correction approaches 0.
+        strength: Weight of the penalty, positive.
 
     Returns:
         Correction to add to the weighted mean.
     """
+    # Positions are in units of the standard deviation of the neighbours' positions. The correction is the value of
+    # the function at the query minus the weighted mean of the residuals. With a large penalty, it approaches 0.
+    # This is our interpretation of the paper's "lightweight ridge-refinement".
     share = weight / weight.sum(dim=1, keepdim=True).clamp(min=torch.finfo(weight.dtype).tiny)
     center = torch.einsum("qk,qkd->qd", share, offsets)
     spread = torch.einsum("qk,qkd->q", share, (offsets - center[:, None]) ** 2).sqrt()

@@ -1,4 +1,4 @@
-"""Quantities that CARI computes for each anchor before it weights neighbours: residuals, signature, uncertainty."""
+"""Quantities that CARI computes for each anchor: residuals, signature, uncertainty."""
 
 from dataclasses import dataclass, replace
 
@@ -15,9 +15,10 @@ class AttributeGroup:
 
     Attributes:
         attribute: The attribute that the channels belong to.
-        part: Index of the group, also of its residuals in `Residuals.parts`. The group of the offset masks is last and
-            has no residuals.
+        part: Index of the group.
     """
+
+    # It is also the index in `Residuals.parts`. The group of the offset masks is last and has no residuals.
 
     attribute: Attribute
     part: int
@@ -36,19 +37,19 @@ class Residuals:
 
     Attributes:
         parts: Residuals of N anchors: one tensor (N, D) for each feature group, then one for the scalings and one for
-            the offsets (offset-major). Zero for missing attributes and for offsets that do not exist.
-        exists: True for offsets that have a residual, because the offset exists and was received.
+            the offsets (offset-major).
+        exists: True for offsets that have a residual.
     """
+
+    # Residuals are zero for missing attributes and for offsets that do not exist.
 
     parts: tuple[Tensor, ...]
     exists: Bool[Tensor, "N K"]
 
 
 def residuals_of(context: ReceivedScene) -> Residuals:
-    """Subtracts the prior's mean from each received attribute; the differences of lost attributes are zero.
-
-    An offset counts as received only if the anchor's offset mask was received too.
-    """
+    """Subtracts the prior's mean from each received attribute; lost attributes get zero."""
+    # An offset counts as received only if the anchor's offset mask was received too.
     anchors, prior, received = context.scene.anchors, context[Prior], context.loss_mask.received
     exists = anchors.mask & received[:, int(Attribute.OFFSET), None] & received[:, int(Attribute.MASK), None]
     offset = (anchors.offsets - prior.offset.mean.view(anchors.offsets.shape)) * exists[:, :, None]
@@ -59,11 +60,9 @@ def residuals_of(context: ReceivedScene) -> Residuals:
 
 
 def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
-    """Returns the paper's compact signature `g` of each anchor, which CARI compares by cosine similarity.
-
-    It consists of the mean residual of each feature group, of the scalings and of the existing offsets. Missing
-    attributes have residual zero, so a completely lost anchor has the zero signature.
-    """
+    """Returns the paper's compact signature `g` of each anchor: mean residuals of its attribute groups."""
+    # CARI compares signatures by cosine similarity. Missing attributes have residual zero, so a completely lost
+    # anchor has the zero signature.
     *means, offsets = residuals.parts
     existing = 3 * residuals.exists.sum(dim=1).clamp(min=1)
     return torch.stack([*(part.mean(dim=1) for part in means), offsets.sum(dim=1) / existing], dim=1)
@@ -72,16 +71,17 @@ def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
 def uncertainties(prior: Prior, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
     """Returns the paper's uncertainty `sigma` of each anchor, one number per attribute group.
 
-    It is the mean of the prior's standard deviations over the channels of the group. The mask, which has no prior, has
-    the uncertainty of the offsets.
+    It is the mean of the prior's standard deviations over the channels of the group.
     """
+    # The mask, which has no prior, has the uncertainty of the offsets.
     columns = [part.mean(dim=1) for part in prior.feature.scale.split(layout.feature_groups, dim=1)]
     offset = prior.offset.scale.mean(dim=1)
     return torch.stack([*columns, prior.scaling.scale.mean(dim=1), offset, offset], dim=1)
 
 
 def unit_rows(values: Float[Tensor, "N D"]) -> Float[Tensor, "N D"]:
-    """Normalises each row of a matrix to length 1; rows shorter than 1e-30 become 0."""
+    """Normalises each row of a matrix to length 1."""
+    # Rows shorter than 1e-30 become 0.
     length = torch.linalg.vector_norm(values, dim=1, keepdim=True)
     return torch.where(length > 1e-30, values / length.clamp(min=1e-30), torch.zeros_like(values))
 

@@ -12,7 +12,7 @@ from splatwire.paper._cari_kernels import score_and_keep
 
 @dataclass(frozen=True)
 class ScoreExponents:
-    """Exponents in a neighbour's score (see `select_neighbors`), the same for all attribute groups.
+    """Exponents in a neighbour's score, the same for all attribute groups.
 
     Attributes:
         distance: alpha of `w_geo = (d + epsilon) ** (-alpha / 2)`, with the distance d.
@@ -29,15 +29,16 @@ class ScoreExponents:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Properties of all N anchors from which CARI scores them as neighbours of a lost anchor (`select_neighbors`).
+    """Properties of all N anchors from which CARI scores them as neighbours of a lost anchor.
 
     Attributes:
-        context: Hash-grid feature of each anchor, normalised to length 1; zero vectors remain zero.
-        signature: Signature of each anchor's residuals (`splatwire.paper.signature.signatures`), normalised to length
-            1; zero vectors remain zero.
-        reliability: Factor of the score that depends on the neighbour only, for each of G attribute groups. It is lower
-            if the neighbour's prior is uncertain (`w_unc`) or the neighbour is itself concealed (`w_conf`).
+        context: Hash-grid feature of each anchor, normalised to length 1.
+        signature: Signature of each anchor's residuals, normalised to length 1.
+        reliability: Factor of the score that depends on the neighbour only, for each of G attribute groups.
     """
+
+    # Zero vectors remain zero. The reliability is lower if the neighbour's prior is uncertain (`w_unc`) or the
+    # neighbour is itself concealed (`w_conf`).
 
     context: Float[Tensor, "N H"]
     signature: Float[Tensor, "N S"]
@@ -49,10 +50,12 @@ class Selection:
     """The neighbours with the highest scores for each lost anchor (query), per attribute group.
 
     Attributes:
-        index: Anchor indices of the neighbours. With fewer than k candidates, the remaining entries repeat a candidate,
-            with weight 0.
-        weight: Normalised weights, not negative. With the sum S of the scores, the weights sum to `S / (S + epsilon)`.
+        index: Anchor indices of the neighbours.
+        weight: Weights of the neighbours, not negative, with a sum of about 1.
     """
+
+    # With fewer than k candidates, the remaining entries repeat a candidate, with weight 0. With the sum S of the
+    # scores, the weights sum to `S / (S + epsilon)`.
 
     index: Int64[Tensor, "Q G k"]
     weight: Float[Tensor, "Q G k"]
@@ -69,20 +72,19 @@ def select_neighbors(
 ) -> Selection:
     """Selects the candidates with the highest score `u = w_geo w_ctx w_unc w_conf w_sig` (paper, Section 3.3).
 
-    `w_geo` depends on the distance of the candidate, `w_ctx` on the similarity of the hash-grid features, and `w_sig`
-    on the similarity of the residual signatures. `w_unc` is smaller for candidates with an uncertain prior, `w_conf`
-    for candidates that are themselves concealed.
+    The score depends on distance, similarity of hash-grid features, and similarity of residual signatures. It is lower
+    for candidates with an uncertain prior and for candidates that are themselves concealed.
 
     Args:
         support: Properties of all anchors that determine scores.
         queries: Indices of the lost anchors to conceal.
-        candidates: Anchor indices of the candidates of each query, nearest first. Of candidates with equal scores, the
-            nearer candidate is preferred.
+        candidates: Anchor indices of the candidates of each query, nearest first.
         distance: Distances of the candidates from the query.
         keep: Number of neighbours to select per query, K.
         exponents: Exponents and epsilon of the score.
         backend: `numba` (compiled) or `torch` (reference).
     """
+    # Of candidates with equal scores, the nearer candidate is preferred.
     keep = min(keep, candidates.shape[1])
     groups = support.reliability.shape[1]
     if keep == 0 or len(queries) == 0:

@@ -1,4 +1,4 @@
-"""Concealer `zero`: a receiver without loss detection, which decodes missing values as zero and draws everything."""
+"""Concealer `zero`: a receiver without loss detection, which decodes missing values as zero."""
 
 from dataclasses import dataclass
 
@@ -10,14 +10,11 @@ from splatwire.types import Anchors, ReceivedScene
 @register_concealer("zero", needs=[Anchors], listed=False)
 @dataclass(frozen=True)
 class Zero:
-    """Draws lost anchors with zeros in place of missing values; for comparison only.
+    """Draws lost anchors with zeros in place of missing values; for comparison only."""
 
-    Received values remain, also those of a feature of which only some channels arrived. An anchor without its offset
-    mask is not drawn.
-
-    If each packet contains all attributes of its anchors, the result equals that of the concealer `drop`. For this
-    reason `concealer_names` does not list `zero`, but it can be created by its name.
-    """
+    # Received values remain, also those of a feature of which only some channels arrived. An anchor without its
+    # offset mask is not drawn. If each packet contains all attributes of its anchors, the result equals that of the
+    # concealer `drop`. For this reason `concealer_names` does not list `zero`, but it can be created by its name.
 
     @property
     def name(self) -> str:

@@ -1,4 +1,4 @@
-"""Offline calibration of the inpainting network on a single scene with simulated packet losses (paper, Section 3.4)."""
+"""Offline calibration of the inpainting network on a single scene (paper, Section 3.4)."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -27,10 +27,10 @@ def calibrate(
         data: The complete scene and its packets.
         config: The configuration.
         checkpoint: Path of the checkpoint, written at every validation; None for no checkpoints.
-        resume: True to resume from `checkpoint`, which must have been written with the same configuration.
+        resume: True to resume from `checkpoint`, with the same configuration.
         progress: Called after every training step with the number of the step and the training loss.
-        graphs: Graphs from `pseudo_graphs`, to share them between several calibrations; None to build them.
-        device: Torch device for the training steps; results of different devices differ by rounding.
+        graphs: Graphs from `pseudo_graphs`; None to build them.
+        device: Torch device for the training steps.
 
     Returns:
         The trained network, and its errors on held-out pseudo-losses.

@@ -19,20 +19,22 @@ class CalibrationConfig:
         iterations: Number of training steps; the maximum if `selected`.
         learning_rate: Initial learning rate of Adam; it decays to 0 along half a cosine.
         drop_rate: Share of the packets that a pseudo-loss (simulated packet loss) drops.
-        train_masks: Number of pseudo-losses for training. The graph and the interpolation of each are computed once.
+        train_masks: Number of pseudo-losses for training.
         validation_masks: Number of held-out pseudo-losses for validation.
         batch: Number of lost anchors (queries) per training step.
         validation_interval: Number of training steps between validations.
-        selected: True to select the result by the errors on held-out pseudo-losses. Training then ends after `patience`
-            validations without improvement and returns the best network. An attribute that the network predicts no
-            better than the interpolation gets a threshold of 1.01, which disables it. The paper has none of these
-            rules; the preset `paper` returns the last network, with unchanged thresholds.
+        selected: True to return the network with the least errors on held-out pseudo-losses; the network is then
+            disabled for attributes that the interpolation predicts better.
         patience: Number of validations without improvement after which training ends if `selected`.
-        bits: Approximate bits per weight (2 to 6) for weights sent in the stream. The last training steps then use
-            quantised weights, and the result is exactly the network that a receiver reads. 0 for exact weights.
+        bits: Approximate bits per weight in the stream, 2 to 6; 0 for exact weights.
         rounded_share: Share of the training steps with quantised weights, 0 to 1.
         seed: Seed of all random numbers.
     """
+
+    # With `selected`, training ends after `patience` validations without improvement. A threshold of 1.01 disables
+    # an attribute. The paper has none of these rules; the preset `paper` returns the last network, with unchanged
+    # thresholds. With `bits`, the last training steps use quantised weights, and the result is exactly the network
+    # that a receiver reads.
 
     settings: GnnSettings = field(default_factory=GnnSettings)
     losses: LossWeights = field(default_factory=LossWeights)
@@ -61,7 +63,7 @@ class CalibrationConfig:
 
     @property
     def rounded_from(self) -> int:
-        """Number of the first training step with quantised weights; `iterations` if no step uses quantised weights."""
+        """Number of the first training step with quantised weights; `iterations` if there is none."""
         return self.iterations - round(self.rounded_share * self.iterations) if self.bits else self.iterations
 
 

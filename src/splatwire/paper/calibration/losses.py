@@ -1,8 +1,7 @@
-"""The hybrid loss of the calibration (paper, Section 3.4, "Self-supervised ... Training Strategy").
+"""The hybrid loss of the calibration (paper, Section 3.4, "Self-supervised ... Training Strategy")."""
 
-Every term is a sum over the lost anchors (queries) of a mini-batch and over channels, except smoothness. Smoothness is
-a mean over pairs of neighbouring queries, as in the paper, so its relative weight depends on the batch size.
-"""
+# Every term is a sum over the lost anchors (queries) of a mini-batch and over channels, except smoothness. Smoothness
+# is a mean over pairs of neighbouring queries, as in the paper, so its relative weight depends on the batch size.
 
 from dataclasses import dataclass
 
@@ -25,21 +24,22 @@ class LossWeights:
     """Weights of the loss terms; the defaults are the paper's feature-focused configuration.
 
     Attributes:
-        feature: w_f, weight of the error of the features. If it is 0, the features are not trained: the terms
-            `distill`, `smooth` and `prior` omit them, too. The same applies to scalings and offsets.
+        feature: w_f, weight of the error of the features; 0 to leave the features out of all terms.
         scaling: w_s, weight of the error of the scalings.
         offset: w_o, weight of the error of the offsets.
         mask: w_m, weight of the error of the masks.
-        active_offset: Factor on the error of offsets that exist in the true mask; the factor of other offsets is 1.
+        active_offset: Factor on the error of offsets that exist.
         distill: Weight (lambda) of the difference between network output and interpolation.
         smooth: Weight (lambda) of the differences between neighbouring lost anchors (queries) of a batch.
         prior: Weight (lambda) of the deviation from the prior's mean, in the prior's standard deviations.
         render: Weight (lambda) of the difference between pictures of the concealed and the complete scene, per query; 0
-            disables rendering.
+            to disable rendering.
         smooth_neighbors: Number of neighbouring queries per query in the smoothness term, k_lap.
-        smooth_bandwidth: Standard deviation of the Gaussian that weights neighbours by distance in the smoothness term,
-            in units of the mean neighbour distance; 0 to weight all neighbours equally.
+        smooth_bandwidth: Standard deviation of the weights of neighbours by distance in the smoothness term, in units
+            of the mean neighbour distance; 0 for equal weights.
     """
+
+    # As with `feature`, weights of 0 leave out scalings and offsets.
 
     feature: float = 1.0
     scaling: float = 0.0
@@ -59,7 +59,7 @@ class LossWeights:
             raise InvalidValueError(f"weights of the GNN loss must not be negative, and not all 0: {bad or 'all 0'}")
 
     def trains(self, attribute: str) -> bool:
-        """Returns True if the continuous attribute `attribute` is trained, that is, if its weight is positive."""
+        """Returns True if an attribute is trained, that is, if its weight is positive."""
         return bool(getattr(self, attribute) > 0)
 
 
@@ -68,7 +68,7 @@ LOSS_PRESETS = {"feature": LossWeights(), "full": LossWeights(scaling=1.0, offse
 
 
 def weighted_sum(terms: dict[str, Float[Tensor, ""]], weights: LossWeights) -> Float[Tensor, ""]:
-    """Adds up the loss terms of `parameter_losses`, each multiplied by the weight of the same name in `weights`."""
+    """Adds up the terms of the training loss, each multiplied by the weight of the same name."""
     total = sum(getattr(weights, name) * value for name, value in terms.items())
     assert isinstance(total, Tensor)
     return total
@@ -84,18 +84,18 @@ def parameter_losses(
 ) -> dict[str, Float[Tensor, ""]]:
     """Computes all terms of the training loss that need no rendering.
 
-    Some terms are errors of estimated attributes against the true ones. The others penalise estimates that are far from
-    the interpolation or from the prior's mean, or that differ between neighbours.
-
     Args:
         parts: Attributes that the network estimates for the lost anchors (queries) of a batch.
         truth: True attributes of the queries.
         positions: Positions of the queries.
-        weights: Weights of the terms and attributes. Terms and attributes with weight 0 are omitted.
+        weights: Weights of the terms and attributes.
 
     Returns:
         The loss terms by name, as in `LossWeights`, not yet multiplied by their weights.
     """
+    # Some terms are errors of estimated attributes against the true ones. The others penalise estimates that are
+    # far from the interpolation or from the prior's mean, or that differ between neighbours. Terms and attributes
+    # with weight 0 are omitted.
     trained = [(name, branch) for name, branch in parts.continuous() if weights.trains(name)]
     terms: dict[str, Tensor] = {}
     if weights.feature:
@@ -122,7 +122,7 @@ def parameter_losses(
 
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
-    """Returns for each lost anchor (query) of a batch the indices of its nearest other queries, and their distances."""
+    """Returns the indices and distances of the nearest other lost anchors of each lost anchor in a batch."""
     everything = torch.arange(len(positions), device=positions.device)
     return nearest_other_points(TensorTree(positions), positions, everything, neighbors)
 
@@ -155,8 +155,7 @@ def normalized_errors(
         rows: Indices of the concealed anchors in `truth`.
 
     Returns:
-        Mean over channels of the RMSE divided by the channel's standard deviation; for the mask, the share of wrong
-        entries.
+        RMSE of each attribute in standard deviations, averaged over channels; for the mask, the share of wrong entries.
     """
     real = truth.select(rows)
     exists = real.mask.repeat_interleave(3, dim=1)
@@ -175,7 +174,8 @@ def normalized_errors(
 
 
 def channel_spread(anchors: Anchors) -> dict[str, Tensor]:
-    """Returns the standard deviation of each channel over a scene; 1 for constant channels."""
+    """Returns the standard deviation of each channel over a scene."""
+    # 1 for constant channels.
 
     def positive(scale: Tensor) -> Tensor:
         return torch.where(scale > 0, scale, 1.0)

@@ -1,4 +1,4 @@
-"""State of a calibration (network, optimiser, random generator, best weights so far), and checkpoints of this state."""
+"""State of a calibration, and checkpoints of this state."""
 
 import dataclasses
 from collections.abc import Iterator, Sequence
@@ -45,9 +45,8 @@ class CalibrationResult:
     """Result of a calibration.
 
     Attributes:
-        weights: The network after the last training step. With `CalibrationConfig.selected`, the best network, with
-            thresholds that disable attributes without improvement on held-out pseudo-losses.
-        errors: Errors of the network on the held-out pseudo-losses (`normalized_errors`), by attribute.
+        weights: The trained network.
+        errors: Errors of the network on the held-out pseudo-losses, by attribute (`normalized_errors`).
         reference: Errors of the interpolation on the same pseudo-losses, by attribute.
         iterations: Number of training steps.
         seconds: Duration in seconds.
@@ -61,9 +60,9 @@ class CalibrationResult:
 
 
 def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
-    """Simulates packet losses (pseudo-losses) and yields, for each one, the graph from lost to received anchors.
+    """Simulates packet losses and yields, for each one, the graph from lost to received anchors.
 
-    Pseudo-losses for training come first, then those that are held out for validation.
+    Losses for training come first, then those that are held out for validation.
     """
     rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
     for known in data.pseudo_losses(rates, config.seed):
@@ -102,7 +101,8 @@ class CalibrationRun:
         self._pictures: dict[int, Tensor] = {}
 
     def place_on(self, device: str) -> None:
-        """Moves scene, graphs and network to a torch device; the random generator stays on the CPU."""
+        """Moves scene, graphs and network to a torch device."""
+        # The random generator stays on the CPU.
         self.context = to_tensors(self.data.complete, device)
         self.train, self.held_out = (list(to_tensors(tuple(part), device)) for part in (self.train, self.held_out))
         self.spread = channel_spread(self.context.scene.anchors)
@@ -117,7 +117,7 @@ class CalibrationRun:
         return rounded_parameters(self.network, self.config.bits) if self.rounding else nullcontext()
 
     def score(self, errors: dict[str, float]) -> float:
-        """Returns the mean error of all trained attributes, one number for comparing networks; smaller is better."""
+        """Returns the mean error of all trained attributes, for comparing networks."""
         trained = [errors[name] for name in errors if getattr(self.config.losses, name) > 0]
         return sum(trained) / len(trained)
 
@@ -149,14 +149,9 @@ class CalibrationRun:
         return float(loss.detach())
 
     def _loss(self, part: RepairGraph) -> Float[Tensor, ""]:
-        """Returns the training loss of a batch of lost anchors (queries).
-
-        The rendering term is a mean over pixels. It is multiplied by the number of queries, because the other terms are
-        sums over the queries.
-
-        Args:
-            part: Graph of the batch: its queries and their neighbours.
-        """
+        """Returns the training loss of a batch of lost anchors (queries)."""
+        # The rendering term is a mean over pixels. It is multiplied by the number of queries, because the other
+        # terms are sums over the queries.
         config, context = self.config, self.context
         used, place = part.index.unique(return_inverse=True)
         sources = self.network.encode_sources(source_inputs(context, used))
@@ -196,7 +191,7 @@ class CalibrationRun:
         return (picture - self._pictures[view]).abs().mean()
 
     def validate(self) -> dict[str, float]:
-        """Conceals the held-out pseudo-losses exactly as a receiver does; returns the mean errors by attribute."""
+        """Conceals the held-out losses exactly as a receiver does; returns the mean errors by attribute."""
         with self._as_sent():
             return self._mean_errors([repair(self.context, graph, self.network) for graph in self.held_out])
 
@@ -215,12 +210,10 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """Returns True if the training is over; called before every training step.
-
-        The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
-        `CalibrationConfig.patience` validations without improvement. If weights are quantised
-        (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
-        """
+        """Returns True if the training is over."""
+        # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
+        # `CalibrationConfig.patience` validations without improvement. If weights are quantised
+        # (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
         stale = self.config.selected and self.stale >= self.config.patience
         if stale and self.config.bits and not self.rounding:
             self.network.load_state_dict(self.best)
@@ -228,15 +221,14 @@ class CalibrationRun:
         return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """Ends the calibration: returns the final network with its errors on the held-out pseudo-losses.
-
-        The network is disabled for attributes that were not trained; they are interpolated instead. With
-        `CalibrationConfig.selected`, it is also disabled for attributes that it predicts no better than the
-        interpolation.
+        """Ends the calibration: returns the final network with its errors on the held-out losses.
 
         Args:
             seconds: Duration of the calibration, for the result.
         """
+        # The network is disabled for attributes that were not trained; they are interpolated instead. With
+        # `CalibrationConfig.selected`, it is also disabled for attributes that it predicts no better than the
+        # interpolation.
         self.place_on("cpu")
         config, settings, kept = self.config, self.network.settings, dict[str, Any]()
         if config.selected:
@@ -259,7 +251,8 @@ class CalibrationRun:
 
 
 def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: RepairGraph) -> None:
-    """Sets the constants that normalise the network's inputs: mean and standard deviation of each input in a graph."""
+    """Sets the constants that normalise the network's inputs."""
+    # Mean and standard deviation of each input in a graph.
     known = graph.index.unique()
     for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
         spread = inputs.std(dim=0, correction=0)
@@ -269,16 +262,15 @@ def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: Repa
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Draws the lost anchors (queries) of a training step; returns their indices, in runs of consecutive queries.
-
-    Queries of a run are close to each other, because a stream sorts anchors by position. The smoothness term of the
-    loss needs such neighbours.
+    """Draws the lost anchors (queries) of a training step, in groups of neighbours; returns their indices.
 
     Args:
         count: Number of queries to draw from.
         size: Approximate number of queries to draw.
         rng: Random generator.
     """
+    # Consecutive queries are close to each other, because a stream sorts anchors by position. The smoothness term
+    # of the loss needs such neighbours.
     if count <= size:
         return torch.arange(count)
     run = min(_RUN, size)

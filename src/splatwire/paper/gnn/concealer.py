@@ -28,15 +28,15 @@ _SOURCE_CHUNK = 1 << 13
 class Gnn:
     """The paper's prior-aware GNN residual inpainting, with weights calibrated on the scene.
 
-    Special cases: if no anchor was received completely, the network is not used, and the interpolation returns the
-    prior's mean. If fewer anchors were received completely than `GnnSettings.neighbors`, all of them are neighbours.
-    Network outputs that are not finite are replaced by interpolated values.
-
     Attributes:
         weights: Path of a file written by `splatwire calibrate gnn`, or the loaded weights; None to use the weights in
             the stream.
         loaded: The loaded weights; None to use the weights in the stream.
     """
+
+    # If no anchor was received completely, the network is not used, and the interpolation returns the prior's mean.
+    # If fewer anchors were received completely than `GnnSettings.neighbors`, all of them are neighbours. Network
+    # outputs that are not finite are replaced by interpolated values.
 
     weights: str | Path | GnnWeights | None = None
     loaded: GnnWeights | None = field(init=False, repr=False)
@@ -52,7 +52,7 @@ class Gnn:
         return "gnn"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with the lost attributes estimated by the network or its fallback, the interpolation.
+        """Returns the scene with the lost attributes estimated by the network.
 
         Raises:
             InvalidValueError: If the weights belong to another scene, or the stream has no weights.
@@ -86,7 +86,7 @@ def weights_in_stream(context: ReceivedScene) -> GnnWeights:
 
 @torch.no_grad()
 def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwork) -> Anchors:
-    """Estimates the attributes of all lost anchors (queries) of a graph with the network, in chunks.
+    """Estimates the attributes of all lost anchors (queries) of a graph with the network.
 
     Args:
         context: The received scene.
@@ -94,8 +94,9 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
         network: The inpainting network.
 
     Returns:
-        The concealed anchors in the order of `graph.queries`; all values are finite.
+        The concealed anchors in the order of `graph.queries`.
     """
+    # In chunks of queries; all values are finite.
     used = graph.index.unique()
     device = used.device
     place = torch.full((context.scene.anchors.num_anchors,), -1, dtype=torch.int64, device=device)
@@ -114,11 +115,9 @@ def repair(context: ReceivedScene, graph: RepairGraph, network: InpaintingNetwor
 
 
 def _replace_invalid(context: ReceivedScene, anchors: Anchors, interpolated: Anchors) -> Anchors:
-    """Makes the network's predictions valid.
-
-    Anchors with a prediction that is NaN or infinite get the interpolated values. Predicted scalings are raised to the
-    smallest received scaling, because they may be negative.
-    """
+    """Replaces predictions of the network that are not finite, and raises small scalings."""
+    # Anchors with a prediction that is NaN or infinite get the interpolated values. Predicted scalings are raised
+    # to the smallest received scaling, because they may be negative.
     good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)

@@ -1,7 +1,6 @@
 """Converts the network's outputs for lost anchors to attribute values (paper, Section 3.4).
 
-Residuals are clipped and scaled by a confidence. The result is blended with the interpolation (soft blend), or replaced
-by the interpolation if the confidence is too low (hard fallback).
+The output is blended with the interpolation, or replaced by the interpolation if the confidence is too low.
 """
 
 from dataclasses import dataclass, replace
@@ -36,11 +35,12 @@ class Branch:
     prior: AttributePrior
 
     def fused(self, threshold: float) -> Float[Tensor, "Q D"]:
-        """Returns the final values of the attribute for each query.
+        """Returns the final values of the attribute for each lost anchor (query).
 
-        If the confidence c is at least `threshold`, the result is the paper's soft blend: c times the network's
-        estimate plus 1 - c times the interpolation. Otherwise it is the interpolation.
+        From the confidence `threshold` on, the estimates of network and interpolation are blended. Below, the
+        interpolation is used.
         """
+        # The paper's soft blend: c times the network's estimate plus 1 - c times the interpolation.
         blend = self.confidence * self.predicted + (1 - self.confidence) * self.interpolated
         return torch.where(self.confidence >= threshold, blend, self.interpolated)
 
@@ -48,8 +48,6 @@ class Branch:
 @dataclass(frozen=True, eq=False)
 class Branches:
     """Two estimates of the attributes of lost anchors (queries): one by the network and one by the interpolation.
-
-    The function `fuse` blends them or chooses between them.
 
     Attributes:
         feature: Estimates of the features.
@@ -64,21 +62,20 @@ class Branches:
     mask_logit: Float[Tensor, "Q K"]
 
     def continuous(self) -> tuple[tuple[str, Branch], ...]:
-        """Returns the attributes except the mask, as pairs of name and estimates: feature, scaling and offset."""
+        """Returns the attributes except the mask, as pairs of name and estimates."""
         return ("feature", self.feature), ("scaling", self.scaling), ("offset", self.offset)
 
 
 def branches(raw: RawResiduals, prior: Prior, interpolated: Anchors, settings: GnnSettings) -> Branches:
     """Computes estimates of the attributes of lost anchors (queries) from the outputs of the network.
 
-    The network's residuals are clipped, multiplied by the confidence and added to the baseline.
-
     Args:
-        raw: Outputs of the network's heads for the lost anchors (queries).
+        raw: Outputs of the network for the queries.
         prior: Prior of the queries.
         interpolated: The queries with attributes filled by the interpolation.
-        settings: Settings of the network; clip, sharpness and baseline are used.
+        settings: Settings of the network.
     """
+    # The network's residuals are clipped, multiplied by the confidence and added to the baseline.
     # an offset that the interpolation masks out has no interpolated position; the prior's mean is used instead
     exists = interpolated.mask.repeat_interleave(3, dim=1)
     places = torch.where(exists, interpolated.offsets.flatten(1), prior.offset.mean)
@@ -104,17 +101,17 @@ def _branch(
 def fuse(parts: Branches, interpolated: Anchors, settings: GnnSettings) -> Anchors:
     """Computes the final attributes of lost anchors (queries) from the network's and the interpolation's estimates.
 
-    Where the network's confidence reaches the attribute's threshold, both estimates are blended (`Branch.fused`).
-    Elsewhere, the interpolated value is used. The offset masks follow the confidence of the offsets.
-
     Args:
         parts: Estimates of the network and of the interpolation.
         interpolated: The queries with attributes filled by the interpolation.
-        settings: Settings of the network; only the thresholds are used.
+        settings: Settings of the network.
 
     Returns:
-        The concealed anchors. With all thresholds above 1, they equal `interpolated` bit for bit.
+        The concealed anchors.
     """
+    # Where the network's confidence reaches the attribute's threshold, both estimates are blended (`Branch.fused`).
+    # Elsewhere, the interpolated value is used. The offset masks follow the confidence of the offsets. With all
+    # thresholds above 1, the result equals `interpolated` bit for bit.
     offset = parts.offset.fused(settings.offset_threshold).view(interpolated.offsets.shape)
     trusted = parts.offset.confidence >= settings.offset_threshold
     mask = torch.where(trusted, parts.mask_logit >= 0, interpolated.mask)

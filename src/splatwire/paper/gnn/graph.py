@@ -22,8 +22,7 @@ class RepairGraph:
     Attributes:
         queries: Indices of the anchors with at least one missing attribute.
         index: Anchor indices of the neighbours of each query, all of them completely received.
-        interpolated: The queries with missing attributes interpolated by the method `GnnSettings.interpolation`. They
-            are the reference and the fallback for the output of the network.
+        interpolated: The queries with missing attributes interpolated by the method `GnnSettings.interpolation`.
         given: The queries with missing attributes filled by the method `GnnSettings.query_input`: the input of the
             network.
     """
@@ -41,7 +40,7 @@ class RepairGraph:
 
 
 def interpolator(settings: GnnSettings) -> Concealer:
-    """Returns the interpolating concealer of the settings, which provides the network's baseline and fallback."""
+    """Returns the interpolating concealer of the settings."""
     if settings.interpolation == "idw":
         return _graph_idw(settings)
     return Cari() if settings.interpolation == "cari" else Kriging()
@@ -52,12 +51,11 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
 
     Args:
         context: The received scene.
-        settings: Settings of the network. Used are the number of neighbours k, the metric of distances, and the
-            interpolations that fill lost attributes.
+        settings: Settings of the network.
         filled: All anchors, with missing attributes filled by the interpolation; None to compute the interpolation.
 
     Returns:
-        The graph. Its `index` has fewer than k columns if fewer anchors are known, and zero if no anchor is known.
+        The graph, with fewer than k neighbours if fewer anchors are known.
     """
     context = to_tensors(context)
     filled = to_tensors(interpolator(settings)(context).elements if filled is None else filled)
@@ -103,9 +101,9 @@ def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q
     """Builds the inputs of the network for the lost anchors (queries), one row each.
 
     A row consists of the position, the feature from the hash grid, the means of all attributes predicted by the prior,
-    and the attributes with lost values filled (`RepairGraph.given`). The prior does not predict offset masks; zeros
-    take the place of their means.
+    and the attributes with lost values filled.
     """
+    # The prior does not predict offset masks; zeros take the place of their means.
     rows, prior = graph.queries, context[Prior]
     no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)
     means = [part.mean[rows] for part in (prior.feature, prior.scaling, prior.offset)]
@@ -114,7 +112,7 @@ def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q
 
 
 def prior_rows(prior: Prior, rows: Int64[Tensor, "Q"]) -> Prior:
-    """Returns the prior reduced to the anchors with the given indices."""
+    """Returns the prior of the anchors with the given indices."""
     parts = {
         name: replace(part, mean=part.mean[rows], scale=part.scale[rows], step=part.step[rows])
         for name, part in (("feature", prior.feature), ("scaling", prior.scaling), ("offset", prior.offset))

@@ -66,14 +66,14 @@ def strongest_edge(
     """Computes the graph convolution EdgeConv: each lost anchor (query) takes the strongest message of its neighbours.
 
     The output of query i is the maximum over its neighbours j of `phi(center h_i + edge (h_j - h_i) + bias)`. Here h
-    are the hidden vectors, `center` and `edge` are trained matrices, and `phi` is a leaky ReLU. The caller computes the
-    matrix products once for each anchor.
+    are the hidden vectors, `center` and `edge` are trained matrices, and `phi` is a leaky ReLU.
 
     Args:
         query_terms: `(center - edge) h_i + bias` of the queries.
         source_terms: `edge h_j` of the known anchors.
-        index: Neighbours of each query, as rows of `source_terms`; without neighbours, their term is 0.
+        index: Neighbours of each query, as rows of `source_terms`.
     """
+    # The caller computes the matrix products once for each anchor. Without neighbours, their term is 0.
     strongest = source_terms[index].amax(dim=1) if index.shape[1] else 0.0
     return functional.leaky_relu(query_terms + strongest, _SLOPE)
 
@@ -82,7 +82,7 @@ class _EdgeLayer(nn.Module):
     """Layer of a graph neural network (EdgeConv) that updates the hidden vectors of lost anchors from known neighbours.
 
     The new vector of anchor i is `h_i + Linear(EdgeConv(LN(h_i), {LN(h_j)}))`, with its neighbours j and layer
-    normalisation LN. Vectors of known anchors do not change.
+    normalisation LN.
     """
 
     def __init__(self, hidden: int) -> None:
@@ -93,10 +93,8 @@ class _EdgeLayer(nn.Module):
         self.output = nn.Linear(hidden, hidden)
 
     def project(self, others: Tensor) -> Tensor:
-        """Multiplies the hidden vectors of the known anchors, (S, H), by the layer's edge matrix, after normalisation.
-
-        The result does not depend on the lost anchors (queries), so it is computed once for all of them.
-        """
+        """Multiplies the normalised hidden vectors of the known anchors, (S, H), by the layer's edge matrix."""
+        # The result does not depend on the lost anchors (queries), so it is computed once for all of them.
         return self.edge(self.norm(others))
 
     def forward(self, own: Tensor, projected: Tensor, index: Tensor) -> Tensor:
@@ -105,11 +103,10 @@ class _EdgeLayer(nn.Module):
 
 
 class _CrossAttention(nn.Module):
-    """Attention of a lost anchor (query) to three vectors that are known for it in spite of the loss.
+    """Cross-attention of a lost anchor (query) to its hash-grid feature and its prior."""
 
-    The vectors are its feature from the hash grid, and the means of its feature and scaling that the prior predicts.
-    The result is added to the query's hidden vector.
-    """
+    # Attends to three vectors: the feature from the hash grid, and the means of feature and scaling that the prior
+    # predicts. The result is added to the query's hidden vector.
 
     def __init__(self, hidden: int, heads: int, sizes: InputSizes) -> None:
         super().__init__()
@@ -136,15 +133,17 @@ class _CrossAttention(nn.Module):
 class InpaintingNetwork(nn.Module):
     """Predicts residuals of lost anchors (queries) from their neighbours in the graph.
 
-    The inputs are standardised with constants that are part of the weights. The last layer of each head is initialised
-    with zero, so an untrained network returns its baseline unchanged: the interpolation of the neighbours or, with the
-    preset `paper`, the mean of the prior.
+    An untrained network returns its baseline: the interpolation of the neighbours or, with the preset `paper`, the mean
+    of the prior.
 
     Args:
         sizes: Numbers of inputs.
-        settings: Settings of the network, such as width and number of layers.
+        settings: Settings of the network.
         seed: Seed of the initial weights.
     """
+
+    # The inputs are standardised with constants that are part of the weights. The last layer of each head is
+    # initialised with zero.
 
     def __init__(self, sizes: InputSizes, settings: GnnSettings, seed: int = 0) -> None:
         super().__init__()
@@ -165,11 +164,10 @@ class InpaintingNetwork(nn.Module):
     def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
         """Computes the part of each EdgeConv layer that depends on the known anchors only.
 
-        It is the same for all lost anchors (queries), so it is computed once for many batches of queries.
-
         Args:
             inputs: Network inputs of the S known anchors, from `source_inputs`.
         """
+        # It is the same for all lost anchors (queries), so it is computed once for many batches of queries.
         hidden = self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))
         return tuple(layer.project(hidden) for layer in self.edge_layers)
 

@@ -1,11 +1,10 @@
-"""Quantisation and entropy coding of the weights of the inpainting network.
+"""Quantisation and entropy coding of the weights of the inpainting network."""
 
-Each weight matrix has one quantisation step. The quantised integers are coded row by row, with a zero-mean normal
-distribution whose standard deviation is chosen per row. A quantisation step of `2 ** (2.05 - bits)` standard deviations
-of the weights takes about `bits` bits per weight. Vectors (biases) have a fixed quantisation step. The constants that
-standardise the network's inputs are rounded: standard deviations to eight values per octave, means to a sixteenth of
-the standard deviation.
-"""
+# Each weight matrix has one quantisation step. The quantised integers are coded row by row, with a zero-mean normal
+# distribution whose standard deviation is chosen per row. A quantisation step of `2 ** (2.05 - bits)` standard
+# deviations of the weights takes about `bits` bits per weight. Vectors (biases) have a fixed quantisation step. The
+# constants that standardise the network's inputs are rounded: standard deviations to eight values per octave, means to
+# a sixteenth of the standard deviation.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,17 +33,13 @@ _HEADS = (("feature", 0), ("scaling", 1), ("offset", 2), ("offset", 3))
 
 
 def short_float(index: int | np.ndarray) -> np.ndarray:
-    """Converts an index to the positive number that it stands for, exact in float32.
-
-    The index is `8 * exponent + fraction`, with a fraction from 0 to 7. The number is `(1 + fraction / 8) * 2 **
-    exponent`.
-    """
+    """Converts `8 * exponent + fraction` to the number `(1 + fraction / 8) * 2 ** exponent`, exact in float32."""
     index = np.asarray(index, dtype=np.int64)
     return np.asarray(np.ldexp(1 + (index & 7) / 8, index >> 3))
 
 
 def short_float_index(value: np.ndarray | float) -> np.ndarray:
-    """Returns the index of the nearest number that `short_float` can represent, for each positive value."""
+    """Returns the index, in the code of `short_float`, of the nearest number to each positive value."""
     fraction, exponent = np.frexp(np.clip(np.asarray(value, dtype=np.float64), 2.0**-_MAX_EXPONENT, 2.0**_MAX_EXPONENT))
     eighths = np.rint((2 * fraction - 1) * 8)
     return (
@@ -75,7 +70,7 @@ def _matrix_symbols(matrix: np.ndarray, step_index: int) -> np.ndarray:
 
 
 def rounded(value: Tensor, bits: int) -> Tensor:
-    """Returns a network parameter after quantisation, with the values that a receiver reads.
+    """Returns a network parameter after quantisation, as a receiver reads it.
 
     Args:
         value: The parameter, a matrix or a vector.
@@ -98,10 +93,7 @@ def rounded_constants(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
 
 @contextmanager
 def rounded_parameters(network: InpaintingNetwork, bits: int) -> Iterator[None]:
-    """Context manager in which a network computes with quantised weights.
-
-    Gradients with respect to the quantised weights are applied to the exact weights (straight-through).
-    """
+    """Context manager in which a network computes with quantised weights; gradients are straight-through."""
     exact = {name: parameter.data for name, parameter in network.named_parameters()}
     try:
         for parameter in network.parameters():
@@ -113,11 +105,9 @@ def rounded_parameters(network: InpaintingNetwork, bits: int) -> Iterator[None]:
 
 
 def sent_names(network: InpaintingNetwork, settings: GnnSettings) -> list[str]:
-    """Returns the names of the network parameters that are sent to receivers.
-
-    The output head of an attribute is omitted if its threshold in the settings is above 1, because its output is then
-    never used.
-    """
+    """Returns the names of the network parameters that are sent to receivers."""
+    # The output head of an attribute is omitted if its threshold in the settings is above 1, because its output is
+    # then never used.
     unused = tuple(f"regressors.{head}." for name, head in _HEADS if getattr(settings, f"{name}_threshold") > 1)
     return [name for name, _ in network.named_parameters() if not (unused and name.startswith(unused))]
 
@@ -150,11 +140,12 @@ def write_parameters(writer: ByteWriter, network: InpaintingNetwork, bits: int) 
 
 
 def read_parameters(reader: ByteReader, network: InpaintingNetwork) -> None:
-    """Reads the data written by `write_parameters` into a network with the same settings; omitted heads become zero.
+    """Reads the data written by `write_parameters` into a network with the same settings.
 
     Raises:
         BitstreamError: If a value is out of range.
     """
+    # Omitted heads become zero.
     state = {name: torch.zeros_like(value) for name, value in network.state_dict().items()}
     for name in ("source", "query"):
         count = len(state[f"{name}_mean"])

@@ -45,13 +45,13 @@ def write_section(weights: GnnWeights, bits: int) -> bytes:
     """Returns the bytes of the section `gnn` with the quantised weights of an inpainting network.
 
     Args:
-        weights: The trained network. The heads of attributes with a threshold above 1 are omitted, because a receiver
-            does not use them.
+        weights: The trained network.
         bits: Approximate bits per weight, 2 to 6.
 
     Raises:
         InvalidValueError: If all thresholds are above 1, the network is too large, or a weight is not finite.
     """
+    # The heads of attributes with a threshold above 1 are omitted, because a receiver does not use them.
     check_bits(bits)
     settings = weights.settings
     if not weights.improves:
@@ -81,7 +81,7 @@ def read_section(data: bytes, context: ReceivedScene) -> GnnWeights:
 
     Args:
         data: Bytes of the section.
-        context: The decoded scene of the stream; its layout determines the input widths of the network.
+        context: The decoded scene of the stream.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote the section.

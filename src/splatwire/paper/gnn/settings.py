@@ -23,11 +23,10 @@ class GnnSettings:
         layers: Number of EdgeConv layers.
         heads: Number of heads of the cross-attention; must divide `hidden`.
         cross_attention: False to disable the cross-attention (for the ablation).
-        interpolation: Interpolation that serves as a training target (`LossWeights.distill`), is blended with the
-            network's output, and replaces it at low confidence: `cari`, `kriging`, or `idw` over the graph's
-            neighbours.
+        interpolation: Interpolation that is blended with the network's output, and replaces it at low confidence:
+            `cari`, `kriging`, or `idw` over the graph's neighbours.
         query_input: Method that fills lost attributes in the network's inputs: `idw` (over the graph's neighbours), or
-            `interpolation` (the method of that setting).
+            `interpolation`.
         baseline: Values to which the network's residuals are added: `prior` (its mean) or `interpolation`.
         clip: Maximum absolute residual in prior standard deviations, tau.
         sharpness: alpha of the confidence `exp(-alpha z)`; 0 for full confidence always (for the ablation).
@@ -35,6 +34,8 @@ class GnnSettings:
         scaling_threshold: As `feature_threshold`, for scalings, T_s.
         offset_threshold: As `feature_threshold`, for offsets and masks, T_o.
     """
+
+    # The interpolation is also a training target (`LossWeights.distill`).
 
     neighbors: int = 24
     metric: str = "mahalanobis"

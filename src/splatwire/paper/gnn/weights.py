@@ -28,9 +28,11 @@ class GnnWeights:
 
     Attributes:
         network: The network, in evaluation mode.
-        fingerprint: `scene_fingerprint` of the scene, or at least the first 16 digits of it.
-        validation: Errors on held-out packet losses, measured by the calibration; only for information.
+        fingerprint: Hash of the scene, from `scene_fingerprint`.
+        validation: Errors on held-out packet losses; only for information.
     """
+
+    # A fingerprint read from a stream has only the first 16 digits.
 
     network: InpaintingNetwork
     fingerprint: str
@@ -43,16 +45,14 @@ class GnnWeights:
 
     @property
     def improves(self) -> bool:
-        """True if the network's output is used for at least one attribute.
-
-        An attribute with a confidence threshold above 1 always uses the interpolation.
-        """
+        """True if the network's output is used for at least one attribute."""
+        # An attribute with a confidence threshold above 1 always uses the interpolation.
         settings = self.settings
         return min(settings.feature_threshold, settings.scaling_threshold, settings.offset_threshold) <= 1
 
 
 def scene_fingerprint(context: ReceivedScene) -> str:
-    """Returns the SHA-256 (hex) of positions and layout, which a receiver knows regardless of losses."""
+    """Returns the SHA-256 (hex) of positions and layout, which a receiver knows in spite of losses."""
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
     digest.update(np.ascontiguousarray(to_numpy(context.places), "<f4").tobytes())
