@@ -1,8 +1,4 @@
-"""Sequences of moving Gaussians: encoding by group of pictures, and decoding by frame.
-
-Submodules are imported when one of their names is first used. For example, `is_sequence`, which checks if a path is a
-sequence, does not import the encoder and the decoder.
-"""
+"""Sequences of moving Gaussians: encoding by group of pictures, and decoding by frame."""
 
 from splatwire.lazy_names import lazy_names
 

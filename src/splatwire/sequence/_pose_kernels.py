@@ -1,4 +1,4 @@
-"""Numba kernel that applies motion to keyframe Gaussians; `tests/reference/moved.py` is the reference."""
+"""Numba kernel that applies motion to keyframe Gaussians."""
 
 from typing import no_type_check
 
@@ -12,10 +12,8 @@ _LEAST, _MOST = 1e-12, 1.0 - 1e-6
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _rotate(quat, offset, found):
-    """Rotates the unit quaternion `quat` by the rotation `offset`; writes the result to `found`.
-
-    `offset` is a rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
-    """
+    """Rotates the unit quaternion `quat` by the rotation `offset`; writes the result to `found`."""
+    # A rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
     x, y, z = offset[3] / np.float64(4.0), offset[4] / np.float64(4.0), offset[5] / np.float64(4.0)
     square = x * x + y * y + z * z
     below = np.float64(1.0) + square
@@ -36,10 +34,10 @@ def _scale(scales, offset, found):
 
     Args:
         scales: Scales of the keyframe Gaussian.
-        offset: Changes of the track, as in `move`. Entries 6, 7 and 8 are the changes of the natural logarithms of the
-            largest, the middle and the smallest scale.
+        offset: Changes of the track.
         found: Output: the changed scales.
     """
+    # Entries 6, 7 and 8 are the changes of the natural logarithms of the largest, the middle and the smallest scale.
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
         for a in range(3):
             found[a] = scales[a]
@@ -60,8 +58,7 @@ def move(bases, tracks, offsets, found):
     Args:
         bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T), harmonics (T, 3 B); float32.
         tracks: Indices of the n tracks in `bases`, int64 (n).
-        offsets: Changes of these tracks since their keyframe, float32 (n, C), with the channels of
-            `splatwire.types.sequence_scene.GroupMotion.at`.
+        offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
         found: Output: arrays of the same attributes for the n moved Gaussians.
     """
     means, quats, scales, opacities, harmonics = bases

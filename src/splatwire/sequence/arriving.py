@@ -1,7 +1,4 @@
-"""Input frames of a live sequence, which arrive while the sequence is encoded.
-
-Frames are files that appear in a folder, or files whose names are written to a pipe.
-"""
+"""Input frames of a live sequence, which arrive while the sequence is encoded."""
 
 import itertools
 import math
@@ -57,24 +54,23 @@ class FrameSource(Protocol):
     over: bool
 
     def poll(self, now: float) -> list[Path]:
-        """Returns the files that are complete and were not returned before, in the order of playback.
+        """Returns the files that are complete and were not returned before.
 
         Args:
             now: Current time, seconds.
         """
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Records that a file was read or is ignored, so that it is not a new frame until it changes.
+        """Records that a file was read or is ignored.
 
         Args:
             path: The file.
-            signature: Signature of the file when it was read. None if the file no longer exists, or to ignore the file
-                until it is removed.
+            signature: State of the file when it was read (`signature_of`); None to ignore it until it is removed.
         """
 
 
 class PipeSource:
-    """Source of frames whose file names are written to a pipe, one name per line, until the pipe is closed.
+    """Source of frames whose file names are written to a pipe, one name per line.
 
     Args:
         source: File descriptor of the pipe.
@@ -86,10 +82,7 @@ class PipeSource:
         self.over = False
 
     def poll(self, now: float) -> list[Path]:
-        """Returns the files whose names have arrived on the pipe since the last call.
-
-        If there are more than about `MAX_NAMES` names, the others stay in the pipe until the next call.
-        """
+        """Returns the files whose names have arrived on the pipe since the last call."""
         found: list[Path] = []
         while not self.over and len(found) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
             data = os.read(self._source, 1 << 14)
@@ -102,20 +95,18 @@ class PipeSource:
         return found
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Does nothing. A file is a new frame each time that its name arrives, so no state of files is recorded."""
+        """Does nothing, because each name that arrives is a new frame."""
 
 
 class FolderSource:
     """Source of the frames in a folder: each new or replaced file is a new frame.
 
-    A frame is returned when its file is complete, that is, no longer grows. A file that still grows delays later frames
-    for at most `GROWING_S`; then it is ignored. Ignored are also names that start with a dot or end with a suffix of
-    `UNFINISHED`.
+    A frame is returned when its file no longer grows.
 
     Args:
         folder: The folder; it may be missing temporarily.
         warn: Called with the text of each warning.
-        wall: Returns the current time on the clock of file timestamps, seconds since 1970.
+        wall: Returns the current time, seconds since 1970.
     """
 
     def __init__(self, folder: Path, warn: Callable[[str], None], wall: Callable[[], float] = time.time) -> None:
@@ -127,7 +118,7 @@ class FolderSource:
         self.over = False
 
     def poll(self, now: float) -> list[Path]:
-        """Returns the files that are complete and were not returned before, sorted by name (see `FrameSource.poll`)."""
+        """Returns the files that are complete and were not returned before, sorted by name."""
         try:
             names = [name for name in os.listdir(self._folder) if not name.startswith(".")]
         except OSError as error:
@@ -138,7 +129,7 @@ class FolderSource:
         return self._complete(self._new(names), now)
 
     def _new(self, names: list[str]) -> list[tuple[Path, os.stat_result, Signature]]:
-        """Returns the files that are new or have changed since they were returned, sorted by name."""
+        """Returns the files that are new or have changed, sorted by name."""
         found = []
         for name in names:
             path = self._folder / name
@@ -193,7 +184,7 @@ class FolderSource:
         self._warn(f"{path} is no frame and keeps changing: ignored until it is removed")
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Records the state of a file that was read or given up (see `FrameSource.mark_read`)."""
+        """Records that a file was read or is ignored (see `FrameSource.mark_read`)."""
         if signature is not None and path.name in self._done:
             self._done[path.name] = signature
 
@@ -206,7 +197,7 @@ class FolderSource:
         return quiet > 0
 
     def _forget(self, names: set[str]) -> None:
-        """Removes deleted files from the records, so that new files of the same names are new frames."""
+        """Removes deleted files from the records."""
         for known in (self._done, self._seen, self._looks):
             for name in known.keys() - names:
                 del known[name]
@@ -214,7 +205,7 @@ class FolderSource:
 
 
 class Patience:
-    """Decides when to give up an unreadable frame, whose file may still be incomplete because its writer has paused."""
+    """Decides when to give up a frame whose file cannot be read, because it may be incomplete."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -222,22 +213,16 @@ class Patience:
         self._first = self._changed = 0.0
 
     def is_unchanged(self, path: Path, signature: Signature | None) -> bool:
-        """True if reading the file failed before and the file has not changed since.
-
-        Another attempt is then useless.
-        """
+        """True if reading the file failed before and the file has not changed since."""
         return (self._path, self._signature) == (path, signature)
 
     def note(self, path: Path, signature: Signature | None, now: float) -> None:
-        """Records that a file could not be read in its current state.
-
-        Reading is retried only after the file has changed.
-        """
+        """Records that a file could not be read in its current state."""
         self._first = self._first if self._path == path else now
         self._path, self._signature, self._changed = path, signature, now
 
     def is_over(self, now: float, *, behind: bool) -> bool:
-        """Returns True if it is time to give up the frame, because its file has stayed unreadable for too long.
+        """True if the file has stayed unreadable for so long that its frame is given up.
 
         Args:
             now: Current time, seconds.
@@ -248,22 +233,16 @@ class Patience:
         return now - self._changed >= (PATIENCE_BEHIND_S if behind else PATIENCE_S)
 
     def grows(self, now: float) -> bool:
-        """Returns True if the frame's file has grown for `GROWING_S` without becoming readable.
-
-        The file is then ignored until it is removed.
-        """
+        """True if the file has grown for `GROWING_S` seconds without becoming readable."""
         return now - self._first >= GROWING_S
 
     def clear(self) -> None:
-        """Forgets all failures to read a file, because the frame was read or given up."""
+        """Forgets the recorded failures to read a file."""
         self._path = self._signature = None
 
 
 class Backlog:
     """Decides how many waiting frames a live encoder drops, so that the stream is not delayed for long.
-
-    The oldest frames are dropped if the queue is too long and does not shrink. Too long is more than one second of
-    frames, and more than two groups of pictures.
 
     Args:
         rate: Frames per second.
@@ -274,6 +253,8 @@ class Backlog:
 
     def __init__(self, rate: float, group_frames: int) -> None:
         self._rate = rate
+        # Frames are dropped if more than one second and more than two groups of pictures wait, and the queue does not
+        # shrink.
         self._limit = max(math.ceil(rate * self.STANDING_S), 2 * group_frames)
         self._keep = math.ceil(rate * self.KEEP_S)
         self._lengths: deque[tuple[float, int]] = deque()
@@ -302,9 +283,6 @@ class Backlog:
 def signature_of(path: Path, status: os.stat_result) -> Signature:
     """Returns three numbers that change when a file or folder changes: modification time, size and inode.
 
-    For a folder, the numbers are the newest modification time of its files, their total size, and the inode of the
-    folder.
-
     Args:
         path: The file or folder.
         status: Its status, as returned by `os.stat`.
@@ -314,6 +292,7 @@ def signature_of(path: Path, status: os.stat_result) -> Signature:
     """
     if not stat.S_ISDIR(status.st_mode):
         return status.st_mtime_ns, status.st_size, status.st_ino
+    # For a folder: the newest modification time of its files, their total size, and its own inode.
     with os.scandir(path) as entries:
         inside = [entry.stat() for entry in itertools.islice(entries, MOST_ENTRIES)]
     newest = max((status.st_mtime_ns, *(one.st_mtime_ns for one in inside)))
@@ -321,7 +300,7 @@ def signature_of(path: Path, status: os.stat_result) -> Signature:
 
 
 def signature_at(path: Path) -> Signature | None:
-    """Returns three numbers that change when a file changes (`signature_of`); None if the file does not exist."""
+    """Returns three numbers that change when a file changes; None if the file does not exist."""
     try:
         return signature_of(path, path.stat())
     except (OSError, ValueError):

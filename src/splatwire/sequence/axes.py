@@ -1,8 +1,4 @@
-"""Choice of quaternion and scales of Gaussians for continuity with the previous frame.
-
-A Gaussian has 24 equivalent parameterisations, which differ in order and signs of its axes. The one most similar to the
-previous frame is chosen.
-"""
+"""Choice of quaternion and scales of Gaussians for continuity with the previous frame."""
 
 import itertools
 
@@ -19,14 +15,12 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continue_axes(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Rewrites quaternions and scales of a frame so that they change little since the previous frame.
-
-    The shapes of the Gaussians do not change: only the order and the signs of each Gaussian's axes do.
+    """Changes the order and signs of the Gaussians' axes so that they change little since the previous frame.
 
     Args:
         previous: Previous frame.
         current: Current frame with M Gaussians.
-        partner: Index of each Gaussian in the previous frame, int64 (M). -1 for a new Gaussian, which is not changed.
+        partner: Index of each Gaussian in the previous frame, int64 (M); -1 for a new Gaussian.
     """
     quats, scales = current.quats.copy(), current.scales.copy()
     rows = np.flatnonzero(partner >= 0)

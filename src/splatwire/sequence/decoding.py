@@ -1,7 +1,4 @@
-"""Decoder of sequences, one group of pictures (GOP) at a time.
-
-Memory contains the current group, and the last state of each track (a Gaussian over time) in the previous group.
-"""
+"""Decoder of sequences, one group of pictures (GOP) at a time."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -36,7 +33,7 @@ class SequenceFrame(CheckedFields):
         number: Number of the frame in the sequence, from 0.
         scene: Visible Gaussians.
         tracks: Track index of each Gaussian, int64 (M).
-        concealed: Mask of Gaussians with lost (concealed) motion, bool (M).
+        concealed: Mask of Gaussians whose motion was lost and concealed, bool (M).
     """
 
     number: int
@@ -58,9 +55,9 @@ def decode_frames(
     Args:
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
-        first: Number of the first frame to decode; earlier groups of pictures are not decoded.
+        first: Number of the first frame to decode.
         available: Function that returns which keyframe Gaussians have arrived by the time that a group of pictures
-            (given by its index) is decoded, bool (T). None if all received ones are available from the start.
+            (given by its index) is decoded, bool (T); None for all received ones.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.
@@ -100,7 +97,7 @@ def decode_group(
 
 @checked
 def decode_frame(sequence: SequenceScene, number: int, concealer: TemporalConcealer | str = DEFAULT) -> SequenceFrame:
-    """Decodes a single frame; losses are concealed from information in its group of pictures only."""
+    """Decodes a single frame; losses are concealed from its group of pictures only."""
     return next(decode_frames(sequence, concealer, first=number))
 
 
@@ -160,8 +157,7 @@ def pose_frame(
         poses: Motion of the tracks in the group.
         index: Frame index within the group.
         number: Frame number within the sequence.
-        hints: Factors on size and opacity of all tracks, which enlarge received Gaussians to cover missing ones; None
-            if nothing is missing.
+        hints: Factors on size and opacity of all tracks, which cover missing Gaussians; None if nothing is missing.
     """
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
@@ -187,8 +183,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
     Args:
         splats: Keyframe Gaussians of all tracks.
         tracks: Indices of the n tracks in `splats`, int64 (n).
-        offsets: Changes of these tracks since their keyframe, float32 (n, C), with the channels of
-            `splatwire.types.sequence_scene.GroupMotion.at`.
+        offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
     """
     found = Splats.empty(len(tracks), splats.degree)
     bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(found)
@@ -201,7 +196,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
 
 
 def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
-    """Returns the attributes of Gaussians as contiguous arrays, in the form that the compiled kernel `move` takes."""
+    """Returns the attributes of Gaussians as contiguous arrays."""
     means, quats, scales, opacities, sh = (np.ascontiguousarray(values) for values in vars(splats).values())
     return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
 
@@ -209,20 +204,20 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Computes factors that enlarge the visible tracks of a group of pictures, to cover the holes of missing tracks.
-
-    A track is missing if its keyframe packet was lost, or if the concealer hides it because its motion was lost.
+    """Computes factors that enlarge visible Gaussians to cover the holes of missing ones.
 
     Args:
         sequence: Received sequence of T tracks.
         available: Mask of available keyframe Gaussians, bool (T).
-        group: Index of the group of pictures. Gaussians that appear in later groups do not count as missing.
+        group: Index of the group of pictures.
         poses: Motion of the visible tracks in the group.
         hidden: Motion of the tracks in the group that the concealer hides.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.
     """
+    # Missing are tracks whose keyframe packet was lost, or which the concealer hides. Gaussians that appear in later
+    # groups do not count.
     splats, born = sequence.tracks.splats, np.flatnonzero(sequence.tracks.born <= group)
     if bool(available[born].all()) and not len(hidden.tracks):
         return None
@@ -242,12 +237,11 @@ def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tup
 
     Args:
         splats: All T Gaussians.
-        index: Indices of the Gaussians that belong in the picture, received or missing, ascending, int64. All others
-            are ignored.
+        index: Indices of the Gaussians that belong in the picture, received or missing, ascending, int64.
         known: Mask of received Gaussians, bool (T).
 
     Returns:
-        Factors on size and factors on opacity, float32 (T) each; 1 for Gaussians that are not in `index`.
+        Factors on size and factors on opacity, float32 (T) each.
     """
     size, opacity = np.ones((2, splats.num_gaussians), np.float32)
     scene = conceal(ReceivedScene(SplatScene(splats.select(index)), LossMask.of_anchors(known[index])), "grow")

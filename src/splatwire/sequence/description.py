@@ -1,4 +1,4 @@
-"""Properties of an encoded sequence: frames, tracks, and bytes of keyframes and motion."""
+"""Properties of an encoded sequence."""
 
 from typing import Any
 
@@ -11,10 +11,7 @@ from splatwire.sequence.tracking import SECTION, TrackingReport
 
 
 def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
-    """Returns the properties of an encoded sequence by name, such as numbers of frames, groups of pictures and tracks.
-
-    Bytes are counted separately for keyframes (`base_bytes`) and motion (`motion_bytes`).
-    """
+    """Returns the properties of an encoded sequence by name, such as numbers of frames and of Gaussians."""
     manifest, plan = stream.manifest, stream.manifest.plan
     info = open_side_info(manifest, stream.side_info)
     sizes = {True: 0, False: 0}
@@ -40,7 +37,7 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
 
 
 def count_motions(stream: "SceneStream") -> dict[str, Any]:
-    """Counts the tracks that are static within a group of pictures and the tracks that end; this parses all packets."""
+    """Counts the Gaussians that do not move within a group of pictures, and those that disappear."""
     sequence = decode_stream(stream).scene
     alive, there, still = np.zeros(sequence.num_gaussians, bool), 0, 0
     for group in range(sequence.timeline.num_groups):

@@ -52,10 +52,8 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        classes: Function that returns the precision class of each new Gaussian, which selects its quantisation steps.
-            None measures classes by rendering (`splatwire.render.precision`).
-        live: Low-latency mode: does more of the work before the last frame of a group arrives, at a higher total cost.
-            After scene cuts, new Gaussians get the median precision class instead of a measured one.
+        classes: Function that returns the precision class of each new Gaussian; None to measure classes by rendering.
+        live: True for low latency, at a higher total cost.
     """
 
     @checked
@@ -85,14 +83,13 @@ class SequenceEncoder:
 
     @property
     def tracking(self) -> TrackingReport:
-        """Statistics on matching each Gaussian to the same Gaussian in the previous frame, for the frames so far."""
+        """Statistics on matching each Gaussian to the same Gaussian in the previous frame."""
         return self._tracker.report
 
     def new_period(self) -> "SequenceEncoder":
-        """Starts a new period: returns an encoder that continues the sequence as a new, independent stream.
+        """Returns an encoder that continues the sequence as a new, independent stream.
 
-        The new encoder recognises the Gaussians of the last frame, so that their tracks continue. It does not share
-        buffers with this one.
+        The new encoder recognises the Gaussians of the last frame.
         """
         assert not self._frames
         self._finish_deferred_work()
@@ -109,7 +106,7 @@ class SequenceEncoder:
         return other
 
     def restarted(self, first_frame: int) -> "SequenceEncoder":
-        """Returns a new encoder for an independent stream, with the same options and up axis.
+        """Returns a new encoder for an independent stream, with the same options.
 
         Args:
             first_frame: Number of the first frame of the new encoder.
@@ -128,8 +125,7 @@ class SequenceEncoder:
         """Adds the next frame, and encodes the group of pictures that this frame completes, if any.
 
         Returns:
-            If the frame completes a group of pictures: the packets of the group, most visible first, without stream id.
-            Else an empty list.
+            Packets of the completed group, most visible first; empty if no group is complete.
 
         Raises:
             InvalidValueError: If the degree of harmonics differs from that of earlier frames, or the number of
@@ -172,7 +168,7 @@ class SequenceEncoder:
         return self._writer.finish({**self._stated, **where})
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
-        """Returns manifest and side information of the groups of pictures encoded so far, with a given stream id."""
+        """Returns manifest and side information of the groups of pictures encoded so far."""
         return self._writer.so_far(self._stated, stream_id)
 
     @property
@@ -180,10 +176,7 @@ class SequenceEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance of each of the given packets of the last group: the amount of visible motion in it.
-
-        See `packet_importance`.
-        """
+        """Returns the importance of packets of the last group: the amount of visible motion in each."""
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
@@ -206,13 +199,10 @@ class SequenceEncoder:
         return self._writer.add(group, classes, cut=0 in scenes and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
-        """Joins the frames of the current group of pictures to tracks.
-
-        For a complete group, two steps run in parallel: the analysis of the motion for encoding, and the extrapolation
-        of tracks that do not exist in all frames.
-        """
+        """Joins the frames of the current group of pictures to tracks."""
         if len(self._frames) < self._options.group_frames:
             return self._frames.group()
+        # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
             looked = pool.submit(self._writer.add_frames, *self._frames.so_far())
             group = self._frames.group()
@@ -222,18 +212,13 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes the first frames as groups of pictures of one frame each, and keeps this group length from now on.
-
-        Called if most of the first frames are scene cuts.
+        """Encodes the first frames as groups of pictures of one frame each, if most of them are scene cuts.
 
         Args:
             group: Tracks of the first frames.
             frames: The first frames.
             scenes: Indices of the frames that are scene cuts, for a warning.
             classes: Quantisation precision class of each track, (n).
-
-        Returns:
-            Packets of these frames.
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
@@ -256,8 +241,7 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track. None if nothing was rendered: the group has no scene cut, or it is a later
-            group of a live sequence, for which rendering is too slow. New tracks then get the median class.
+            Precision class of each track; None if nothing was rendered.
         """
         if not scenes or (self._live and self._groups):  # too slow for a live sequence
             return None
@@ -283,23 +267,17 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns the precision class of tracks that are not measured by rendering.
-
-        It is the median of the classes measured so far.
-        """
+        """Returns the median of the precision classes measured so far, `count` times."""
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does the work that was put off so that the packets of the last group could be sent earlier.
-
-        Adds the group's last frame to the extent of the sequence, and checks if view-dependent colours change.
-        """
+        """Does the work that was put off so that the packets of the last group could be sent earlier."""
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
         self._warn_of_changing_harmonics()
 
     def _warn_of_changing_harmonics(self) -> None:
-        """Logs a warning once if view-dependent colours change over time; only the first frame's colours are coded."""
+        """Logs a warning once if view-dependent colours change over time, because such changes are not coded."""
         (first, last), self._ended = self._ended or (None, None), None
         if first is None or last is None or self._warned or not self._degree:
             return
@@ -315,13 +293,7 @@ class SequenceEncoder:
 
 
 def _scene_cuts(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
-    """Returns the indices of those frames of a group in which most Gaussians are new (scene cuts).
-
-    Args:
-        group: Tracks of the group.
-        frames: The frames of the group.
-        new: Mask of tracks that are new in this group, bool (n).
-    """
+    """Returns the indices of the frames of a group in which most Gaussians are new (scene cuts)."""
     born = np.bincount(group.begins[new], minlength=len(frames))
     return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
 

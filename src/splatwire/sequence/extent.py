@@ -1,4 +1,4 @@
-"""Extent of a sequence: a bounding sphere of nearly all Gaussians in all frames, for the initial camera."""
+"""Bounding sphere of nearly all Gaussians in all frames of a sequence, for the initial camera."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ class BoundingSphere:
 
 
 def bounding_sphere(splats: Splats) -> BoundingSphere | None:
-    """Returns a sphere around nearly all Gaussians, computed from a sample of them; None without Gaussians."""
+    """Returns a sphere around nearly all Gaussians; None without Gaussians."""
     if not splats.num_gaussians:
         return None
     few = slice(None, None, -(-splats.num_gaussians // SAMPLES))

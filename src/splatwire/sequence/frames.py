@@ -44,9 +44,8 @@ class Sequence:
 
     Attributes:
         num_frames: Number of frames.
-        read: Reads the frames in order; see `read_frames`.
-        order: Order of Gaussians: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not,
-            `auto` if unknown; see `splatwire.sequence.tracking.Tracker`.
+        read: Reads the frames in order.
+        order: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not, `auto` if unknown.
         rate: Frames per second; None if the files have no rate.
     """
 
@@ -63,7 +62,7 @@ def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -
     Args:
         path: Folder with one file per frame, a `.splatv`, `.4dgs` or `.splat4d` file, or an OpenUSD scene with time
             samples.
-        num_frames: Number of frames to sample from a `.splatv` file; None for `SPLATV_FRAMES`.
+        num_frames: Number of frames to sample from a `.splatv` file; None for a default.
 
     Raises:
         DatasetError: If the folder or file does not exist, is damaged or contains no frame.
@@ -87,11 +86,7 @@ def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -
 
 
 def _sequence_file(path: Path, kind: Kind) -> Any:
-    """Opens a single file with all frames of a sequence, with the reader of its format; None for a static scene.
-
-    Args:
-        path: The file.
-        kind: Detected file type.
+    """Opens a single file with all frames of a sequence; None for a static scene.
 
     Returns:
         Object with `num_frames`, `rate` and `read`.
@@ -106,7 +101,7 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
     Args:
         path: The file.
         kind: Detected file type.
-        num_frames: Must be None, because the file determines the number of frames.
+        num_frames: Must be None.
 
     Raises:
         DatasetError: If the file is damaged, or an OpenUSD scene has no time samples.
@@ -130,7 +125,7 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
 
 
 def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
-    """Yields frames of moving Gaussians at given times; logs the first frame with invalid Gaussians."""
+    """Yields frames of moving Gaussians at given times."""
     logged = False
     for time in times:
         splats = moving.at(time)
@@ -143,10 +138,10 @@ def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
 
 @checked
 def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Returns the files of explicit Gaussians in a folder, sorted by name; numbers in names are compared by value.
+    """Returns the files of Gaussians in a folder, sorted by name; numbers in names are compared by value.
 
     Args:
-        folder: Folder with one file per frame (or one folder per frame, for unbundled SOG); other files are ignored.
+        folder: Folder with one file per frame, or one folder per frame for unbundled SOG.
 
     Raises:
         DatasetError: If the folder does not exist, contains no frame, or a file with a frame's suffix is not a frame.
@@ -184,7 +179,7 @@ def _warn_of_gaps(source: Path, names: list[str]) -> None:
 
 @checked
 def is_sequence(path: str | os.PathLike[str]) -> bool:
-    """True for a file with all frames of a sequence, or a folder with frames that is not itself a scene or stream."""
+    """True for a file with all frames of a sequence, or a folder with one file per frame."""
     source = path_of(path)
     kind = file_kind(source)
     if kind in SEQUENCE_FILES:
@@ -202,8 +197,6 @@ def is_sequence(path: str | os.PathLike[str]) -> bool:
 class Frame(FileContent):
     """One frame of a sequence, as read from its file.
 
-    Only the first frame's metadata is used: it applies to the whole sequence.
-
     Attributes:
         drawn: Mask of visible Gaussians, bool (M).
     """
@@ -212,12 +205,12 @@ class Frame(FileContent):
 
     @staticmethod
     def of(splats: Splats, where: object = "a frame", **properties: Any) -> "Frame":
-        """Creates a frame from Gaussians; checks their values and logs invisible and invalid Gaussians.
+        """Creates a frame from Gaussians; checks their values.
 
         Args:
             splats: The Gaussians.
             where: Name of their source in log messages.
-            **properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
+            **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
         rows = validity_of_splats(splats)
         rows.log_removed(where, "Gaussians")
@@ -230,7 +223,7 @@ class Frame(FileContent):
         Args:
             splats: The Gaussians.
             rows: Result of the check: which Gaussians have valid values.
-            **properties: Other attributes of the frame by name: `origin`, `antialiased`, `metadata`.
+            **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
         return Frame(splats, drawn=rows.kept & (splats.opacities >= FAINTEST), **properties)
 
@@ -247,7 +240,7 @@ class Frame(FileContent):
 
 @checked
 def read_frames(files: list[Path]) -> Iterator[Frame]:
-    """Reads and yields the frames of a sequence from files, one file at a time.
+    """Reads and yields the frames of a sequence, one file at a time.
 
     Raises:
         DatasetError: If a file is damaged, or its degree of harmonics differs from that of the first frame.

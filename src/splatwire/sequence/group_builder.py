@@ -1,7 +1,4 @@
-"""Collects the frames of a group of pictures (GOP) into tracks (one Gaussian over several frames).
-
-Works incrementally, so that in a live stream little work remains after the last frame of a group.
-"""
+"""Collects the frames of a group of pictures (GOP) into tracks (one Gaussian over several frames)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,17 +27,16 @@ complete; limits memory."""
 
 
 class GroupBuilder:
-    """Collects the frames of a group of pictures, and joins their Gaussians to tracks.
-
-    A track is one Gaussian over time; it covers a contiguous range of the frames.
+    """Collects the frames of a group of pictures, and joins their Gaussians to tracks (one Gaussian over time).
 
     Args:
         frames: Maximum number of frames of the group.
-        smooth: True if Gaussians moved like their neighbours in the previous group. The neighbours of tracks that
-            appear or disappear are then searched as frames arrive, which saves time at the end of the group.
+        smooth: True if Gaussians moved like their neighbours in the previous group.
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:
+        # If `smooth`, neighbours of tracks that appear or disappear are searched as frames arrive, which saves time at the end
+        # of the group.
         self._most, self._early = frames, smooth
         self.frames: list[TrackedFrame] = []
         self._keys = self._by = self._begins = self._ends = np.zeros(0, np.int64)
@@ -66,11 +62,7 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the index of each track in the arrays of the group; adds tracks whose key is new.
-
-        Args:
-            keys: Keys of the tracks in the latest frame.
-        """
+        """Returns the index of each track of the latest frame; adds tracks whose key is new."""
         by, number = self._by, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
         known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
@@ -86,7 +78,7 @@ class GroupBuilder:
         return by[at]
 
     def _grow(self, count: int) -> None:
-        """Enlarges the arrays of the group so that they have room for `count` tracks."""
+        """Enlarges the arrays of the group to `count` tracks."""
         self._room = count
         for name, values in _moving(self.frames[-1].splats).items():
             grown = np.zeros((count, self._most, *values.shape[1:]), np.float32)
@@ -95,13 +87,7 @@ class GroupBuilder:
             self._values[name] = grown
 
     def _find_neighbors(self, number: int) -> None:
-        """Finds the neighbours of tracks that begin in the latest frame, or ended in the frame before it.
-
-        The neighbours are used to extrapolate these tracks.
-
-        Args:
-            number: Index of the latest frame in the group.
-        """
+        """Finds the neighbours of tracks that begin in frame `number`, or ended in the frame before it."""
         means, count = self._values["means"], NUM_AROUND + MORE_AROUND
         stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
         went = np.flatnonzero(self._ends == number)
@@ -119,15 +105,12 @@ class GroupBuilder:
             self._around.append(self._tree.around(means, came, count))
 
     def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
-        """Returns the track keys so far, the trajectories of these tracks, and the number of frames so far."""
+        """Returns the keys of the tracks so far, their trajectories, and the number of frames."""
         count = len(self._keys)
         return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 
     def group(self) -> TrackGroup:
-        """Returns the group of all frames so far, with partial tracks extrapolated to all frames.
-
-        Before its first and after its last frame, a track keeps its attributes and moves like its neighbours.
-        """
+        """Returns the group of all frames so far, with tracks extrapolated to frames in which they do not exist."""
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}
         for some in values.values():
@@ -155,10 +138,7 @@ def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
 
 
 def _moving(splats: Splats) -> dict[str, np.ndarray]:
-    """Returns the attributes of Gaussians that a sequence can change over time, by name.
-
-    These are position, rotation, scales, opacity and base colour.
-    """
+    """Returns the attributes of Gaussians that can change over time, by name."""
     names = ("means", "quats", "scales", "opacities")
     return {**{name: getattr(splats, name) for name in names}, "colours": splats.sh[:, 0]}
 

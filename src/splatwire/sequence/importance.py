@@ -1,4 +1,4 @@
-"""Importance of motion packets without rendering: visible motion of the tracks in each packet."""
+"""Importance of motion packets, without rendering."""
 
 from collections.abc import Sequence
 
@@ -15,9 +15,7 @@ from splatwire.codec.sequence.side_info import open_side_info
 def packet_importance(
     manifest: Manifest, side_info: bytes, packets: Sequence[Packet], weights: np.ndarray
 ) -> list[float]:
-    """Estimates how visible the loss of each motion packet would be, so that a server can protect the important ones.
-
-    The estimate is the sum of the visibility of the moving tracks in the packet; 0 for keyframe packets.
+    """Estimates how visible the loss of each motion packet would be; 0 for keyframe packets.
 
     Args:
         manifest: Manifest of the sequence.

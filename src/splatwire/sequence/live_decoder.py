@@ -21,10 +21,9 @@ from splatwire.transport.protocol.events import Event, PacketArrived, SideInfoAr
 
 
 class LiveDecoder:
-    """Decoder of a live sequence that outputs each group of pictures as soon as possible.
+    """Decoder of a live sequence that outputs each group of pictures when it is complete, or when the next one begins.
 
-    The frames of a group are output when the group is complete, or when the next group begins. Motion packets that
-    arrive afterwards are dropped. A receiver that joins late starts with the current group.
+    A receiver that joins late starts with the current group.
 
     Args:
         concealer: Name of the concealer for tracks with lost motion.
@@ -49,7 +48,7 @@ class LiveDecoder:
         self._num_bytes = 0
 
     def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[SequenceFrame]:
-        """Updates manifest and side information when the server adds a group; yields frames that can now be output.
+        """Updates manifest and side information when the server adds a group; yields frames that are now complete.
 
         Raises:
             BitstreamError: If the manifest contradicts the previous manifest, or is not that of a sequence.
@@ -71,7 +70,7 @@ class LiveDecoder:
         yield from self._complete()
 
     def add(self, packets: Iterable[Packet]) -> Iterator[SequenceFrame]:
-        """Adds packets listed in the manifest; yields the frames of a group that is now complete.
+        """Adds packets; yields the frames of a group that is now complete.
 
         Raises:
             BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
@@ -98,7 +97,7 @@ class LiveDecoder:
         yield from self._complete()
 
     def finish(self) -> Iterator[SequenceFrame]:
-        """Ends the stream; yields the frames of received groups that were not output yet."""
+        """Ends the stream; yields the frames that were not output yet."""
         if self._manifest is not None:
             yield from self._frames_before(len(self._manifest.tiers) // 2)
 
@@ -116,13 +115,7 @@ class LiveDecoder:
             yield from self._group(group)
 
     def _current_decoder(self) -> TracksDecoder:
-        """Returns the decoder for the current manifest of the stream.
-
-        After an update of the manifest, creates a new decoder with the keyframe Gaussians of the previous one.
-
-        Raises:
-            BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
-        """
+        """Returns the decoder for the current manifest of the stream."""
         assert self._manifest is not None
         if self._decoder is not None and self._decoder.manifest is self._manifest:
             return self._decoder
@@ -132,6 +125,7 @@ class LiveDecoder:
         with allocating(what):
             opened.expect(None)
             if self._decoder is not None:
+                # The keyframe Gaussians are not decoded again.
                 opened.take_over(self._decoder)
         self._decoder, self._first_frame = opened, first_frame(opened.sections)
         return opened
@@ -148,7 +142,7 @@ class LiveDecoder:
             self._memory = after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
-        """Decodes new keyframe packets and stores the motion packets of a group; drops the motion of earlier groups."""
+        """Stores the received packets of a group in the decoder, and drops those of earlier groups."""
         self._store_keyframes(decoder, manifest, whole=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:
@@ -163,7 +157,7 @@ class LiveDecoder:
         Args:
             decoder: Decoder that stores the Gaussians.
             manifest: Current manifest.
-            whole: True to skip incomplete blocks: a block consists of packets that are decoded together.
+            whole: True to skip incomplete blocks.
         """
         there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
         keyframes = {
@@ -178,8 +172,6 @@ class LiveDecoder:
 def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[SequenceFrame]:
     """Decodes a live sequence from the events of its receiver; yields each frame once it is decoded.
 
-    Packets that are queued at the same time are decoded together.
-
     Args:
         decoder: Decoder of the sequence.
         waiting: Queue of the events; None in the queue marks the end of the transfer.
@@ -187,6 +179,7 @@ def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | N
     Raises:
         BitstreamError: If the stream is invalid or needs too much memory (see the methods of `LiveDecoder`).
     """
+    # Packets that are queued at the same time are decoded together.
     packets = list[Packet]()
     for event in iter(waiting.get, None):
         if isinstance(event, PacketArrived):
@@ -204,7 +197,7 @@ def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | N
 
 
 def first_frame(sections: Mapping[str, bytes]) -> int:
-    """Returns the number of a sequence's first frame; above 0 if the sequence continues another one.
+    """Returns the number of a sequence's first frame, which is above 0 if the sequence continues another one.
 
     Args:
         sections: Named sections of the side information.

@@ -1,4 +1,4 @@
-"""Encoder for unbounded live sequences: split into periods, each an independent stream, to bound memory."""
+"""Encoder of unbounded live sequences, which are split into independent streams."""
 
 from collections.abc import Callable
 
@@ -40,7 +40,7 @@ class LiveEncoder:
         self.num_frames = self._num_served = 0
 
     def push(self, frame: Frame | Splats) -> StreamUpdate | None:
-        """Adds the next frame; returns an update of the live stream if the frame completes a group, else None.
+        """Adds the next frame; returns an update of the stream if a group of pictures is complete, else None.
 
         Raises:
             InvalidValueError: If the frame contradicts earlier frames (see `SequenceEncoder.push`).
@@ -58,15 +58,12 @@ class LiveEncoder:
         return update
 
     def restart(self) -> None:
-        """Drops the incomplete group of pictures and starts a new period without earlier tracks.
-
-        Used if the degree of harmonics changes, and after a group that could not be encoded.
-        """
+        """Drops the incomplete group of pictures, and starts a new, independent stream."""
         self.num_frames = self._num_served
         self._begin(self.encoder.restarted(self.num_frames))
 
     def end(self) -> list[StreamUpdate]:
-        """Ends the live stream; returns its last updates: the incomplete group, if any, and the end of the stream."""
+        """Ends the live stream; returns its last updates."""
         if not self.num_frames:
             return []
         rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []

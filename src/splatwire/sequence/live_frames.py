@@ -1,4 +1,4 @@
-"""Writing of the frames of a live sequence in a background thread while the sequence is received."""
+"""Writes the frames of a live sequence while it is received."""
 
 import queue
 import threading
@@ -13,11 +13,8 @@ from splatwire.transport import Event, Welcomed
 class LiveFrames:
     """Decodes a live stream while it is received, and writes each frame to a file of its own.
 
-    Does nothing if the stream is not live.
-
     Args:
-        path: Output folder for frames. If the path has the suffix of stream files, no frames are written, because the
-            caller records the stream in this file.
+        path: Output folder. Nothing is written if it has the suffix of stream files.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """
@@ -34,7 +31,7 @@ class LiveFrames:
         return self._thread is not None
 
     def note(self, event: Event) -> None:
-        """Passes an event of the receiver to the background thread; the first event of a live stream starts the thread.
+        """Passes an event of the receiver to the thread that writes frames.
 
         Raises:
             SplatwireError: If writing an earlier frame failed.

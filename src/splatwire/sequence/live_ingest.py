@@ -1,4 +1,4 @@
-"""Live encoding of frames as they appear: unusable frames are skipped, and frames are dropped to bound the delay."""
+"""Live encoding of frames as they appear."""
 
 import gc
 import os
@@ -25,14 +25,14 @@ UNUSABLE = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 
 @runtime_checkable
 class GroupEncoder(Protocol):
-    """Protocol of an encoder of a live sequence, which takes one frame at a time; `LiveEncoder` implements it."""
+    """Protocol of an encoder of a live sequence, which takes one frame at a time."""
 
     @property
     def num_frames(self) -> int:
         """Number of encoded frames."""
 
     def push(self, frame: Frame) -> StreamUpdate | None:
-        """Encodes a frame; returns the new state of the stream after the last frame of a group, otherwise None."""
+        """Encodes a frame; returns the new state of the stream after the last frame of a group, else None."""
 
     def restart(self) -> None:
         """Discards the frames of the incomplete group; the next frame starts a new stream."""
@@ -42,13 +42,13 @@ class GroupEncoder(Protocol):
 
 
 class LiveIngest:
-    """Encodes the frames of a source at the frame rate until the source ends or a stop is requested.
+    """Encodes the frames of a source at the frame rate.
 
     Args:
         source: Source of the frames' files.
         encoder: The live encoder.
         options: Encoder options.
-        publish: Called with the new state of the stream after each group, for the server.
+        publish: Called with the new state of the stream after each group of pictures.
         stop: Returns True if encoding should end.
         warn: Called with the text of each warning.
         clock: Returns the current time, seconds.
@@ -56,7 +56,7 @@ class LiveIngest:
 
     Attributes:
         num_skipped: Number of unusable frames.
-        num_dropped: Number of frames dropped because encoding is slower than the frame rate.
+        num_dropped: Number of frames dropped because they arrive faster than they are encoded.
     """
 
     def __init__(
@@ -120,10 +120,7 @@ class LiveIngest:
             )
 
     def _next_frame(self) -> Frame | None:
-        """Reads the next file of the queue.
-
-        Returns None if the file is skipped, or is not complete yet.
-        """
+        """Reads the next file of the queue; returns None if it is skipped or not complete yet."""
         path, now = self._waiting[0], self._clock()
         signature = signature_at(path)
         if not self._patience.is_unchanged(path, signature):
@@ -143,24 +140,12 @@ class LiveIngest:
         return None
 
     def _remove_first(self, signature: Signature | None) -> None:
-        """Removes the first file from the queue, and marks it as read.
-
-        Args:
-            signature: State of the file when it was read, as in `FrameSource.mark_read`.
-        """
+        """Removes the first file from the queue, and marks it as read."""
         self._patience.clear()
         self._source.mark_read(self._waiting.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
-        """Returns a frame unchanged if it can be encoded with the frames before it; None if it is skipped.
-
-        A frame is skipped if it has no valid Gaussian, or differs in degree of harmonics or antialiasing. After several
-        such frames with these new properties, the encoder restarts with them.
-
-        Args:
-            path: File of the frame, for messages.
-            frame: The frame.
-        """
+        """Returns a frame unchanged if it can be encoded with the frames before it; None if it is skipped."""
         count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
@@ -179,7 +164,7 @@ class LiveIngest:
         return frame
 
     def _push(self, frame: Frame) -> bool:
-        """Encodes a frame; returns False if encoding its group of pictures failed and the group is dropped."""
+        """Encodes a frame; returns False if encoding its group of pictures failed."""
         try:
             update = self._encoder.push(frame)
         except BackendUnavailableError:
@@ -206,18 +191,12 @@ class LiveIngest:
 
 
 def _has_valid_rows(frame: Frame) -> bool:
-    """Returns True if at least one Gaussian has valid values; it may be transparent."""
+    """True if at least one Gaussian of a frame has valid values."""
     return bool(frame.drawn.any()) or validity_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
 
 
 def _described(kind: tuple[int, bool]) -> str:
-    """Describes the degree of harmonics and the antialiasing flag of a frame, for error messages.
-
-    All frames must agree in both.
-
-    Args:
-        kind: Degree of harmonics, and True for antialiasing.
-    """
+    """Describes the degree of harmonics and the antialiasing flag of a frame, for error messages."""
     degree, antialiased = kind
     return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
 

@@ -35,8 +35,7 @@ class Match:
     """Matches between the Gaussians of a frame and the Gaussians of the previous frame.
 
     Attributes:
-        partner: Index of the same Gaussian in the previous frame, -1 for new Gaussians, int64 (M). No index above -1
-            occurs twice.
+        partner: Index of the same Gaussian in the previous frame, -1 for new Gaussians, int64 (M).
         velocity: Motion since the previous frame, float64 (M, 3); predicted for new Gaussians.
     """
 
@@ -50,15 +49,13 @@ class Match:
 
 
 def tracked(previous: Splats, current: Splats) -> bool:
-    """True if two frames have their Gaussians in the same order: the i-th Gaussian is the same one in both.
-
-    This is assumed if Gaussians with equal index look far more similar than random pairs, or if they move like their
-    neighbours.
+    """True if the i-th Gaussian is probably the same one in two frames, for every i.
 
     Args:
         previous: Previous frame.
-        current: Current frame; the result is False if its number of Gaussians differs.
+        current: Current frame.
     """
+    # Gaussians with equal index look far more similar than random pairs, or move like their neighbours.
     count = previous.num_gaussians
     if count != current.num_gaussians:
         return False
@@ -118,10 +115,7 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
-    """Rewrites quaternions and scales of a frame so that they change little since the previous frame.
-
-    The same ellipsoid can be written in 24 ways, with its axes in another order or with other signs. Each Gaussian gets
-    the form most similar to its match in the previous frame. Positions, opacities and harmonics do not change.
+    """Changes the order and signs of the Gaussians' axes so that they change little since the previous frame.
 
     Args:
         previous: Previous frame.
@@ -145,15 +139,14 @@ def _appearance(splats: Splats) -> np.ndarray:
 
 
 def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion to the Gaussians of two frames; returns the positions of the previous frame moved by it.
-
-    Uses trimmed iterative closest points: distant pairs are ignored.
+    """Fits an affine motion to two frames; returns the positions of the previous frame moved by it.
 
     Args:
         positions: Positions in the previous frame, (N, 3).
         now: Positions in the current frame, (M, 3).
     """
     some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(np.int64))]
+    # Trimmed iterative closest points: distant pairs are ignored.
     tree, matrix = build_kd_tree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(some) < 8:
         return positions
@@ -218,9 +211,7 @@ def _match_one_to_one(
 def _implausible_matches(
     expected: np.ndarray, now: np.ndarray, appearance: np.ndarray, appearance_now: np.ndarray, partner: np.ndarray
 ) -> np.ndarray:
-    """Finds matches that are probably wrong, because position and appearance of the two Gaussians differ too much.
-
-    Returns the indices of the current Gaussians with such a match.
+    """Finds matches whose positions and appearance differ too much; returns indices of current Gaussians.
 
     Args:
         expected: Predicted positions in the current frame of the previous frame's Gaussians, (N, 3).
@@ -240,11 +231,8 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns 1.5 times the median of some distances, as a unit in which different kinds of distances are comparable.
-
-    Args:
-        values: The distances, at least 0. The result is above 0 even if all are 0.
-    """
+    """Returns 1.5 times the median of some distances, by which they are normalised."""
+    # Above 0 even if all distances are 0, because they are divided by it.
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 
@@ -252,7 +240,7 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
     """Matches Gaussians one to one: repeatedly matches pairs that are each other's best candidate.
 
     Args:
-        score: Cost of each candidate of each Gaussian, (N, candidates); the lowest is best.
+        score: Cost of each candidate of each Gaussian, (N, candidates).
         near: Indices of the candidates in the other frame, (N, candidates).
         count: Number of Gaussians in the other frame.
 
@@ -279,10 +267,7 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 def _smooth(
     positions: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
-    """Corrects a prediction of where the Gaussians of the previous frame are in the current frame.
-
-    Confident matches show the error of the prediction for some Gaussians. Each Gaussian is corrected by the median
-    error of the nearest ones of these.
+    """Corrects the predicted positions of Gaussians by the median error of nearby confident matches.
 
     Args:
         positions: Positions of N Gaussians in the previous frame, (N, 3).
@@ -292,7 +277,7 @@ def _smooth(
         expected: Prediction to improve, (N, 3).
 
     Returns:
-        Improved prediction, (N, 3); `expected` itself if there are too few confident matches.
+        Improved prediction, (N, 3).
     """
     some = np.flatnonzero(sure)
     if len(some) < SMOOTHED:
@@ -306,8 +291,6 @@ def _smooth(
 def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Returns the motion of each Gaussian since the previous frame, (M, 3).
 
-    A Gaussian without a match gets the predicted motion of the nearest Gaussian.
-
     Args:
         positions: Positions in the previous frame, (N, 3).
         now: Positions in the current frame, (M, 3).
@@ -317,6 +300,7 @@ def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expec
     found = partner >= 0
     velocity = np.zeros_like(now)
     velocity[found] = now[found] - positions[partner[found]]
+    # A Gaussian without a match gets the predicted motion of the nearest one.
     if not found.all():
         _, near = build_kd_tree(expected).query(now[~found])
         velocity[~found] = (expected - positions)[near]

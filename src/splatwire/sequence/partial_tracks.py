@@ -1,4 +1,4 @@
-"""Extrapolates the motion of partial tracks (Gaussians that do not exist in all frames of a group) from neighbours."""
+"""Extrapolates the motion of Gaussians to frames of a group in which they do not exist."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class TrackedFrame:
 
     Attributes:
         splats: The Gaussians.
-        keys: Track key of each Gaussian, constant over frames and unique within a frame, int64 (M).
+        keys: Track key of each Gaussian, constant over frames, int64 (M).
     """
 
     splats: Splats
@@ -39,7 +39,7 @@ class TrackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class NeighborSet:
-    """Nearest neighbours of tracks, and weights to interpolate the motion of a track from its neighbours.
+    """Nearest neighbours of tracks, and weights to interpolate the motion of a track from them.
 
     Attributes:
         tracks: Indices of the tracks, int64 (n).
@@ -55,7 +55,7 @@ class NeighborSet:
 
     @staticmethod
     def with_weights(means: np.ndarray, tracks: np.ndarray, frames: np.ndarray, neighbors: np.ndarray) -> "NeighborSet":
-        """Creates a neighbour set; the interpolation weights are computed from the distances of the neighbours.
+        """Creates a neighbour set; computes the weights from the distances of the neighbours.
 
         Args:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
@@ -68,16 +68,14 @@ class NeighborSet:
 
     @staticmethod
     def joined(parts: "Sequence[NeighborSet]") -> "NeighborSet":
-        """Concatenates neighbour sets; truncates the lists of neighbours to the shortest of all sets."""
+        """Concatenates neighbour sets."""
         names, count = ("tracks", "frames", "neighbors", "weights"), min(part.neighbors.shape[1] for part in parts)
         values = {name: [getattr(part, name) for part in parts] for name in names}
         values["neighbors"] = [neighbors[:, :count] for neighbors in values["neighbors"]]
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Returns the neighbours of each track that are among some allowed tracks: the `NUM_AROUND` nearest.
-
-        Tracks with fewer allowed neighbours are omitted from the result.
+        """Returns the neighbours of each track that are among some allowed tracks.
 
         Args:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).
@@ -88,23 +86,22 @@ class NeighborSet:
         other = enough & ~same
         first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_AROUND]
         neighbors = np.take_along_axis(self.neighbors[other], first, axis=1)
+        # Tracks with too few allowed neighbours are omitted.
         return NeighborSet.joined([
             NeighborSet(self.tracks[same], self.frames[same], self.neighbors[same, :NUM_AROUND], self.weights[same]),
             NeighborSet.with_weights(means, self.tracks[other], self.frames[other], neighbors),
         ])  # fmt: skip
 
     def part(self, some: np.ndarray | slice) -> "NeighborSet":
-        """Returns the neighbours of some of the n tracks.
+        """Returns the neighbours of some of the tracks.
 
         Args:
-            some: Positions of these tracks in `tracks`, as an index array, a mask or a slice.
+            some: Indices of these tracks in `tracks`, or a mask or slice.
         """
         return NeighborSet(self.tracks[some], self.frames[some], self.neighbors[some], self.weights[some])
 
     def interpolated_motion(self, means: np.ndarray) -> np.ndarray:
         """Predicts the positions of the tracks in all frames, (n, F, 3), as if they moved like their neighbours.
-
-        Starting from its position in one frame (`frames`), each track gets the weighted mean motion of its neighbours.
 
         Args:
             means: Positions of all tracks, float32 (T, F, 3).
@@ -116,12 +113,12 @@ class NeighborSet:
 
 @dataclass(frozen=True, eq=False)
 class NeighborIndex:
-    """Search tree of the tracks that may serve as neighbours, by their positions in one frame.
+    """Search tree of possible neighbours, by their positions in one frame.
 
     Attributes:
         frame: Index of the frame.
         rows: Indices of the tracks in the tree, int64.
-        tree: Search tree of the positions of these tracks in the frame (`cKDTree` of scipy).
+        tree: Search tree (`cKDTree` of scipy).
     """
 
     frame: int
@@ -149,7 +146,7 @@ class NeighborIndex:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
             tracks: Indices of the tracks for which neighbours are searched, int64.
             count: Number of nearest tracks to find for each track.
-            begin: Number of nearest tracks to omit: 1 if the tracks are in the tree, so that each finds itself.
+            begin: Number of nearest tracks to omit: 1 if the tracks themselves are in the tree.
         """
         found = self.tree.query(means[tracks, self.frame], k=min(count, len(self.rows)))[1].reshape(len(tracks), -1)
         return NeighborSet.with_weights(means, tracks, np.full(len(tracks), self.frame), self.rows[found[:, begin:]])
@@ -157,8 +154,6 @@ class NeighborIndex:
 
 def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
     """Chooses a random sample of tracks and finds their neighbours.
-
-    The sample is used to test if most tracks move like their neighbours.
 
     Args:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
@@ -171,23 +166,17 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Extrapolates the positions of tracks that appear or disappear within a group of pictures to all of its frames.
-
-    Such a partial track is assumed to move like its neighbours: the nearest tracks that exist in all frames. Partial
-    tracks that do not move like their neighbours during their lifetime stay unchanged.
+    """Extrapolates the positions of tracks to frames in which they do not exist: they move like their neighbours.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        known: Neighbours of partial tracks that were searched before; those of the other partial tracks are searched
-            here.
-        sample: Random sample of tracks for testing if most tracks move like their neighbours, from `sample_neighbors`;
-            None to draw the sample here.
+        known: Neighbours of such tracks that were searched before.
+        sample: Random sample of tracks for testing if most tracks move like their neighbours; None to draw it here.
 
     Returns:
-        True if tracks were extrapolated. False if most tracks do not move like their neighbours, or if too few tracks
-        exist in all frames.
+        True if tracks were extrapolated.
     """
     # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
     # the true position in the first frame of the track.
@@ -213,15 +202,13 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: NeighborSet) -> None:
-    """Gives tracks positions before their first and after their last frame: they move there like their neighbours.
-
-    Tracks that do not move like their neighbours during their lifetime stay unchanged.
+    """Extrapolates the positions of tracks to frames in which they do not exist: they move like their neighbours.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        around: Neighbours of the tracks to extrapolate, each at the first or last frame of the track.
+        around: Neighbours of the tracks to extrapolate.
     """
     tracks, at, numbers, frames = around.tracks, around.frames[:, None], np.arange(means.shape[1]), means.shape[1]
     begin, end, own, moved = begins[tracks, None], ends[tracks, None], means[tracks], around.interpolated_motion(means)
@@ -233,7 +220,7 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around
 
 
 def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | None) -> bool:
-    """True if most tracks move like their neighbours; tests a sample of the tracks that exist in all frames.
+    """True if most tracks that exist in all frames move like their neighbours, tested with a sample.
 
     Args:
         means: Positions of all tracks in all frames, float32 (n, F, 3).
@@ -248,7 +235,7 @@ def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | Non
 
 
 def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.ndarray:
-    """Finds the tracks whose own motion is similar to that of their neighbours; returns their mask, bool (n).
+    """Returns a mask of tracks whose motion is similar to that of their neighbours, bool (n).
 
     Args:
         own: Motion of the tracks, (n, F, 3).

@@ -1,7 +1,4 @@
-"""Reads and writes sequence files of other programs, each of which contains all frames of a sequence.
-
-A format's module is imported when such a file is read or written, because its package is optional.
-"""
+"""Reads and writes sequence files of other programs, each of which contains all frames of a sequence."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -28,11 +25,10 @@ class SequenceFormat:
     Attributes:
         name: Name of the format in the command-line option `--to`.
         suffixes: File name suffixes; the first is the default.
-        kind: Result of the detection of file types (`splatwire.files.kinds`) for such a file.
+        kind: Detected file type of such a file (`splatwire.files.kinds`).
         module: Module in `splatwire.io.formats`.
-        writer: Name of the function that is called with frames (`FileContent`), path and frames per second, and returns
-            the number of frames.
-        keeps: Names of scene properties that such a file stores, as in `splatwire.files.scene_formats.FileFormat`.
+        writer: Name of the function that writes frames, given frames, path and frames per second.
+        keeps: Names of scene properties that such a file stores.
     """
 
     name: str
@@ -43,17 +39,12 @@ class SequenceFormat:
     keeps: frozenset[str] = frozenset()
 
     def write(self, frames: Iterable[FileContent], path: Path, rate: float) -> int:
-        """Writes a sequence; returns the number of frames. Logs scene properties that the format cannot store."""
+        """Writes a sequence; returns the number of frames."""
         write: Callable[..., Any] = getattr(import_module(f"splatwire.io.formats.{self.module}"), self.writer)
         return int(write(self._checked(frames, path), path, rate))
 
     def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
-        """Yields the frames unchanged; logs which properties of the first frame the file format cannot store.
-
-        Args:
-            frames: The frames to write.
-            path: File to write, for log messages.
-        """
+        """Yields the frames unchanged; logs properties of the first frame that the file format cannot store."""
         form = FileFormat(self.name, "a sequence", keeps=self.keeps)
         for number, frame in enumerate(frames):
             if not number:
@@ -72,12 +63,12 @@ SEQUENCE_FORMATS = (
 
 
 def sequence_format_for(path: str) -> SequenceFormat | None:
-    """Returns the sequence file format that uses the suffix of a file name; None if no format uses it."""
+    """Returns the sequence file format of a file name, by suffix; None if there is none."""
     return next((form for form in SEQUENCE_FORMATS if path.lower().endswith(form.suffixes)), None)
 
 
 def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
-    """Yields for each frame of a sequence the content of the file to write: its visible Gaussians and metadata."""
+    """Yields the content of the file to write for each frame: its visible Gaussians and metadata."""
     for frame in sequence.read():
         splats = frame.splats.select(frame.drawn)
         yield FileContent(splats, frame.origin, frame.antialiased, frame.metadata)

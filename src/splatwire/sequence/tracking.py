@@ -25,7 +25,7 @@ class TrackingReport(CheckedFields):
     Attributes:
         tracked: Number of frames with the same order of Gaussians as the previous frame.
         matched: Number of frames with Gaussians matched to the previous frame by position and appearance.
-        share: Mean fraction of Gaussians with a match in matched frames; 1 without matched frames.
+        share: Mean fraction of Gaussians with a match in matched frames.
         born: Number of Gaussians that appear after the first frame.
     """
 
@@ -55,9 +55,9 @@ class TrackingReport(CheckedFields):
 
 
 class Tracker:
-    """Identifies Gaussians over time: gives the same Gaussian the same key in all frames of a sequence.
+    """Gives the same Gaussian the same key in all frames of a sequence.
 
-    Frames are added in order, one at a time. A track is one Gaussian over time; the key is its number.
+    Frames are added in order, one at a time.
 
     Args:
         order: `tracked` if the i-th Gaussian is the same in every frame, `shuffled` if frames have different orders,
@@ -88,10 +88,10 @@ class Tracker:
         return named
 
     def rename(self) -> np.ndarray:
-        """Renumbers the tracks of the last frame from 0, so that keys do not grow without bound in an endless sequence.
+        """Renumbers the tracks of the last frame from 0.
 
         Returns:
-            Previous keys in ascending order, int64: the n-th of these keys is replaced by the new key n.
+            Previous keys in ascending order, int64: the n-th is replaced by the new key n.
         """
         assert self._last is not None
         old = np.unique(self._last.keys)
@@ -120,25 +120,21 @@ class Tracker:
         return self._matched(frame)
 
     def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
-        """Assigns track keys by index, for frames in which each Gaussian keeps its index.
-
-        A Gaussian gets the key of the same index in the previous frame, or a new key if it was invisible then.
+        """Gives each Gaussian the key of the Gaussian with the same index in the previous frame.
 
         Args:
             frame: The frame.
-            count: True to count Gaussians with new keys in the statistics.
+            count: True to count new Gaussians in the statistics.
         """
         keys = np.where(frame.drawn, self._keys, -1)
+        # Gaussians that were invisible in the previous frame get new keys.
         new = frame.drawn & (keys < 0)
         keys[new] = self._fresh(int(new.sum()), count)
         self._keys = keys
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
     def _matched(self, frame: Frame) -> TrackedFrame:
-        """Assigns track keys by matching Gaussians with the previous frame, for frames in any order.
-
-        A matched Gaussian gets the key of its match, others get new keys.
-        """
+        """Gives each Gaussian the key of its match in the previous frame, or a new key."""
         assert self._last is not None
         here = _drawn(frame)
         found = match(self._last.splats, here, self._match)
@@ -160,5 +156,5 @@ class Tracker:
 
 
 def _drawn(frame: Frame) -> Splats:
-    """Returns the visible Gaussians of a frame; avoids a copy if all are visible."""
+    """Returns the visible Gaussians of a frame."""
     return frame.splats if frame.drawn.all() else frame.splats.select(frame.drawn)

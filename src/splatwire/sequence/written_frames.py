@@ -1,4 +1,4 @@
-"""Files of the frames of a sequence: decoded from a complete stream, or written while a live sequence is received."""
+"""Writes the frames of a sequence to files."""
 
 import logging
 import queue
@@ -35,8 +35,6 @@ LIVE_DIGITS = 6
 def check_num_frames(stream: SceneStream, most: int | None, advice: str) -> None:
     """Checks that the number of frames does not exceed a limit, before one file per frame is written.
 
-    A damaged or malicious header can announce 131,072 frames.
-
     Args:
         stream: The sequence.
         most: Maximum number of files; None for `MOST_FILES`.
@@ -61,12 +59,11 @@ def write_frames(
 
     Args:
         stream: The sequence; packets may be missing.
-        folder: Output folder. If only one frame is written and this is not an existing folder, the path of the output
-            file.
+        folder: Output folder, or path of the output file for a single frame.
         suffix: File name suffix of the format, such as `.ply`.
         concealer: Name of the concealer for tracks with lost motion.
         only: Number of the only frame to write; None for all.
-        report: Called with the name of the current task and its finished share, 0 to 1.
+        report: Called with the name of the current task and its completed fraction, 0 to 1.
         outliers: Treatment of values that the format cannot represent, see `write_splats`.
 
     Raises:
@@ -96,16 +93,13 @@ def write_frames(
 
 
 def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
-    """Writes the frames of a sequence as files of another format, one frame in memory at a time.
+    """Writes the frames of a sequence as files of another format, one per frame; returns their number.
 
     Args:
         sequence: The frames.
         folder: Output folder.
         suffix: File name suffix of the format, such as `.ply`.
-        report: Called with the name of the current task and its finished share, 0 to 1.
-
-    Returns:
-        Number of files.
+        report: Called with the name of the current task and its completed fraction, 0 to 1.
     """
     width, written = len(str(sequence.num_frames - 1)), 0
     for frame in sequence.read():
@@ -146,10 +140,7 @@ def write_live_frames(
 
 
 def _never_empty(splats: Splats, path: Path) -> Splats:
-    """Returns the Gaussians of a frame, or one transparent Gaussian if there are none, because files cannot be empty.
-
-    Logs a warning with the path for an empty frame.
-    """
+    """Returns the Gaussians of a frame, or one transparent Gaussian if there are none."""
     if splats.num_gaussians:
         return splats
     LOG.warning("%s: the frame is empty: its file has a transparent Gaussian, because files cannot be empty", path)
@@ -163,14 +154,8 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 
 
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
-    """Numbers frames for their file names; yields each frame with its number.
-
-    The numbers always increase, even if the server restarts and counts its frames from 0 again, so that no file is
-    overwritten.
-
-    Args:
-        frames: The frames, with the numbers that the server gives them.
-    """
+    """Yields each frame with a number for its file name; the numbers always increase."""
+    # Even if the server restarts and counts its frames from 0 again, no file is overwritten.
     last, offset = -1, 0
     for frame in frames:
         if frame.number + offset <= last:
