@@ -35,8 +35,8 @@ class GroupBuilder:
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:
-        # If `smooth`, neighbours of tracks that appear or disappear are searched as frames arrive, which saves time at the end
-        # of the group.
+        # If `smooth`, neighbours of tracks that appear or disappear are searched as frames arrive, to save time at the
+        # end of the group.
         self._most, self._early = frames, smooth
         self.frames: list[TrackedFrame] = []
         self._keys = self._by = self._begins = self._ends = np.zeros(0, np.int64)
