@@ -71,7 +71,7 @@ async def serve(
     protection: Protection | None = None,
     limits: ServerLimits | None = None,
 ) -> AsyncIterator[UdpServer]:
-    """Serves streams over UDP while the context is open; `receive` has an example.
+    """Serves streams over UDP while the context is open.
 
     Args:
         streams: Streams by name; a client that requests no name gets the first.

@@ -80,7 +80,7 @@ def stream_output(path: Path, what: str) -> Path:
 
     Args:
         path: The path.
-        what: What the calibration adds to the stream, such as `sketch`, for the message.
+        what: Name of the addition to the stream, such as `sketch`, for the message.
 
     Raises:
         InvalidValueError: If the name has not the suffix of a stream, or the file cannot be written.

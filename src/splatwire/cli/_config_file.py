@@ -71,7 +71,7 @@ def with_flags(options: Any, configured: Any) -> Any:
     """Combines flags (boolean options): a flag is on if the command line or the configuration file sets it.
 
     Args:
-        options: Options from the command line, with other values already taken from the file.
+        options: Options from the command line.
         configured: Options from the configuration file.
 
     Returns:

@@ -63,7 +63,7 @@ class MadeDownloads:
         formats: File name suffixes without their dot, or names of folder formats.
         most_bytes: Maximum bytes of all files.
         most_seconds: Maximum duration of one conversion, seconds.
-        retry_s: Time after a failed conversion in which it is not tried again, seconds.
+        retry_s: Minimum time between attempts of a failed conversion, seconds.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class MadeDownloads:
         """Removes the oldest converted files until the total size of all is within the limit.
 
         Args:
-            kept: Key of a file that is not removed, because it is about to be sent.
+            kept: Key of a file that is not removed.
         """
         # Responses that are still sending a removed file are not affected.
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}

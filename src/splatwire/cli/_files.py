@@ -128,7 +128,7 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
 
 @contextmanager
 def output_folder(name: str) -> Iterator[Path]:
-    """Yields a new temporary folder that becomes the output folder on success and is removed after an error.
+    """Yields a temporary folder that becomes the output folder on success.
 
     Raises:
         InvalidValueError: If a folder of that name exists and is not empty.

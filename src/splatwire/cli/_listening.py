@@ -74,7 +74,7 @@ def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", wha
         listening: Options of the server.
         port: Port on which the server receives.
         facts: Names and values to print, such as the fingerprint of the certificate.
-        what: Description of what is served, at the beginning of the text.
+        what: Description of what is served.
         **more: Further values, for JSON output only.
     """
     if listening.json:
@@ -110,7 +110,7 @@ async def open_server(
         stack: Exit stack that closes the server.
         origins: Web origins whose pages may open sessions; all origins are allowed if empty.
         live: Name of a live stream, which the page shows.
-        access: Access rules for private scenes, for servers over QUIC; None if all scenes are public.
+        access: Access rules for private scenes; None if all scenes are public.
     """
     start_log(listening, stack)
     asyncio.get_running_loop().set_exception_handler(LoopErrors(report=log_error))

@@ -58,7 +58,7 @@ async def open_monitoring(
         stack: Exit stack that closes the HTTP server.
 
     Returns:
-        Address of the HTTP server as `monitor`; empty if not requested.
+        Mapping with the address of the HTTP server as `monitor`; empty if not requested.
     """
     if listening.monitor is None:
         return {}

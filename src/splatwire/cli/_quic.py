@@ -46,11 +46,12 @@ async def open_server(
 
 
 def identity(listening: Listening) -> "Callable[[], Identity]":
-    """Returns the function that gives the certificate and key of a QUIC server; self-signed certificates are renewed.
+    """Returns the function that gives the certificate and key of a QUIC server.
 
     Raises:
         InvalidValueError: If only one of certificate and key is given, or their files are invalid.
     """
+    # Self-signed certificates are renewed.
     if (listening.certificate is None) != (listening.key is None):
         raise InvalidValueError("--certificate and --key belong together")
     if listening.certificate is None or listening.key is None:

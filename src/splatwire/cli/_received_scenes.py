@@ -1,4 +1,6 @@
-"""Decoded output of `splatwire receive`: scenes, frames and previews; needs libraries that a relay lacks."""
+"""Decoded output of `splatwire receive`: scenes, frames and previews."""
+
+# Needs libraries that a relay lacks.
 
 from pathlib import Path
 

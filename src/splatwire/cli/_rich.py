@@ -1,4 +1,4 @@
-"""Tables and progress bars, drawn by rich; their texts cannot control the terminal."""
+"""Tables and progress bars, drawn by rich; control characters are escaped."""
 
 import contextlib
 import sys

@@ -20,11 +20,13 @@ DRAIN_S = 60.0
 
 
 class ServedTraining:
-    """Sends states of a training to the clients of a server, and reports errors without ending the training.
+    """Sends states of a training to the clients of a server.
 
     Args:
         server: The server; None to send nothing.
     """
+
+    # Errors are reported without ending the training.
 
     def __init__(self, server: TrainingServer | None) -> None:
         self._server = server

@@ -41,7 +41,7 @@ def decode_in_fresh_process(stream: SceneStream) -> ReceivedScene:
 
 @contextmanager
 def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Runs a subcommand in a separate process, which ends with the `with` block at the latest.
+    """Context that runs a subcommand in a separate process.
 
     Args:
         verb: Name of the subcommand.
@@ -53,6 +53,7 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
     Raises:
         SplatwireError: From the yielded function, if the process failed.
     """
+    # The process ends with the `with` block at the latest.
     command = [sys.executable, "-m", "splatwire", verb, *map(str, arguments), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 

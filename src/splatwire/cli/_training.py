@@ -90,7 +90,7 @@ def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
     """Returns a callback that writes the preview picture of each test during training to a file.
 
     Args:
-        path: Path of the image file; None for a callback that does nothing.
+        path: Path of the image file; None to write nothing.
     """
 
     def save(report: QualityReport) -> None:
@@ -135,7 +135,7 @@ GAUSSIAN_RECIPE: dict[str, Callable[[Any], object]] = {
 def check_same_recipe(
     given: Iterable[str], asked: Config, kept: Config, recipe: Mapping[str, Callable[[Config], object]]
 ) -> None:
-    """Raises an error if options would change the training settings (recipe) of a run resumed from a checkpoint.
+    """Raises an error if options would change the training settings of a run resumed from a checkpoint.
 
     Args:
         given: Names of the options set by the user.

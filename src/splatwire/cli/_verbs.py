@@ -18,8 +18,8 @@ class Verb(NamedTuple):
     """A subcommand of the command line.
 
     Attributes:
-        module: Name of the module in `splatwire.cli` with the options class, which imports no heavy library.
-        settings: Name of the options class; the function `run(options)` is in the module `_run_MODULE`.
+        module: Name of the module in `splatwire.cli` with the options class.
+        settings: Name of the options class.
         help: First paragraph of the docstring of the options class.
     """
 

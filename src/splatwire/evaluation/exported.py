@@ -25,7 +25,7 @@ def compare_export(
         progress: Called with the name of the task and its finished share, 0 to 1.
 
     Returns:
-        Means over the views in decibels: PSNR between both images and, with photos, of each image against the photo.
+        Mean PSNR over the views in decibels, by name: between both images and, with photos, against the photos.
     """
     background = np.array(scene.background)
     rows = []

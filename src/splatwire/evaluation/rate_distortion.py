@@ -64,7 +64,7 @@ def bd_quality(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> fl
 
 
 def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[tuple[float, float]]) -> float | None:
-    """Returns the mean difference of two curves over the range of x that both cover; None if there is no such range.
+    """Returns the mean difference of two curves over the range of x that both cover; None without such a range.
 
     Args:
         reference: Points (x, y) of the curve that is subtracted.

@@ -41,8 +41,7 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
     Args:
         scene: The scene.
         size: Width and height, pixels.
-        viewpoint: View of the thumbnail. None to choose, among eight views of the whole scene, the one with the most
-            detail.
+        viewpoint: View of the thumbnail; None for the view of the whole scene with the most detail.
 
     Returns:
         The picture, uint8 (height, width, 3).

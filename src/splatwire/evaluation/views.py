@@ -32,8 +32,7 @@ class ReferenceViews(CheckedFields):
         load: Function that returns the reference image of a view, RGB in [0, 1].
         source: Kind of references for the report, such as `photos`.
         background: RGB of the background in renders; None for the background of each scene.
-        load_mask: Function that returns the mask of evaluated pixels of a view, or None for all pixels; None if no view
-            has a mask.
+        load_mask: Function that returns the mask of evaluated pixels of a view; None if no view has a mask.
     """
 
     cameras: Cameras
@@ -57,7 +56,7 @@ class ReferenceViews(CheckedFields):
 
     @property
     def has_masks(self) -> bool:
-        """True if views can have a mask, which excludes pixels from the comparison."""
+        """True if views can have masks of evaluated pixels."""
         return self.load_mask is not None
 
     def mask(self, view: int) -> Bool[np.ndarray, "H W"] | None:

@@ -1,4 +1,4 @@
-"""Local page of `splatwire view`, which can relay running transfers from other servers to the page."""
+"""Local web page of `splatwire view`."""
 
 from splatwire.view.page import page_of_relay, page_of_stream
 from splatwire.view.relay import Relay

@@ -90,7 +90,7 @@ class Relay:
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:
-        """Yields the stream's `.swz` file from its start, piece by piece on reception, until the transfer ends."""
+        """Yields the pieces of the stream's `.swz` file as they arrive, from its start."""
         given = 0
         while not self._pieces and not self._over:
             async with self._changed:
@@ -129,8 +129,8 @@ class Relay:
                 self.ending = event
 
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
-        """Stores the start of a `.swz` file: begins a new file, or replaces the start of the stream's current file."""
-        # The start has the init segment. A live stream gets a new one with each group of pictures.
+        """Stores the start of a `.swz` file: header and init segment."""
+        # A live stream gets a new init segment with each group of pictures, which replaces that of its file.
         async with self._changed:
             if stream_id == self._stream_id:
                 self._pieces[0] = head

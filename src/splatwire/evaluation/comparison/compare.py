@@ -167,16 +167,7 @@ def _with_metrics(
     score: FileScore, references: ReferenceViews, drawn: Iterable[np.ndarray], lpips: Lpips | None, pictures: bool,
     progress: Progress,
 ) -> FileScore:  # fmt: skip
-    """Measures the image quality of a file, and returns its score with the results.
-
-    Args:
-        score: Score of the file with its size and reading time.
-        references: Reference images.
-        drawn: Pictures of the file, in the order of the references.
-        lpips: The LPIPS metric; None to leave it out.
-        pictures: True to store pictures in the score.
-        progress: Called with the current state of the work.
-    """
+    """Measures the image quality of a file, and returns its score with the results."""
     num_views = references.cameras.num_views
     figures: dict[str, list[float]] = {"psnr": [], "ssim": [], "lpips": []}
     shots = Shots(spread(num_views, Shots.NUM_VIEWS)) if pictures else Shots()
@@ -215,10 +206,6 @@ class _Extent:
     @classmethod
     def of(cls, scene: Scene, path: Path) -> "_Extent":
         """Measures position and size of a scene.
-
-        Args:
-            scene: The scene.
-            path: File of the scene.
 
         Raises:
             InvalidValueError: If the scene has no elements.
@@ -263,12 +250,7 @@ class _TimedScene:
 
     @classmethod
     def of(cls, path: Path, reads: int) -> "_TimedScene":
-        """Reads a scene several times, and measures the shortest reading time.
-
-        Args:
-            path: File or folder of the scene.
-            reads: Number of times to read the scene.
-        """
+        """Reads a scene several times, and measures the shortest reading time."""
         seconds = math.inf
         with opened(path) as source:
             kind = file_kind(source)

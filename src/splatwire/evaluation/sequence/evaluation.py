@@ -155,7 +155,7 @@ def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarr
 
 
 class _ReceivedSequence:
-    """Simulates the packet loss of one table row, and decodes and conceals the sequence from the received packets."""
+    """Simulates the packet loss of one configuration, and decodes and conceals the received packets."""
 
     def __init__(self, stream: SceneStream, row: SequenceRow) -> None:
         self._concealer, self._there = temporal_concealer(row.concealer), None

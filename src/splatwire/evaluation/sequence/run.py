@@ -34,7 +34,7 @@ def evaluate_sequence(
         reference: Original frames of the sequence: a folder or file that `open_sequence` reads.
         rows: Configurations to evaluate.
         cameras: Cameras file; None for views around the first frame.
-        views: Maximum number of views; None for all cameras, or the default number of generated views.
+        views: Maximum number of views; None for the default.
         renderer: Name of the renderer.
         output: Folder of the report; None for no report.
         title: Title of the report.

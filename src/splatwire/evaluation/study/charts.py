@@ -179,7 +179,8 @@ def _legend_above(axes: Any) -> None:
 
 
 def svg(figure: Figure) -> str:
-    """Renders a figure as SVG; equal figures give equal text."""
+    """Renders a figure as SVG text."""
+    # Equal figures give equal text.
     buffer = io.StringIO()
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()

@@ -44,9 +44,9 @@ class SceneEntry:
             photos.
         dataset: Name of the group of scenes that are averaged in the results.
         images: Name of the image folder within the dataset.
-        split: Split of the dataset that is read, such as `test`.
+        split: Split of the dataset to read, such as `test`.
         test_views: Rule that selects the test views of the dataset; None for that of its layout.
-        max_width: Maximum width of photos, to which wider ones are reduced; None for no limit.
+        max_width: Maximum width of photos, pixels; None for no limit.
         weights: GNN weights calibrated for this scene.
         sections: Stream with the additional side information that some methods need; None to use `source`.
         background: RGB of the background; None for the training background of the scene.
@@ -157,7 +157,7 @@ class Loss:
         model: Specification for `splatwire.channel.loss_text`.
         unit: `pak`: whole packets are lost. `datagram`: datagrams of 1200 bytes are lost, and a packet is lost if any
             of its datagrams is.
-        send_order: Order in which packets are sent, one of `splatwire.channel.transmit`.
+        send_order: Order in which packets are sent, one of `splatwire.bitstream.SEND_ORDERS`.
     """
 
     model: str

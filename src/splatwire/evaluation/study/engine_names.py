@@ -13,7 +13,7 @@ def create_engine(name: str, workers: int | None = None, slurm: SlurmOptions | N
 
     Args:
         name: One of `ENGINES`.
-        workers: Number of parallel workers; None for one per processor (or the default of the cluster).
+        workers: Number of parallel workers; None for the default of the engine.
         slurm: Options of the cluster jobs; only for `slurm`.
 
     Raises:

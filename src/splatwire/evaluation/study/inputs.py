@@ -54,7 +54,7 @@ class PreparedScene:
         entry: Definition of the scene.
         references: The reference images.
         streams: Encoded streams, by name of the packetization.
-        parts: Bytes of each part of a method's stream, such as an attribute, by key of the method and name of the part.
+        parts: Bytes of each part of a method's stream, such as an attribute, by method and part.
         masks: Loss masks, by name of the packetization, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
@@ -236,11 +236,6 @@ def _background(first: PreparedStream, store: Store) -> Background:
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
     """Defines the views for the evaluation of a sequence: one camera for each frame, stored as a cameras file.
 
-    Args:
-        source: The sequence.
-        stamp: Digest of the original frames.
-        store: Store for the cameras file.
-
     Returns:
         Definition of the scene with the new cameras file.
     """
@@ -256,14 +251,7 @@ def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
 
 
 def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
-    """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos.
-
-    Args:
-        entry: Definition of the scene.
-        drawn: Function that loads the scene around which cameras are generated; called only if needed.
-        stamp: Digest of this scene.
-        store: Store for the generated cameras file.
-    """
+    """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos."""
     if entry.cameras is not None or entry.photos is not None:
         return entry
     name = f"inputs/around_{digest_of(stamp, CODE)}.json"

@@ -58,8 +58,8 @@ class Lead:
         left: Image without concealment; None if no pair of images is available.
         right: Image with the best concealment, or the reference image.
         caption: Description of the images: view and loss.
-        curve: Chart of the PSNR as a function of the loss rate, SVG; None if only one rate was measured.
-        opens: Labels of the methods that view comparisons show initially; empty for the reference and the baseline.
+        curve: Chart of the PSNR against the loss rate, SVG; None if only one rate was measured.
+        opens: Labels of the methods that view comparisons show first; empty for the reference and the baseline.
     """
 
     sentence: str
@@ -79,7 +79,7 @@ def make_lead(
         result: Results of the evaluation.
         pictures: Images of the views with the lowest PSNR.
         curve: Results of the same scene at other loss rates; None to omit the loss curve.
-        worst: Images at the highest loss rate of `curve`, shown instead of `pictures`; empty to show `pictures`.
+        worst: Images at the highest loss rate, shown instead of `pictures`; may be empty.
 
     Returns:
         The first part; None if the evaluation has several scenes or losses, or if no PSNR is finite.
@@ -177,7 +177,7 @@ def fold(table: Table, hidden: set[str]) -> tuple[Table, Table | None]:
         hidden: Rows to collapse, given by the text of their first cells.
 
     Returns:
-        The table of the shown rows, and the table of the collapsed rows; the latter is None if no row is collapsed.
+        The table of the shown rows, and the table of the collapsed rows or None.
     """
     shown = tuple(row for row in table.rows if row[0] not in hidden)
     rest = tuple(row for row in table.rows if row[0] in hidden)

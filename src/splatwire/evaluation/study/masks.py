@@ -15,7 +15,7 @@ from splatwire.evaluation.study.definition import Loss
 class Equivalence:
     """Share of a stream's packets that are lost if a certain share of datagrams is lost.
 
-    A packet is lost if any of its datagrams is lost, so the share depends on the size of the packets.
+    A packet is lost if any of its datagrams is lost.
 
     Attributes:
         model: The loss model of datagrams.
@@ -57,8 +57,7 @@ def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int)
     * `send_index`: position of the packet in the send order.
     * `received`: True if the packet is received.
 
-    The entries `loss`, `unit`, `send_order` and `seed` describe the loss model. The anchors of each packet are in a
-    separate file for the stream (`anchor_bytes`).
+    The entries `loss`, `unit`, `send_order` and `seed` describe the loss model.
 
     Args:
         stream: The complete stream.

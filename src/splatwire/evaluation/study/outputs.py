@@ -38,7 +38,7 @@ RATES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
 
 
 def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, Path]:
-    """Writes all results of an evaluation; its loss masks are written into the store.
+    """Writes all results of an evaluation.
 
     Args:
         result: Results of the evaluation.

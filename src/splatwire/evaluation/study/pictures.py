@@ -1,4 +1,4 @@
-"""Images for the report, stored by the workers: the views of each scene with the lowest PSNR, for every method."""
+"""Images for the report: the views of each scene with the lowest PSNR, for every method."""
 
 from dataclasses import dataclass
 from pathlib import Path

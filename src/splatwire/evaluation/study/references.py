@@ -1,4 +1,4 @@
-"""Reference images: photos, which are read from their dataset, or renders, which are computed once and stored."""
+"""Reference images of an evaluation: photos of a dataset, or stored renders."""
 
 import hashlib
 import io
@@ -149,7 +149,7 @@ def _picture(root: Path, folder: str, view: int) -> Path:
 
 
 def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dataset | None]:
-    """Returns the cameras of a scene, and the dataset of its reference photos; None if the references are rendered."""
+    """Returns the cameras of a scene, and the dataset of its reference photos, if any."""
     if entry.photos is not None:
         dataset = open_dataset(
             entry.photos, split=entry.split, images=entry.images, max_width=entry.max_width,

@@ -32,7 +32,7 @@ UNIT_SUFFIX = ".parquet"
 
 @dataclass(frozen=True)
 class Store:
-    """Folder with the inputs and results of an evaluation: gives the paths of its files, and reads and writes them.
+    """Folder with the inputs and results of an evaluation.
 
     Attributes:
         root: The folder.
@@ -137,7 +137,7 @@ class MemoryStore(Store):
 
 
 def _without_links(path: str, flags: int) -> int:
-    """Opener for `open` that rejects symbolic links: opens a file, or raises OSError if the path is a link."""
+    """Opener for `open` that raises OSError for a symbolic link."""
     return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 

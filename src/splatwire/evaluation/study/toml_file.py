@@ -113,12 +113,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _check_plain(location: str, value: Any) -> None:
-    """Rejects TOML values that protocol files do not use: dates, non-finite numbers, and integers beyond 64 bits.
-
-    Args:
-        location: Location of the value in the file, for the message.
-        value: The value.
-    """
+    """Rejects TOML values that protocol files do not use: dates, non-finite numbers, and integers beyond 64 bits."""
     if isinstance(value, (dict, list)):
         for key, item in value.items() if isinstance(value, dict) else enumerate(value, 1):
             _check_plain(f"{location} {key}".strip()[:80], item)
@@ -237,13 +232,7 @@ def _row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
 
 
 def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
-    """Parses a table row of a protocol file that gives the decoded results of another codec.
-
-    Args:
-        location: Location of the row in the file, for error messages.
-        table: Content of the row.
-        expand: Expands environment variables in paths.
-    """
+    """Parses a table row of a protocol file that gives the decoded results of another codec."""
     _check_keys(location, table, _DECODED_ROW, ("key", "label"))
     location, found = f"{location} ({table['key']})", []
     try:
@@ -277,13 +266,7 @@ def _loss(location: str, table: dict[str, Any]) -> Loss:
 
 
 def _parse_published(location: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
-    """Parses one table `[[published]]` of a protocol file: published results of a method on a dataset.
-
-    Args:
-        location: Location of the table in the file, for error messages.
-        table: Content of the table.
-        metrics: Metrics of the protocol.
-    """
+    """Parses one table `[[published]]` of a protocol file: published results of a method on a dataset."""
     figures = tuple(dict.fromkeys((*DEFAULT_METRICS, *SIZE_METRICS, *filter(_is_text, metrics))))
     _check_keys(location, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))
     values = {metric: float(table[metric]) for metric in figures if metric in table}

@@ -152,11 +152,7 @@ class _Sender:
         self._queue = [int(packet) for run in runs for packet in run if not under_way[packet]]
 
     def send(self, until: float) -> None:
-        """Sends packets until the next report arrives, or the queue is empty.
-
-        Args:
-            until: Time at which the next report arrives, seconds.
-        """
+        """Sends packets until the next report arrives, or the queue is empty."""
         for packet in self._queue:
             if self.now >= until:
                 return

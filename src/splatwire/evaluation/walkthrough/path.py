@@ -19,7 +19,7 @@ class Walk:
 
     Attributes:
         cameras: Key cameras; positions are interpolated linearly, rotations along the shortest arc.
-        seconds: Duration from the first camera to the last, seconds; the intervals between cameras are equal.
+        seconds: Duration from the first camera to the last, at equal intervals, seconds.
 
     Raises:
         InvalidValueError: If the duration is not positive, or more than an hour.
@@ -33,7 +33,8 @@ class Walk:
             raise InvalidValueError(f"a path takes more than 0 and at most 3600 seconds, not {self.seconds:g}")
 
     def at(self, seconds: float) -> Cameras:
-        """Returns the camera at a time; times outside the path are clamped."""
+        """Returns the camera at a time."""
+        # Times outside the path are clamped.
         cameras, last = self.cameras, self.cameras.num_views - 1
         place = min(max(seconds / self.seconds, 0.0), 1.0) * last
         before = min(int(place), max(last - 1, 0))

@@ -28,13 +28,13 @@ class Pictures:
         self.taken: list[tuple[float, str, str]] = []
 
     def add(self, seconds: float, shown: np.ndarray, reference: np.ndarray) -> None:
-        """Stores the image and the reference image of a time (RGB, uint8), if the report shows this time."""
+        """Adds the images of a time, RGB, uint8, if the report shows this time."""
         if seconds in self._wanted:
             self.taken.append((seconds, jpeg(shown), jpeg(reference)))
 
 
 def decibels_text(value: float) -> str:
-    """Formats a PSNR with its unit, for display; an infinite PSNR as "equal"."""
+    """Formats a PSNR with its unit, for display."""
     return f"{value:.2f} dB" if np.isfinite(value) else "equal"
 
 

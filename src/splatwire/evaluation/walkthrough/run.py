@@ -33,7 +33,7 @@ def evaluate_path(
         path: File with the cameras between which the viewer moves.
         link: Simulated network link.
         reference: File of the scene whose images are the references.
-        lossy: True if the link loses packets, so that packets must fit into datagrams.
+        lossy: True if the link loses packets.
         seconds: Duration of the walk; None for a second from each camera to the next.
         renderer: Name of the renderer.
         background: Background colour; None for the scene's.
