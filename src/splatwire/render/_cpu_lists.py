@@ -140,11 +140,11 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Returns:
         Five arrays:
 
-        * Start of each tile's list in the next two arrays, and the end of the last list.
+        * Start of each tile's list, and the end of the last list.
         * Lists of all tiles, one after another: indices of Gaussians.
         * Pixel rows of the tile that the Gaussian of each list entry covers.
-        * For the gradient, the positions of each Gaussian in the lists, Gaussian after Gaussian in the given order.
-        * Start of each Gaussian's positions in the previous array, and the end of the last.
+        * For the gradient, the list entries of each Gaussian, Gaussian after Gaussian.
+        * Start of each Gaussian's entries in the previous array, and the end of the last.
     """
     # Rows are shifted instead of divided, and array views (reference-counted) are avoided: together this halves the
     # time.

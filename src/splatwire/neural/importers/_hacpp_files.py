@@ -81,8 +81,7 @@ def load_bounds(model_dir: Path) -> tuple[Tensor, Tensor]:
     """Loads the lower and the upper corner of the hash grid's bounding box, float32 (3) each.
 
     Raises:
-        DatasetError: If a file is missing or does not contain three finite numbers, or if the box is empty. HAC++
-            fixes the box in the middle of training, so it cannot be computed from the final anchors.
+        DatasetError: If a file is missing or does not contain three finite numbers, or if the box is empty.
     """
     # HAC++ fixes the box in the middle of training, so it cannot be computed from the final anchors.
     corners = []

@@ -10,7 +10,7 @@ _PRIMES = (1, 2654435761, 805459861)
 
 
 def unit_coordinates(grid: HashGrid, positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N 3"]:
-    """Maps world coordinates to [0, 1] in the bounding box of the grid; outside the box, they exceed this range."""
+    """Maps world coordinates to coordinates relative to the grid's bounding box, [0, 1] inside the box."""
     return (positions - grid.bounds_min) / (grid.bounds_max - grid.bounds_min)
 
 
@@ -25,7 +25,7 @@ def corner_rows(
         num_rows: Number of table rows of the level.
 
     Returns:
-        Row indices within the level, and weights, for each corner of the grid cell; first axis fastest.
+        Row indices within the level, and weights, for each corner of the grid cell; the first axis varies fastest.
     """
     # Points on the border of the level have weight 0, and the other weights add up to 1. Outside the box, all
     # weights are 0.
@@ -56,7 +56,7 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes the terms from which the table row of a grid point is combined, one for each axis."""
+    """Computes the terms of a grid point's table row, one for each axis."""
     # `at` has the coordinates of the lower and the upper neighbour along each axis. If the table has a row for
     # every grid point, the index is the sum of the terms. Otherwise it is their XOR, modulo the number of rows.
     dims = at.shape[1]

@@ -44,5 +44,5 @@ def gather_mean(state: TrainState, config: TrainConfig) -> None:
 
 
 def averaged(state: TrainState) -> TrainState:
-    """Returns the state with each parameter replaced by its running mean; parameters without a mean are unchanged."""
+    """Returns the state with each parameter replaced by its running mean."""
     return replace(state, parameters={**state.parameters, **state.means}) if state.means else state

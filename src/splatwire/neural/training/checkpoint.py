@@ -179,7 +179,7 @@ def record_from_json(kind: Any, value: dict[str, Any]) -> Any:
 
 
 def _record(kind: Any, value: dict[str, Any]) -> Any:
-    """Converts a JSON object to an instance of the dataclass `kind`; every field is required."""
+    """Converts a JSON object to an instance of the dataclass `kind`."""
     kinds = get_type_hints(kind)
     if set(value) != set(kinds):
         raise ValueError(f"{kind.__name__} has other fields than {', '.join(sorted(value))}")

@@ -210,7 +210,7 @@ class LossTraining:
         first: Shares of the anchors, most important ones first, that arrive if only the first quality tiers of a stream
             are received.
         packets: Names of packetizations (`packetization_named`), chosen at random.
-        share: Share of the iterations with packet loss, once the set of anchors is fixed.
+        share: Share of the iterations with packet loss in the last phase of the training.
     """
 
     models: tuple[str, ...] = ()

@@ -91,8 +91,7 @@ class Randomness:
 
     Attributes:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
-        noise: Draws a matrix of uniform random numbers in [0, 1) from the numbers of rows and of columns
-            (`noise_from_host`).
+        noise: Draws a matrix of uniform random numbers in [0, 1), given numbers of rows and columns.
         sample: Selects a random subset of a number of anchors; returns indices.
     """
 

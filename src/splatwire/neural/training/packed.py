@@ -81,8 +81,7 @@ def _copy_indices(
         device: Device of the results.
 
     Returns:
-        For each weight of the combined network, its index in the list; for each weight in the list, its index in the
-        combined network; and the zero.
+        Indices of the copied weights, indices for the reverse, and a zero for entries without a weight.
     """
     # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
     # no network are copies of this zero.

@@ -200,7 +200,7 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the typical anchor size of each anchor's quality tier, from which a receiver conceals lost anchors.
+        """Returns the typical anchor size in each anchor's quality tier, which a receiver uses for lost anchors.
 
         Args:
             state: State of the training.

@@ -96,7 +96,7 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns by which share of the target size the stream may exceed it after an iteration."""
+    """Returns how far the stream may exceed the target size after an iteration, as a share of this size."""
     # The share falls linearly during the training, from `HEADROOM` to `LAST`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
