@@ -5,8 +5,8 @@ store/
   lock                        lock of the coordinating run
   inputs/<key>/...            encoded streams; rendered reference images, one file per view
   masks/<scene>/<stream>/...  loss masks, for other codecs
-  units/<key>.parquet         the records of one unit of work
-  pictures/...                images of units for the report
+  units/<key>.parquet         the records of one task
+  pictures/...                images of tasks for the report
 ```
 
 Files are written atomically. Concurrent writers of one result write the same content.
