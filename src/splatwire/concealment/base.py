@@ -14,12 +14,9 @@ from splatwire.types import ReceivedScene, RenderHints
 class Concealed(RenderHints):
     """Result of a concealer: how to draw received elements, and estimates of lost elements.
 
-    The inherited attributes are factors on the size and opacity of each element (gains), and the elements that are not
-    drawn.
-
     Attributes:
-        elements: All Gaussians or anchors of the scene, with estimates for lost values; the values of received elements
-            are ignored. None to use the values that the side information predicts (`ReceivedScene.filled`).
+        elements: All Gaussians or anchors of the scene, with estimates for lost values. None to use the values that the
+            side information predicts.
         shows: True if the concealer draws elements that are hidden in the lossless scene, e.g. those of a coarser level
             of detail in place of lost elements.
     """
@@ -29,17 +26,14 @@ class Concealed(RenderHints):
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":
-        """Builds a result that draws all elements.
-
-        Lost elements have estimated values; sizes and opacities are not changed.
-        """
+        """Builds a result that draws all elements, with estimates of the lost ones."""
         elements = to_arrays(elements)
         count = len(next(iter(vars(elements).values())))
         return Concealed(np.ones(count, np.float32), np.zeros(count, np.bool_), elements=elements)
 
     @property
     def hints(self) -> RenderHints:
-        """The render hints: factors on the size and opacity of each element, and the elements that are not drawn."""
+        """Factors on the size and opacity of each element, and the elements that are not drawn."""
         return RenderHints(self.size_gain, self.left_out, self.opacity_gain)
 
 
@@ -54,8 +48,7 @@ class Concealer(Protocol):
     def __call__(self, partial: ReceivedScene, /) -> Concealed:
         """Returns estimates of lost values for a received scene, and hints for rendering it.
 
-        The hints are factors on the size and opacity of each element, and the elements that are not drawn. A concealer
-        must not change received values or return NaN.
+        A concealer must not change received values or return NaN.
         """
 
 

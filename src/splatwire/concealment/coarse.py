@@ -32,15 +32,12 @@ Gaussians finite."""
 class Coarse:
     """Replaces lost Gaussians by Gaussians of the next coarser level; received Gaussians are enlarged slightly.
 
-    A Gaussian of the coarser level is either a copy of a finer Gaussian, or merged from several. A copy is drawn if its
-    original was lost. The opacity of a merged Gaussian is proportional to the share of its finer Gaussians that was
-    lost. To compute this share, each finer Gaussian is assigned to the merged Gaussian with the best matching ellipsoid
-    and colour.
+    A coarser Gaussian is a copy of a finer one, or merged from several. A copy is drawn if its original was lost. The
+    opacity of a merged one is proportional to the share of its finer Gaussians that was lost.
 
     Attributes:
-        exponent: Exponent of the factor by which received Gaussians are enlarged, see `Grow.exponent`.
-        trust: Limits the opacity of merged Gaussians: the factor on it is at most `trust` times the lost share of the
-            finest level, and at most 1.
+        exponent: Exponent of the factor by which received Gaussians are enlarged (`Grow.exponent`).
+        trust: Limit of the opacity of merged Gaussians, as a multiple of the lost share of the finest level.
     """
 
     exponent: float = 0.35
@@ -73,9 +70,7 @@ class Coarse:
 def _grow_finest(
     grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Enlarges received Gaussians of the finest level to cover lost ones, with the concealer `grow`.
-
-    Gaussians of coarser levels are hidden.
+    """Enlarges received Gaussians of the finest level to cover lost ones, and hides coarser Gaussians.
 
     Returns:
         Factor on the size and factor on the opacity of each Gaussian, and the mask of hidden Gaussians.
@@ -92,10 +87,7 @@ def _grow_finest(
 def _coarse_opacities(
     splats: Splats, fine: np.ndarray, coarse: np.ndarray, copied: Bool[np.ndarray, "C"], trust: float
 ) -> Float[np.ndarray, "C"]:
-    """Returns the opacity factors with which coarser Gaussians cover only the gaps that lost finer Gaussians leave.
-
-    An exact copy gets 0 if its finer original was received, otherwise 1. A merged Gaussian gets the share of its area
-    that received finer Gaussians do not cover, times `trust`.
+    """Returns the opacity factors with which coarser Gaussians cover the gaps that lost finer Gaussians leave.
 
     Args:
         splats: Gaussians of all levels.
@@ -104,6 +96,7 @@ def _coarse_opacities(
         copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).
         trust: Factor on the results for merged Gaussians, 0 to 1.
     """
+    # an exact copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
     covers = _coverage(splats)
     shown = np.ones(len(coarse), np.float32)
     if not len(fine):
@@ -123,11 +116,7 @@ def _coarse_opacities(
 
 
 def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
-    """Finds the coarser Gaussian into which each finer Gaussian was probably merged; returns indices into `merged`.
-
-    A merged Gaussian has the mean, covariance and colour of its finer Gaussians, so distances are measured in standard
-    deviations of the merged Gaussian.
-    """
+    """Finds the coarser Gaussian into which each finer Gaussian was probably merged; returns indices into `merged`."""
     centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
     scales = splats.scales[merged].astype(np.float64)
     scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))
@@ -138,6 +127,7 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
         near, _ = tree.query(splats.means[some], min(_CANDIDATES, len(merged)))
         apart = np.einsum("nkij,nki->nkj", axes[near], splats.means[some].astype(np.float64)[:, None] - centres[near])
         unlike = (splats.sh[some, None, 0] - splats.sh[merged[near], 0]).astype(np.float64)
+        # a merged Gaussian has the mean, covariance and colour of its finer ones, so its standard deviation is the unit
         far = ((apart / scales[near]) ** 2).sum(axis=2) + _COLOUR * (unlike**2).sum(axis=2)
         found[begin : begin + len(some)] = np.take_along_axis(near, far.argmin(axis=1)[:, None], axis=1)[:, 0]
     return found
@@ -145,9 +135,6 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
     """Finds the original of each Gaussian of a coarser level that is a copy of one finer Gaussian.
-
-    A stream does not contain this relation. The original is therefore the received Gaussian with nearly the same
-    position, size, colour and opacity.
 
     Args:
         splats: Gaussians of all levels.
@@ -157,6 +144,7 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
     Returns:
         Position in `fine` of the original of each copy, int64 (C); -1 if no original was received.
     """
+    # A stream does not contain this relation: the original has nearly the same position, size, colour and opacity.
     near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
     found, size = fine[near], np.maximum(np.sort(splats.scales[copies], axis=1)[:, 1:], 1e-30)
     sizes = np.maximum(np.sort(splats.scales[found], axis=2)[..., 1:], 1e-30)

@@ -17,21 +17,19 @@ from splatwire.types.received_scene import S
 def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
     """Conceals the losses of a received scene: replaces lost elements by estimates, or hides them.
 
-    Received attributes stay bit-exact. Estimated offsets of anchors are zero where the offset mask is false. The
-    concealer is not called if nothing was lost.
+    Received attributes do not change.
 
     Args:
         partial: Output of a decoder.
         concealer: A concealer or its name (`splatwire.concealment.create_concealer`).
 
     Returns:
-        A scene of the same type, with estimates of lost elements and with hints for rendering: factors on size and
-        opacity, and elements that are not drawn.
+        A scene of the same type, with estimates of lost elements and with hints for rendering.
 
     Raises:
         UnknownNameError: If no concealer has that name.
         InvalidValueError: If `partial` is not a received scene or lacks side information that the concealer needs, or
-            if the concealer returned arrays of wrong shape or invalid render hints.
+            if the concealer returned an invalid result.
     """
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
     check_kind(partial, ReceivedScene, "decode_stream")
@@ -42,9 +40,7 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
 
 
 def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
-    """Applies the result of a concealer to a received scene: estimates of lost elements, and hints for rendering.
-
-    The hints are factors on the size and opacity of each element, and the elements that are not drawn.
+    """Applies the result of a concealer to a received scene.
 
     Args:
         partial: The received scene.
@@ -52,7 +48,7 @@ def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S
         name: Name of the concealer, for messages.
 
     Raises:
-        InvalidValueError: If the concealer's result contains an array of wrong shape, or invalid hints.
+        InvalidValueError: If the result has an array of wrong shape, or invalid hints.
     """
     proposed = partial.filled if proposal.elements is None else proposal.elements
     _check(proposal, proposed, partial, name)
@@ -65,7 +61,7 @@ def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S
 
 @checked_except("concealer")
 def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scene:
-    """Conceals the losses of a decoded scene with `conceal`; returns a scene without loss information unchanged."""
+    """Conceals the losses of a decoded scene; returns a scene without loss information unchanged."""
     return conceal(loaded, concealer) if isinstance(loaded, ReceivedScene) else loaded
 
 

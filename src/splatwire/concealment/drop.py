@@ -21,5 +21,5 @@ class Drop(CheckedFields):
         return "drop"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Hides every element of which at least one attribute was lost, and changes nothing else."""
+        """Returns hints that hide every element of which at least one attribute was lost."""
         return Concealed(np.ones_like(partial.places[:, 0]), ~partial.known)

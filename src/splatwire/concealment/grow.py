@@ -21,25 +21,17 @@ _MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
 class Grow:
     """Hides lost elements, and enlarges received elements to cover the gaps.
 
-    The enlargement of an element grows with the lost share `rho` of its nearest neighbours. The gain is `(1 - rho) **
-    -exponent`. With the exponent 1/2, the covered area of a surface is preserved: a share of `1 - rho` of its discs
-    remains, and the area of each is divided by `1 - rho`.
-
-    Large neighbours have more weight in `rho` than small ones, by their expected size (`ReceivedScene.sizes`). If only
-    small elements were lost, large elements are thus hardly enlarged.
-
-    The type of scene (`Coverage`) determines how much of the gain is applied to size and how much to opacity. For
-    explicit Gaussians, most of it is applied to opacity.
+    An element is enlarged by the gain `(1 - rho) ** -exponent`, where `rho` is the lost share of its nearest
+    neighbours, weighted by size. The exponent 1/2 preserves the covered area of a surface. The type of scene
+    (`Coverage`) determines how much of the gain is applied to size and how much to opacity.
 
     Attributes:
-        neighbors: Number of nearest elements (received or lost, without the element itself) over which `rho` is
-            computed.
-        exponent: Exponent of the enlargement (gain). For size and for opacity, it is multiplied by a factor that
-            depends on the scene type (`Coverage`). 0 disables enlargement.
+        neighbors: Number of nearest neighbours over which `rho` is computed.
+        exponent: Exponent of the gain; 0 disables enlargement.
         max_excess: Upper limit of the gain as a multiple of the gain for the average loss of the whole scene, at least
-            1; infinite for no limit. Without a limit, a few elements next to large holes would cover intact regions.
-        max_gain: Absolute upper limit of the gain, which would be infinite if all neighbours are lost.
-        nearest: Precomputed indices of the nearest neighbours (see `with_neighbors`), int64 (N, k); None to search.
+            1.
+        max_gain: Absolute upper limit of the gain.
+        nearest: Precomputed indices of the nearest neighbours, int64 (N, k); None to search.
     """
 
     # For two scenes in which the least important third to half of the packets was lost, the weighting by expected size
@@ -66,9 +58,7 @@ class Grow:
     def with_neighbors(self, partial: ReceivedScene) -> "Grow":
         """Returns a copy of this concealer with the nearest neighbours of all elements of a scene computed in advance.
 
-        The copy is faster if many loss patterns of the same scene are concealed.
-
-        Returns this object unchanged if the neighbours depend on which elements were received.
+        It is faster if many loss patterns of the same scene are concealed.
         """
         if partial.expectation is None:
             return self  # positions of lost elements depend on the received ones
@@ -99,9 +89,8 @@ class Grow:
 
         Args:
             received: Share of each anchor's neighbours that was received, 0 to 1.
-            known: Mask of received anchors of the whole scene. The average loss follows from it and limits the factor
-                (`max_excess`).
-            tier_sizes: Weight of each anchor in the average loss; None for equal weights.
+            known: Mask of received anchors of the whole scene.
+            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
         """
         return self.limited(received, known, tier_sizes) ** -self.exponent
 
@@ -111,20 +100,20 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the factors by which received anchors are enlarged, if few of their neighbours were received.
-
-        A factor must not exceed `max_gain`, nor `max_excess` times the factor for the average loss of the scene.
+        """Limits the received shares so that the resulting enlargement does not exceed `max_gain` and `max_excess`.
 
         Args:
             received: Share of each anchor's neighbours that was received, 0 to 1.
-            known: Mask of received anchors of the whole scene, from which the average loss is computed.
-            tier_sizes: Weight of each anchor in the average loss; None for equal weights.
+            known: Mask of received anchors of the whole scene.
+            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
 
         Returns:
-            The shares `received`, raised where the factor would exceed the limit.
+            The shares `received`, raised where the enlargement would be too large.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
+        # Otherwise, a few elements next to large holes would cover intact regions; without received neighbours, the gain
+        # would be infinite.
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
         return np.maximum(received, received.dtype.type(least))
@@ -146,8 +135,6 @@ def lost_share(
     nearest: Int64[np.ndarray, "N k"] | None = None,
 ) -> Float[np.ndarray, "N"]:
     """Returns the lost share among the nearest neighbours of each received anchor, 0 to 1.
-
-    The share is 0 for lost anchors and for anchors without neighbours.
 
     Args:
         positions: Positions of all anchors, received or lost.

@@ -1,8 +1,7 @@
-"""Registry of concealers for static scenes and sequences, open to installed packages (`splatwire.plugins`).
+"""Registry of concealers for static scenes and sequences, open to installed packages (docs/your-own-concealer.md).
 
-A package announces a concealer under the entry-point group `splatwire.concealers`; its value is an object decorated
-with `register_concealer` (docs/your-own-concealer.md). One name, e.g. `drop`, may refer to a concealer for static
-scenes and to a concealer for sequences.
+A package announces a concealer under the entry-point group `splatwire.concealers`. A name may refer to one concealer
+for static scenes and one for sequences.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -28,10 +27,9 @@ class Registration:
 
     Attributes:
         make: Factory; takes keyword options.
-        needs: Types of side information records or elements that the concealer requires. An entry may be a tuple of
-            alternatives; one of its types suffices.
+        needs: Types of side information or elements that the concealer requires; a tuple lists alternatives.
         option: Name of a required option, given as `name:VALUE`.
-        section: Section of the side information that the concealer reads; if present, the option is not required.
+        section: Section of the side information that the concealer reads, instead of the option if it has one.
         shipped: Network weight files that ship with the package of the concealer.
         listed: True if `concealer_names` lists it.
     """
@@ -47,7 +45,7 @@ class Registration:
         """Returns a type that the concealer requires but the stream does not contain; None if nothing is missing.
 
         Args:
-            provides: Types of the stream's elements and side information records.
+            provides: Types of the stream's elements and side information.
         """
         return next((need for need in self.needs if not set(_kinds(need)) & set(provides)), None)
 
@@ -82,16 +80,13 @@ def register_concealer(
 
     Args:
         name: Name of the concealer.
-        needs: Types that the concealer requires in addition to positions, sizes and the loss mask: element types
-            (`Anchors`, `Splats`), or types of side information records (`ReceivedScene.records`). An entry may be a
-            tuple of alternatives; one of its types suffices.
+        needs: Types that the concealer requires: element types (`Anchors`, `Splats`), or types of side information
+            (`ReceivedScene.records`). A tuple lists alternatives.
         option: Name of a required option, such as a weights file; `name:VALUE` sets it.
-        section: Name of the side information section that the concealer reads. The section is required unless the
-            option is given.
+        section: Name of the side information section that the concealer reads; required unless the option is given.
         shipped: Network weight files of the package that the concealer reads.
         listed: True if `concealer_names` lists it.
-        temporal: True for sequences (`concealment.temporal.concealers.TemporalConcealer`); False for static scenes
-            (`splatwire.concealment.Concealer`).
+        temporal: True for sequences, False for static scenes.
 
     Raises:
         InvalidValueError: If the name is taken by another concealer of that kind.
@@ -116,12 +111,10 @@ def register_concealer(
 def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | None = None) -> tuple[str, ...]:
     """Returns the names of all usable concealers of static scenes, built-in ones first.
 
-    Concealers whose package cannot be loaded are skipped and logged.
-
     Args:
-        sections: Named sections of the stream; concealers that read other sections are not listed.
-        provides: Available types of elements and records (`ReceivedScene.provides`, `Schema.provides`);
-            concealers that require other types are not listed. None lists all.
+        sections: Named sections of the stream; concealers that need others are not listed.
+        provides: Types of elements and side information in the stream; concealers that require others are not listed.
+            None lists all.
     """
     there = {None, *sections}
     return tuple(
@@ -141,16 +134,14 @@ def temporal_names() -> tuple[str, ...]:
 
 
 def check_needs(method: Concealer, partial: ReceivedScene) -> None:
-    """Raises an error if a received scene lacks the side information that a concealer needs.
-
-    Concealers that are not registered are not checked.
+    """Checks that a received scene has the side information that a registered concealer needs.
 
     Args:
         method: The concealer.
         partial: The received scene.
 
     Raises:
-        InvalidValueError: If required side information is missing; the message names usable concealers.
+        InvalidValueError: If side information is missing; the message names usable concealers.
     """
     registered = (named.still for named in CONCEALERS.registered().values())
     known = next((still for still in registered if still is not None and still.make is type(method)), None)
@@ -169,7 +160,7 @@ def why_unfit(
 
     Args:
         name: Name of the concealer, or `name:FILE`.
-        provides: Types of elements and side information records of the stream (`Schema.provides`).
+        provides: Types of elements and side information in the stream.
         sections: Named sections of the side information.
         options: Options of the concealer.
 
@@ -188,10 +179,7 @@ def why_unfit(
 
 
 def concealer_sections() -> dict[str, str]:
-    """Returns the side information section that each concealer reads, by concealer name.
-
-    Concealers that read no section are omitted.
-    """
+    """Returns the side information section that each concealer reads, by concealer name."""
     return {name: known.section for name, known in _static_concealers().items() if known.section is not None}
 
 
@@ -239,7 +227,7 @@ def create(name: str, known: Registration, protocol: type, options: Mapping[str,
 
     Args:
         name: Name of the concealer, or `name:VALUE` with its required option.
-        known: Registered properties of the concealer, including the factory.
+        known: Registered properties of the concealer.
         protocol: Protocol that the result must implement.
         options: Options of that concealer; defaults apply to missing ones.
 
@@ -288,7 +276,7 @@ def _static_concealers() -> dict[str, Registration]:
 
 
 def _members(protocol: type) -> set[str]:
-    """Names of the public attributes of a protocol."""
+    """Returns the names of the public attributes of a protocol."""
     return {word for word in (*vars(protocol), *getattr(protocol, "__annotations__", {})) if not word.startswith("_")}
 
 

@@ -27,16 +27,14 @@ from splatwire.types.splats import Splats
 class SceneFree:
     """Hides lost elements; multiplies size and opacity of received ones by factors (gains) that a network predicts.
 
-    The inputs of the network are shares of lost neighbours, ratios of sizes, and counts (`signatures`). None of them
-    depends on the scene's colours, features or unit of length, so the network also works for scenes outside its
-    training set. Anchors and explicit Gaussians have separate networks.
+    The inputs of the network are ratios and counts, so it also works for scenes outside its training set. Anchors and
+    explicit Gaussians have separate networks.
 
     Attributes:
-        weights: File with network weights for anchors; None for the weights that ship with the package.
+        weights: File with network weights for anchors; None for the shipped ones.
         trust: Strength of the network's correction for anchors: 0 gives the result of the concealer `grow`, 1 the full
             correction.
-        gaussian_weights: File with network weights for explicit Gaussians, whose correction is always applied in full;
-            None for the shipped weights.
+        gaussian_weights: File with network weights for explicit Gaussians; None for the shipped ones.
     """
 
     weights: str | Path | None = None

@@ -1,9 +1,8 @@
 """Neural network of the concealer `scene_free` for explicit Gaussians.
 
-It predicts factors on size and opacity of received Gaussians, which then cover lost neighbours. If the share `rho` of
-the neighbours was lost, let `L = -log(1 - rho)`. The factor `exp(L / 2)` on sizes preserves the covered area. The
-opacity `1 - (1 - a) ** exp(L)` in place of `a` preserves the transmittance of many thin layers. The best combination
-depends on how Gaussians overlap locally; the network predicts it.
+It predicts factors on size and opacity of received Gaussians. If the share `rho` of the neighbours was lost, let `L =
+-log(1 - rho)`. The factor `exp(L / 2)` on sizes preserves the covered area; the opacity `1 - (1 - a) ** exp(L)` in
+place of `a` preserves the transmittance of many thin layers. The network combines them.
 """
 
 from dataclasses import dataclass
@@ -31,13 +30,11 @@ OPACITIES = (1e-4, 1 - 1e-4)
 
 @dataclass(frozen=True, eq=False)
 class ElementInputs:
-    """Inputs of the network `ElementNetwork` for a received scene of explicit Gaussians with losses.
-
-    The network predicts factors on the size and opacity of M received Gaussians.
+    """Inputs of the network that predicts factors on the size and opacity of M received Gaussians.
 
     Attributes:
         rows: Indices of the received Gaussians.
-        signature: Features of the Gaussians and their neighbourhoods; ratios only, without a unit of length.
+        signature: Features of the Gaussians and their neighbourhoods.
         lost: `L = -log(1 - rho)` for the lost share `rho` of each Gaussian's neighbours.
         opacity: Opacities of the received Gaussians.
     """
@@ -86,8 +83,7 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
 def _spacing(distance: np.ndarray, received: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "M"]:
     """Measures how sparse the received Gaussians around each received Gaussian are.
 
-    The measure is the logarithm of the distance to the sixth nearest one, float (M). A Gaussian with fewer received
-    neighbours gets the logarithm of its own size.
+    The measure is the logarithm of the distance to the sixth nearest one, float (M).
 
     Args:
         distance: Distances to the nearest neighbours, world units, (M, k).
@@ -110,13 +106,10 @@ class ElementNetwork(Perceptron):
     ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
         """Computes factors (gains) on the size and on the opacity of each received Gaussian, positive, float (M) each.
 
-        The factors grow with the share of lost neighbours. Each has an exponent, which the network corrects.
-
         Args:
             inputs: Inputs of the network for M received Gaussians.
             trust: Factor on the network's correction, 0 for none.
-            base: Exponents of size and opacity without the correction. For the size, 1/2 preserves the covered area;
-                for the opacity, 1 preserves the transmittance; 0 changes nothing.
+            base: Exponents of size and opacity without the correction; 0 for no change.
         """
         change = trust * self.evaluate(inputs.signature)
         size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))

@@ -25,11 +25,9 @@ MOST_CHANGE = 0.3
 class GainInputs:
     """Inputs of the neural network that predicts the enlargement of received anchors next to lost ones.
 
-    Their computation takes most of the time of the concealer; the network itself is fast.
-
     Attributes:
         rows: Indices of the received anchors, int64 (M).
-        signature: Input features of these anchors, see `signatures`.
+        signature: Input features of these anchors (`signatures`).
         grown: Factors by which the concealer `grow` enlarges the anchors; the network corrects them.
     """
 
@@ -39,7 +37,7 @@ class GainInputs:
 
 
 def gain_inputs(partial: ReceivedScene, around: Surroundings) -> GainInputs:
-    """Computes the inputs of `GainNetwork`, which corrects the enlargement of received anchors next to lost ones.
+    """Computes the inputs of the network that predicts the enlargement of received anchors.
 
     Args:
         partial: The received scene.
@@ -69,7 +67,7 @@ class Perceptron:
 
     @classmethod
     def untrained(cls: type[Own], hidden: int = HIDDEN, *, seed: int = 0) -> Own:
-        """Returns a network whose outputs are always 0: the hidden layer is random, the output layer is zero."""
+        """Returns a network with random weights in the hidden layer, whose outputs are 0."""
         rng, bound = np.random.default_rng(seed), cls.INPUTS**-0.5
         first = Linear(
             rng.uniform(-bound, bound, (hidden, cls.INPUTS)).astype(np.float32),
@@ -79,7 +77,7 @@ class Perceptron:
         return cls(np.zeros(cls.INPUTS, np.float32), np.ones(cls.INPUTS, np.float32), first, last)
 
     def evaluate(self, signature: Float[np.ndarray, "M D"]) -> Float[np.ndarray, "M 2"]:
-        """Evaluates the network; standardised inputs are clamped to `MOST_UNUSUAL` standard deviations."""
+        """Returns the two outputs of the network for each row of inputs."""
         x = np.clip((signature - self.mean) / self.spread, -MOST_UNUSUAL, MOST_UNUSUAL)
         h = x @ self.hidden.weight.T + self.hidden.bias
         h = h / (1 + np.exp(-h))
@@ -89,9 +87,8 @@ class Perceptron:
 class GainNetwork(Perceptron):
     """A small neural network that corrects the enlargement of received anchors by the concealer `grow`.
 
-    `grow` multiplies the sizes of received anchors near lost anchors by a factor. The network has two outputs: the
-    logarithm of a correction that is multiplied with this factor, and the logarithm of a factor on the opacity. Both
-    outputs are 0 without training.
+    The network has two outputs: the logarithm of a correction of the factor on sizes, and the logarithm of a factor on
+    the opacity.
     """
 
     INPUTS = SIGNATURE

@@ -1,7 +1,4 @@
-"""Input features of the network of the concealer `scene_free`, for each received anchor.
-
-All features are ratios, so that units and the meaning of anchor features do not matter.
-"""
+"""Input features of the network of the concealer `scene_free`, for each received anchor; all are ratios."""
 
 from typing import Any
 
@@ -26,8 +23,6 @@ _MOST_LOST = 0.97
 def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M signature"]:
     """Computes the inputs of the network of the concealer `scene_free`, one row for each received anchor.
 
-    A lost share `rho` is represented by `-log(1 - rho)`, the logarithm of the area gain that compensates for this loss.
-
     The inputs are:
 
     1. Lost shares: of the whole scene, and of the nearest 4, 12 and 32 anchors.
@@ -37,7 +32,7 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
     Args:
         partial: The received scene.
-        around: Neighbours and expected sizes of the anchors to describe, all of which must be received.
+        around: Neighbours and expected sizes of the received anchors.
     """
     kind = around.log_size.dtype
     lost = (~partial.known).astype(kind)
@@ -56,10 +51,7 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
 
 def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of the nearest neighbours of each anchor, 0 to 1; 0 without neighbours.
-
-    Neighbours are weighted by their expected size, as in the concealer `grow`.
-    """
+    """Returns the lost share of the nearest neighbours of each anchor, weighted by size; 0 without neighbours."""
     near, weight = around.near.index, around.weights
     lost = (weight * ~partial.known)[near].sum(axis=1)
     tiny = np.finfo(weight.dtype).tiny
@@ -67,10 +59,7 @@ def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Fl
 
 
 def log_gain(share: Any) -> Any:
-    """Returns the logarithm of the factor on the area of received elements that compensates for lost neighbours.
-
-    The factor is 1 / (1 - share), where `share` is the lost share of the neighbours, limited to `_MOST_LOST`.
-    """
+    """Returns the logarithm of 1 / (1 - share), the area gain that compensates for a lost share of the neighbours."""
     return -np.log1p(-np.minimum(share, _MOST_LOST))
 
 
@@ -81,15 +70,12 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns area and relative distance of each neighbour, from which the neighbours' weights are computed.
+    """Returns the area of each neighbour, and its squared distance relative to these areas.
 
     Args:
         area: Expected area of every anchor of the scene.
         rows: Indices of the M anchors.
         neighbors: Nearest neighbours of the M anchors.
-
-    Returns:
-        Area of each neighbour; and its squared distance, divided by twice the sum of the areas of anchor and neighbour.
     """
     theirs = area[neighbors.index]
     return theirs, neighbors.distance**2 / (2 * (theirs + area[rows, None]))
@@ -143,9 +129,6 @@ def _size_features(
     partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
     """Returns the input features that describe an anchor's size and offsets, and the uncertainty of its prior.
-
-    The features are: numbers of active offsets of the anchor and of its neighbours; deviation of the size from its
-    prediction; standard deviations predicted by the prior for features and for scalings.
 
     Args:
         partial: The received scene.

@@ -1,4 +1,4 @@
-"""Neighbours and expected sizes of anchors, computed once and then used for any losses of the same scene."""
+"""Neighbours and expected sizes of anchors, independent of losses."""
 
 from dataclasses import dataclass, replace
 
@@ -41,16 +41,14 @@ class Neighborhood:
 class Surroundings:
     """Neighbours and expected sizes of anchors, from which a concealer computes the enlargement of received anchors.
 
-    They do not depend on which anchors are lost, so that they are computed once for many simulated losses of a scene.
+    They do not depend on which anchors are lost.
 
     Attributes:
-        log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors. It is used for
-            received anchors, too, so that their sizes are comparable with those of lost anchors.
-        weights: Weight of each anchor when the lost share of a neighbourhood is computed (`ReceivedScene.sizes`).
+        log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors.
+        weights: Weight of each anchor when the lost share of a neighbourhood is computed.
         rows: Indices of the M anchors whose neighbours are known.
         near: Nearest neighbours of the M anchors.
-        classes: Nearest large neighbours of the M anchors. For each number s in `CLASS_SHARES`, only the largest 1/s of
-            all anchors are considered.
+        classes: Nearest large neighbours of the M anchors, one item for each size class in `CLASS_SHARES`.
     """
 
     log_size: Float[np.ndarray, "N"]
@@ -60,7 +58,7 @@ class Surroundings:
     classes: tuple[Neighborhood, ...]
 
     def select(self, wanted: Bool[np.ndarray, "M"]) -> "Surroundings":
-        """Returns the surroundings of a part of the M anchors, selected by the mask `wanted`."""
+        """Returns the neighbours and sizes of some of the M anchors, selected by the mask `wanted`."""
 
         def of(part: Neighborhood) -> Neighborhood:
             return Neighborhood(part.index[wanted], part.distance[wanted])

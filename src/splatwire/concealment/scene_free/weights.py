@@ -1,4 +1,4 @@
-"""Network weight files of the concealer `scene_free` (safetensors), shipped for anchors and for explicit Gaussians."""
+"""Network weight files of the concealer `scene_free` (safetensors), for anchors and for explicit Gaussians."""
 
 from functools import cache
 from importlib import resources
@@ -40,12 +40,11 @@ def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str]
 
 
 def load_gain_network(path: Path) -> GainNetwork:
-    """Reads the network of the concealer `scene_free` for anchors from a file written by `save_gain_network`.
+    """Reads the network of the concealer `scene_free` for anchors from a file.
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.
-        BitstreamError: If the file is absent or of another format, or a tensor is missing, of wrong shape or not
-            finite.
+        BitstreamError: If the file is absent, damaged or of another format.
     """
     return _load(path, GainNetwork)
 
@@ -87,17 +86,11 @@ def _load(path: Path, kind: type[Network]) -> Network:
 
 @cache
 def default_weights() -> GainNetwork:
-    """Returns the shipped neural network of the concealer `scene_free` for scenes of anchors.
-
-    The network predicts factors on size and opacity of the Gaussians of received anchors next to lost ones.
-    """
+    """Returns the shipped neural network of the concealer `scene_free` for scenes of anchors."""
     return load_gain_network(SHIPPED[0])
 
 
 @cache
 def default_element_weights() -> ElementNetwork:
-    """Returns the shipped neural network of the concealer `scene_free` for scenes of explicit Gaussians.
-
-    The network predicts factors on size and opacity of received Gaussians next to lost ones.
-    """
+    """Returns the shipped neural network of the concealer `scene_free` for scenes of explicit Gaussians."""
     return load_element_network(SHIPPED[1])

@@ -1,7 +1,6 @@
 """Numba kernels that code the sketch (coarse copies of anchors) with an adaptive binary range coder.
 
-The same kernel encodes or decodes, depending on its `Coder`. When encoding, it encodes the values that are passed to
-it. When decoding, it ignores these values. In both cases, it returns the coded values or writes them to the arrays.
+Each kernel encodes the values in its arguments, or decodes values and stores or returns them, depending on its `Coder`.
 """
 
 from typing import Any, NamedTuple, no_type_check
@@ -69,14 +68,11 @@ class Coder(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def copies_before(levels, n):
-    """Counts how many of the four anchors before anchor `n` have a coarse copy; a context of the entropy coder.
+    """Returns the context of the entropy coder for the copy flag of anchor `n`, 0 to 3.
 
     Args:
         levels: Precision level of each anchor's copy; 0 for anchors without a copy.
         n: Index of the anchor.
-
-    Returns:
-        The number, at most 3.
     """
     count = 0
     for i in range(max(n - 4, 0), n):
@@ -100,15 +96,11 @@ def code_bit(coder, models, context, bit):
 def code_value(coder, models, own, shared, value):
     """Encodes or decodes a signed integer: first a bit for 0, then sign and magnitude.
 
-    The magnitude is coded in unary, or in Elias gamma code if it is large. The first bit and the first `OWN` bits of
-    the magnitude have separate probabilities for each column of coefficients. Further bits have probabilities that all
-    columns of a precision level share.
-
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
-        own: Index in `models` of the column's first probability.
-        shared: Index in `models` of the level's first shared probability.
+        own: Index in `models` of the first probability of this column of coefficients.
+        shared: Index in `models` of the first probability that all columns of a precision level share.
         value: The integer.
     """
     if not code_bit(coder, models, own, np.int64(value != 0)):
@@ -133,13 +125,11 @@ def code_value(coder, models, own, shared, value):
 def code_levels(coder, models, levels, buckets, num_levels):
     """Encodes or decodes which anchors have a coarse copy, and the precision level of each copy.
 
-    A level is coded in unary: as that number of ones, then a zero. Level 0 means that an anchor has no copy.
-
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
         levels: Precision level of each anchor's copy; 0 without a copy.
-        buckets: Size class of each anchor, part of the context.
+        buckets: Size class of each anchor, part of the context of the entropy coder.
         num_levels: Number of precision levels.
 
     Returns:

@@ -1,8 +1,4 @@
-"""The concealer `sketch`: draws lost elements from coarse copies that the sender added to the side information.
-
-Only the most important elements have a copy. Other lost elements are hidden, and drawn elements around them are
-enlarged to cover the gaps.
-"""
+"""The concealer `sketch`: draws lost elements from coarse copies that the sender added to the side information."""
 
 from dataclasses import dataclass, replace
 
@@ -43,9 +39,8 @@ class Sketch(CheckedFields):
     """Concealer that draws coarse copies of the most important lost elements.
 
     The sender adds the copies (the sketch) to the side information: `splatwire calibrate sketch` for anchors, the
-    encoder for explicit Gaussians. Lost elements without a copy are hidden, and drawn elements around them are enlarged
-    to cover the gap, as by the concealer `grow`. The neural network of the concealer `scene_free` corrects the
-    enlargement.
+    encoder for explicit Gaussians. Lost elements without a copy are hidden, and drawn elements around them are
+    enlarged.
     """
 
     @property
@@ -54,7 +49,7 @@ class Sketch(CheckedFields):
         return "sketch"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Draws coarse copies in place of lost elements, and enlarges drawn elements next to those without a copy.
+        """Draws coarse copies of lost elements; hides those without a copy and enlarges the elements around them.
 
         Raises:
             InvalidValueError: If the stream lacks the section `sketch`.
@@ -91,7 +86,7 @@ def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) ->
 
 
 def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
-    """Replaces lost Gaussians by their redundant copies, and enlarges drawn Gaussians with the sender's parameters."""
+    """Replaces lost Gaussians by their coarse copies, and enlarges drawn Gaussians around those without a copy."""
     filled = with_copies(partial, copies)
     return grown_with_copies(filled, element_inputs(filled), copies.growth)
 
@@ -102,8 +97,8 @@ def grown_with_copies(
     """Hides lost Gaussians that have no coarse copy, and enlarges the drawn Gaussians around them.
 
     Args:
-        filled: Received scene of explicit Gaussians in which copies have replaced lost ones, from `with_copies`.
-        inputs: Inputs of the network `ElementNetwork` for that scene.
+        filled: Received scene of explicit Gaussians in which copies have replaced lost ones.
+        inputs: Inputs of the network that corrects the enlargement.
         growth: Exponent of the factors on size, exponent of the factors on opacity, and strength of the network's
             correction (`Copies.growth`).
     """
@@ -113,10 +108,7 @@ def grown_with_copies(
 
 
 def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
-    """Returns the scene with lost Gaussians replaced by their copies and marked as received.
-
-    Gaussians without a copy are unchanged.
-    """
+    """Returns the scene with lost Gaussians replaced by their copies and marked as received."""
     lost = ~partial.known[copies.places]
     places, chosen = copies.places[lost], copies.splats.select(lost)
     splats = {name: values.copy() for name, values in vars(partial.scene.splats).items()}
@@ -131,10 +123,8 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 class SketchedLoss:
     """A received scene in which copies replace lost anchors, with the inputs of the enlargement around the other ones.
 
-    The inputs are slow to compute. They are the same for all parameters of the enlargement.
-
     Attributes:
-        filled: Scene in which anchors with a copy count as received, from `with_sketch`; at least one anchor is drawn.
+        filled: Scene in which anchors with a copy count as received; at least one anchor is drawn.
         left: Share of each drawn anchor's neighbours that is drawn too, 0 to 1.
         inputs: Inputs of the network that corrects the enlargement of the drawn anchors.
     """
@@ -147,11 +137,8 @@ class SketchedLoss:
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
         """Prepares the enlargement of anchors next to lost ones; this is the slowest part of the concealer.
 
-        Computes for each received or copied anchor the share of its neighbours that are lost, and the inputs of the
-        neural network.
-
         Args:
-            filled: Received scene in which coarse copies have replaced lost anchors, from `with_sketch`.
+            filled: Received scene in which coarse copies have replaced lost anchors.
         """
         around = surroundings_of(filled, np.flatnonzero(filled.known))
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
@@ -169,10 +156,7 @@ class SketchedLoss:
 
 
 def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> ReceivedScene[AnchorScene]:
-    """Returns the scene with lost anchors replaced by coarse copies, which are marked as received.
-
-    Received values are unchanged.
-    """
+    """Returns the scene with lost anchors replaced by coarse copies, which are marked as received."""
     anchors, received = to_arrays(partial.scene.anchors), partial.loss_mask.received
     drawn = section.levels > 0
     rows = np.flatnonzero(drawn)
@@ -196,7 +180,7 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
-    """Returns the scalings predicted by the prior, clamped from below at a fraction of their median."""
+    """Returns the scalings predicted by the prior, at least a fraction of their median."""
     mean = to_numpy(prior.scaling.mean)
     floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
     return np.maximum(np.maximum(mean, floor), np.float32(1e-9))
@@ -205,11 +189,11 @@ def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
 def sketched_attributes(
     section: SketchSection, expected: Float[np.ndarray, "M 6"]
 ) -> tuple[Float[np.ndarray, "M F"], Float[np.ndarray, "M 6"], Float[np.ndarray, "M K 3"], Bool[np.ndarray, "M K"]]:
-    """Returns features, scalings, offsets and offset masks of the coarse copies; all values are finite.
+    """Returns features, scalings, offsets and offset masks of the coarse copies.
 
     Args:
         section: The sketch.
-        expected: Scalings of these anchors predicted by the prior, see `expected_scalings`.
+        expected: Scalings of these anchors predicted by the prior.
     """
     levels = section.levels[section.levels > 0]
     channels = section.basis.channels(levels, section.values)
@@ -221,14 +205,11 @@ def sketched_attributes(
 
 
 def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
-    """Returns the numbers of anchors, feature channels and offsets of a received scene, for `read_sketch`."""
+    """Returns the array dimensions of a received scene, for `read_sketch`."""
     return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
 
 
 def buckets_of(partial: ReceivedScene) -> np.ndarray:
-    """Returns the size class of each anchor (0: largest), a context of the entropy coder, int64 (N).
-
-    Sender and receiver compute the classes from identical numbers.
-    """
+    """Returns the size class of each anchor (0: largest), a context of the entropy coder, int64 (N)."""
     size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

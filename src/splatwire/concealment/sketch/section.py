@@ -56,7 +56,7 @@ NUM_BUCKETS = len(_BUCKET_SHARES) + 1
 
 @dataclass(frozen=True)
 class SketchSizes:
-    """Array dimensions of a scene, which a receiver needs to decode a sketch (coarse copies of anchors).
+    """Array dimensions of a scene, for decoding coarse copies of its anchors (a sketch).
 
     Attributes:
         num_anchors: Number of anchors, N.
@@ -76,18 +76,17 @@ class SketchSizes:
 
 @dataclass(frozen=True, eq=False)
 class SketchBasis:
-    """Basis vectors and quantisation steps with which a sketch (coarse copies of anchors) is dequantised.
+    """Basis vectors and quantisation steps for dequantising coarse copies of anchors (a sketch).
 
-    The D channels of an anchor are its features, and the logarithms of its scalings relative to those that the prior
-    predicts. They are coded as the mean plus a sum of C basis vectors, each multiplied by a coded integer.
+    The D channels of a copy are its features and logarithms of scalings relative to their prediction. They are the mean
+    plus a sum of C basis vectors, each multiplied by a coded integer.
 
     Attributes:
-        mean: Mean of the channels, float32 (D), exact in half precision.
-        directions: Basis vectors, int16 (D, C). At the first level, a coded integer of 1 in column c changes the
-            channels by `directions[:, c] * scales[c]`.
-        scales: Scale of each basis vector (column), float32 (C), exact in half precision.
+        mean: Mean of the channels, float32 (D).
+        directions: Basis vectors as columns, int16 (D, C); at the first level, they are multiplied by `scales`.
+        scales: Scale of each basis vector, float32 (C).
         offset_step: Quantisation step of offset coordinates at the first level.
-        num_levels: Number of levels; steps halve from each level to the next.
+        num_levels: Number of precision levels; steps halve from each level to the next.
     """
 
     mean: np.ndarray
@@ -97,7 +96,7 @@ class SketchBasis:
     num_levels: int
 
     def channels(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Dequantises the channels of coarse copies: features, and logarithms of scalings relative to their prediction.
+        """Dequantises the features and relative logarithms of scalings of coarse copies.
 
         Args:
             levels: Precision level of each copied anchor, from 1, (M).
@@ -126,12 +125,11 @@ class SketchBasis:
 class SketchSection:
     """Decoded content of the section `sketch`: coarse copies of anchors, and parameters of the concealer `sketch`.
 
-    The concealer also enlarges received anchors next to lost ones, by a factor called size gain.
-
     Attributes:
-        exponent: Exponent of the size gain (`splatwire.concealment.Grow.exponent`).
-        max_excess: Limit of that size gain (`Grow.max_excess`).
-        trust: Factor on the correction of the size gain by a neural network (`concealment.SceneFree.trust`).
+        exponent: Exponent of the enlargement of drawn anchors next to hidden ones
+            (`splatwire.concealment.Grow.exponent`).
+        max_excess: Limit of that enlargement (`Grow.max_excess`).
+        trust: Factor on the correction of the enlargement by a neural network (`concealment.SceneFree.trust`).
         basis: Parameters that map the coded integers to attributes.
         levels: Precision level of each anchor's copy, int64 (N); 0 for an anchor without a copy.
         masks: Offset masks of the M copied anchors in coding order, uint8 (M, K).
@@ -150,13 +148,13 @@ class SketchSection:
 
 
 def size_buckets(expected_size: np.ndarray) -> np.ndarray:
-    """Divides anchors into size classes (buckets), the contexts of the entropy coder.
+    """Divides anchors into size classes, the contexts of the entropy coder.
 
     Args:
         expected_size: Sizes predicted by the prior, float (N), identical on all machines.
 
     Returns:
-        Bucket of each anchor, int64 (N), 0 for the largest.
+        Class of each anchor, int64 (N), 0 for the largest.
     """
     order = np.argsort(-expected_size, kind="stable")
     place = np.empty(len(order), dtype=np.int64)
@@ -170,7 +168,7 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
 
     Args:
         section: The sketch.
-        buckets: Result of `size_buckets`, int64 (N).
+        buckets: Size class of each anchor, from `size_buckets`, int64 (N).
 
     Raises:
         InvalidValueError: If a value is beyond the limits of the format.
@@ -209,7 +207,7 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
     Args:
         data: Bytes of the section.
         sizes: Array dimensions of the scene.
-        buckets: Size class of each anchor, a context of the entropy coder, int64 (N); from `size_buckets`.
+        buckets: Size class of each anchor, from `size_buckets`, int64 (N).
 
     Raises:
         UnsupportedVersionError: If this release does not support the section's version.
@@ -235,7 +233,7 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
 
 
 def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, float], int, SketchBasis, bytes]:
-    """Reads and checks the part of the section `sketch` that comes before the entropy-coded copies of anchors.
+    """Reads and checks the part of the section `sketch` before the entropy-coded copies of anchors.
 
     Args:
         data: Bytes of the section.
@@ -275,10 +273,7 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
-    """Entropy-codes the basis vectors of a sketch, of which the channels of each coarse copy are a weighted sum.
-
-    The components of a vector are coded under one normal distribution with mean 0.
-    """
+    """Entropy-codes the basis vectors of a sketch, each with a normal distribution of mean 0."""
     scales = scale_index(np.sqrt((directions.astype(np.float64) ** 2).mean(axis=0) + 0.05))
     writer = ByteWriter()
     for scale in scales.tolist():

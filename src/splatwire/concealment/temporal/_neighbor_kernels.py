@@ -1,4 +1,4 @@
-"""Numba kernels for weights and weighted sums of neighbours; `tests/reference/neighbours.py` is the reference."""
+"""Numba kernels for weights and weighted sums of neighbours."""
 
 from typing import no_type_check
 
@@ -18,8 +18,7 @@ def _solve_first(lower, solution):
     """Solves `A x = (1, 0, ..., 0)` for x by Cholesky decomposition.
 
     Args:
-        lower: The symmetric positive definite matrix A, float64 (10, 10); only the lower triangle is read, and
-            overwritten.
+        lower: The symmetric positive definite matrix A, float64 (10, 10); its lower triangle is overwritten.
         solution: Output: x, float64 (10).
     """
     for a in range(_TERMS):
@@ -47,9 +46,9 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 
     Args:
         offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).
-        ridges: Ridge regularisation of each term, float64 (10).
+        ridges: Regularisation of each term, float64 (10).
         nearest: Added to the squared distances, as a fraction of their mean.
-        wild: Maximum sum of absolute weights; above it the inverse-distance weights are used.
+        wild: Maximum sum of absolute weights; beyond it, inverse-distance weights are used.
         proximity: Temporary memory for inverse-distance weights, float64 (k).
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
         lower: Temporary memory for the moments, float64 (10, 10).
@@ -99,7 +98,7 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, shares, found):
-    """Estimates the motion of n tracks from the motion of their k neighbours; see `Neighbors` for the method.
+    """Estimates the motion of n tracks from the motion of their k neighbours (see `Neighbors`).
 
     Args:
         index: Neighbours of each track, as rows of `values`, int32 (n, k).

@@ -25,7 +25,7 @@ class LostMotion:
         tracks: Indices of the tracks with lost motion, int64 (n).
         arrived: Tracks with received motion, and their offsets from their keyframe Gaussians in each frame of the
             group.
-        before: State at the end of the previous group: existing tracks with their offsets and velocities.
+        before: Offsets and velocities of the tracks at the end of the previous group.
     """
 
     sequence: SequenceScene
@@ -45,12 +45,10 @@ class ConcealedMotion:
     """Motion that a concealer estimates for tracks with lost motion, in one group of pictures.
 
     Attributes:
-        at: Function that estimates the n lost tracks in a frame. Its arguments are the frame's number in the group
-            (from 0) and the offsets of the m received tracks, float32 (m, C). It returns the offsets of the lost tracks
-            from their keyframe Gaussians, float32 (n, C). Channels are those of `types.sequence_scene.GroupMotion.at`:
-            position, rotation, logarithms of scales and opacity, colour.
-        shown: False to hide all lost tracks until the next group of pictures; or a mask of the lost tracks that are
-            drawn, bool (n). The offsets of hidden tracks are still used for estimates in the next group.
+        at: Function that estimates the offsets of the n lost tracks from their keyframe Gaussians in a frame, float32
+            (n, C). Its arguments are the index of the frame in the group and the offsets of the m received tracks,
+            float32 (m, C). The channels are those of `GroupMotion.at`.
+        shown: Mask of the lost tracks that are drawn, bool (n); or False to hide all of them.
     """
 
     at: MotionPrediction
@@ -79,17 +77,16 @@ class TemporalConcealer(Protocol):
 class MotionConcealer:
     """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
 
-    With interpolation, each lost track is treated in the way that works best for received tracks around it
-    (`selection`): it is moved like its neighbours, stays at its last position, or is hidden.
+    With interpolation, each lost track is treated in the way that works best for received tracks around it: it moves
+    like its neighbours, stays at its last position, or is hidden.
 
     Attributes:
         name: Name of the concealer.
         shown: If False, tracks with lost motion are not drawn until the next group of pictures.
         neighbors: Number of nearest tracks with received motion whose motion is interpolated; 0 to extrapolate.
-        smooth: If True, evaluates a quadratic fit of the neighbours' motion (`smooth_weights`); if False, their mean
-            weighted by inverse squared distance.
-        momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1; with 0 it stays at
-            its last position.
+        smooth: True for a quadratic fit of the neighbours' motion; False for their mean, weighted by inverse squared
+            distance.
+        momentum: Fraction of the last velocity that a track keeps if no neighbours are used, 0 to 1.
         grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.
 
     Raises:

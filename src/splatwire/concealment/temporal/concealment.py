@@ -24,18 +24,14 @@ def conceal_group(
         group: Index of the group of pictures.
         received: Mask of received keyframe Gaussians, bool (T).
         state: State at the end of the previous group; None after a seek.
-        concealer: Estimates the motion of tracks with lost motion.
+        concealer: Estimates lost motion.
 
     Returns:
-        Three items:
-
-        * Poses of the tracks that are drawn.
-        * Poses of the tracks that are hidden by the concealer.
-        * Function that computes the concealment state at the end of the group. Called after the last frame was drawn,
-          it delays no frame.
+        Poses of the tracks that are drawn; poses of the tracks that the concealer hides; and a function that computes
+        the state at the end of the group.
 
     Raises:
-        InvalidValueError: If the concealer returns motion of wrong shape or type, or values that are not finite.
+        InvalidValueError: If the concealer returns an invalid result.
     """
     frames, arrived = len(sequence.timeline.frames_of(group)), _arrived(motion)
     poses, hidden = arrived, np.zeros(sequence.num_gaussians, bool)
@@ -120,8 +116,6 @@ def _arrived(motion: GroupMotion) -> GroupPoses:
 def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentState) -> ConcealmentState:
     """Returns the state that the concealment of the next group of pictures needs.
 
-    Tracks that have ended keep their last offsets.
-
     Args:
         poses: Poses of the tracks in the group, received or estimated.
         count: Number of all tracks, T.
@@ -145,8 +139,7 @@ def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) 
     Args:
         first: Poses of the tracks with received motion.
         others: Tracks with lost motion, and the frames in which they exist.
-        prediction: Function that estimates the offsets of the lost tracks in a frame from those of the received tracks;
-            replaces `others.at`.
+        prediction: Function that estimates the offsets of the lost tracks in a frame.
     """
     order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")
 

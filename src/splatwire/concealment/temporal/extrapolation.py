@@ -24,9 +24,7 @@ def extrapolate(
     sequence: SequenceScene, arrived: GroupPoses, lost_tracks: np.ndarray, before: ConcealmentState, group: int,
     *, neighbors: int, smooth: bool, momentum: float,
 ) -> MotionPrediction:  # fmt: skip
-    """Predicts the motion of tracks with lost motion.
-
-    A track moves like the neighbouring tracks with received motion, and keeps its last deviation from these neighbours.
+    """Predicts the motion of tracks with lost motion from neighbouring tracks with received motion.
 
     Args:
         sequence: The sequence.
@@ -87,8 +85,8 @@ def _query_neighbors(
         sequence: The sequence.
         tracks: Indices of the received tracks.
         observed: Received tracks that may serve as neighbours: m indices into `tracks`.
-        origins: Offsets of these m tracks from their keyframe Gaussians at the start of the group, float32 (m, C), for
-            measuring distances at that time. None to measure distances between keyframe Gaussians.
+        origins: Offsets of these m tracks at the start of the group, float32 (m, C), for measuring distances at that
+            time. None to measure distances between keyframe Gaussians.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.
@@ -103,49 +101,44 @@ def _query_neighbors(
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns for each frame of a group of pictures the opacity factor of lost tracks that may begin in the group.
+    """Returns the opacity factor in each frame of lost tracks that may begin in a group of pictures.
 
-    The motion data of a track contains its first frame. If the data is lost, the track may not exist yet. The fraction
-    of received tracks that have begun by a frame serves as the probability that the track exists, and its opacity is
-    multiplied by this fraction.
+    It is the fraction of the received tracks that have begun, as the probability that a lost track has begun.
 
     Args:
-        begins: First frame of each received track, relative to the group. If there are none, the factors are 1.
+        begins: First frame of each received track, from the start of the group.
         frames: Number of frames of the group.
 
     Returns:
-        Factor for each frame, float64 (frames), at least `UNLIKELY`.
+        Factor for each frame, float64 (frames).
     """
+    # the first frame of a lost track is lost, too
     share = (begins[:, None] <= np.arange(frames)).mean(axis=0) if len(begins) else np.ones(frames)
     return np.maximum(share, UNLIKELY)
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Selects the tracks whose offsets can be compared with each other: those that begin in the most common group.
-
-    Offsets are relative to the keyframe Gaussian of a track, which belongs to the first group of the track. Offsets of
-    tracks with different first groups refer to different times.
+    """Selects the tracks that begin in the most common group of pictures, so that their offsets can be compared.
 
     Returns:
-        Mask of the tracks that begin in the same group as most received tracks, bool (T).
+        Mask of these tracks, bool (T).
     """
+    # offsets are relative to the keyframe Gaussian, so those of tracks with different first groups differ in time
     return born == np.bincount(born[observed]).argmax()
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
     """Returns how much of a track's deviation from the motion of its neighbours is kept in the next group of pictures.
 
-    A small deviation of position or rotation is probably a rounding error, and is hardly kept. Deviations of scale,
-    opacity and colour are not kept.
-
     Args:
         own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
         rounding: Quantisation steps of the positions, (n).
-        concealed: Mask of tracks whose motion was only estimated, bool (n); their deviations are not kept.
+        concealed: Mask of tracks whose motion was only estimated, bool (n).
 
     Returns:
         Factor on each deviation, 0 to 1, float (n, C).
     """
+    # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
     apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)
     kept[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]
     return kept

@@ -31,16 +31,15 @@ AT_ONCE = 1 << 15
 class Neighbors:
     """Neighbours of tracks with lost motion, and weights for estimating motion and colour from them.
 
-    A track is assumed to move like the weighted mean of its neighbours, whose motion was received. Its colour change is
-    their mean change, plus a slope times the difference of the track's colour from theirs.
+    A track is assumed to move like the weighted mean of its neighbours. Its colour change is their mean change, plus a
+    slope times the difference of the track's colour from theirs.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights for the slope, float32 (n, k, 3). The slope is the sum of the neighbours' colour changes with
-            these weights, over all neighbours and colour channels.
+        contrasts: Weights of the neighbours' colour changes that add up to the slope, float32 (n, k, 3).
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -96,10 +95,9 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Prepares the prediction of the colour changes of lost tracks from those of their neighbours.
+    """Computes the weights with which lost tracks change colour like their neighbours.
 
-    A change of lighting brightens bright surfaces more than dark ones. The change is therefore modelled as a linear
-    function of the colour, fitted to the neighbours.
+    The change is modelled as a linear function of the colour, fitted to the neighbours.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -107,10 +105,10 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        Two arrays. The first contains the weights of the neighbours' colour changes; with them, a weighted sum gives
-        the slope of the function, (n, k, 3). The second contains the difference of each track's colour from the mean
-        colour of its neighbours, (n, 3).
+        Weights of the neighbours' colour changes, which add up to the slope of the function, (n, k, 3); and difference
+        of each track's colour from the mean of its neighbours, (n, 3).
     """
+    # a change of lighting brightens bright surfaces more than dark ones
     proximity = closeness.astype(np.float64)
     mean = np.einsum("nk,nka->na", proximity, colours)
     apart = colours - mean[:, None]
@@ -126,11 +124,7 @@ def _closeness(square: np.ndarray) -> np.ndarray:
 
 
 def smooth_weights(offsets: np.ndarray) -> np.ndarray:
-    """Returns interpolation weights that evaluate a quadratic least-squares fit at the query point.
-
-    If an object rotates or is scaled, motion is a linear function of position; if it bends, a quadratic function. A
-    weighted mean of the neighbours' motion is wrong for these functions if all neighbours are on one side. The
-    least-squares fit is weighted by inverse squared distances.
+    """Returns interpolation weights that evaluate a quadratic least-squares fit of the neighbours at the query point.
 
     Args:
         offsets: Positions of the neighbours relative to the query point, (n, k, 3).
@@ -138,6 +132,8 @@ def smooth_weights(offsets: np.ndarray) -> np.ndarray:
     Returns:
         Weights, float32 (n, k); the k weights of each query point add up to 1.
     """
+    # Rotation and scaling are linear functions of position, bending is quadratic. A weighted mean is wrong for these if
+    # all neighbours are on one side.
     found, count = np.empty(offsets.shape[:2], np.float32), offsets.shape[1]
     room = np.empty(count), np.empty((count, len(RIDGES))), np.empty((len(RIDGES),) * 2), np.empty(len(RIDGES))
     kernels.smooth_weights(np.ascontiguousarray(offsets, np.float64), RIDGES, NEAREST, WILD, *room, found)

@@ -28,7 +28,7 @@ class GroupPoses:
     at: Callable[[int], np.ndarray]
 
     def only(self, rows: np.ndarray) -> "GroupPoses":
-        """Returns the poses of the tracks that a mask selects, bool (n)."""
+        """Returns the poses of the tracks that the mask `rows`, bool (n), selects."""
         if rows.all():
             return self
         tracks, begins, ends, concealed = (v[rows] for v in (self.tracks, self.begins, self.ends, self.concealed))

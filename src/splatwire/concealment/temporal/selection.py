@@ -1,9 +1,4 @@
-"""Chooses how to conceal each track with lost motion, by tests on tracks with received motion.
-
-Some received tracks are treated as lost. Each estimator of lost motion conceals them, and the result is compared with
-the received Gaussians. For a lost track, the estimator with the smallest errors on the tested tracks around it is used.
-If hiding those gave smaller errors, the lost track is hidden.
-"""
+"""Chooses how to conceal each track with lost motion, by tests on tracks with received motion around it."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -43,8 +38,7 @@ def select(
 ) -> np.ndarray:  # fmt: skip
     """Chooses for each track with lost motion the estimator with the lowest expected error, or hides the track.
 
-    The expected error is measured on nearby tracks with received motion: their motion is estimated as if it were lost,
-    and compared with the received motion.
+    The expected error is measured on nearby tracks with received motion, which are estimated as if they were lost.
 
     Args:
         sequence: The sequence.
@@ -52,8 +46,8 @@ def select(
         arrived: Tracks with received motion.
         tracks: Indices of the tracks with lost motion, int64 (n).
         before: Concealment state at the end of the previous group of pictures.
-        candidates: Estimators of lost motion, at least one. The first one is used for all tracks if too few tracks were
-            received to measure errors.
+        candidates: Estimators of lost motion, at least one; the first is used if too few tracks were received for
+            tests.
         grow: True if received Gaussians are enlarged around hidden tracks.
 
     Returns:
@@ -88,21 +82,21 @@ def _errors(
 ) -> list[np.ndarray]:
     """Measures the errors of several methods that estimate lost motion, on tracks whose true motion was received.
 
-    The error of a track compares two pictures, one with its true and one with its estimated position: it is the squared
-    difference of colour and opacity, times the track's area. The pictures are compared at both positions, in a few
-    frames. Gaussians are treated as spheres, and their depth order is ignored.
+    The error of a track is the squared difference of colour and opacity, times its area.
 
     Args:
         sequence: The sequence.
         group: Index of the group of pictures.
         arrived: Tracks with received motion.
-        folds: Sets of tracks that are treated as lost at the same time, as indices into the tracks of `arrived`.
+        folds: Sets of tracks that are treated as lost at the same time, as indices into the received tracks.
         candidates: Estimators of lost motion.
 
     Returns:
         For each fold, the errors of its t tracks, float64 (t, candidates + 1): one column for each estimator, then one
         for a hidden track.
     """
+    # Pictures are compared at the true and at the estimated position, in a few frames; Gaussians are spheres, without
+    # depth order.
     frames, splats = len(sequence.timeline.frames_of(group)), sequence.tracks.splats
     rests = [np.ones(len(arrived.tracks), bool) for _ in folds]
     for rest, tested in zip(rests, folds, strict=True):
@@ -138,8 +132,7 @@ class _Around(NamedTuple):
     Attributes:
         points: Positions, (t, 3).
         density: Sum over the Gaussians of opacity times falloff at the point, (t).
-        colour: Sum over the Gaussians of colour times the same weight, (t, 4). The fourth channel stands for opacity;
-            its colour is the constant `OPACITY_ERROR`.
+        colour: Sum over the Gaussians of colour times the same weight, (t, 4). The fourth channel stands for opacity.
     """
 
     points: np.ndarray
@@ -166,7 +159,7 @@ class _Field:
         self._tree = build_kd_tree((splats.means[tracks] + offsets)[self._rows])
 
     def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
-        """Computes the colour and opacity that all received Gaussians except the tested ones produce at given points.
+        """Computes the colour and opacity that the received Gaussians without the tested ones produce at given points.
 
         Args:
             points: One point for each tested track, (t, 3).
@@ -181,19 +174,16 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Computes the error in the picture if tracks are drawn in an estimated state in place of their true state.
-
-        It is evaluated at one point for each track.
+        """Computes the error if tracks are drawn in an estimated state in place of their true state.
 
         Args:
             around: The points, and colour and opacity of the other Gaussians there.
             tested: Tested tracks, as indices into the received tracks, int64 (t).
-            states: True state, estimated state. Each consists of the position of each tested track, (t, 3), and a mask
-                of the tracks that exist, bool (t).
+            states: True state, estimated state: position of each tested track, (t, 3), and mask of the tracks that
+                exist, bool (t).
 
         Returns:
-            Squared difference of colour and opacity between true and estimated state, times the area of the track's
-            Gaussian, float64 (t).
+            Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
         """
         points, density, colour = around
         square, opacities, shown = self._square[tested], self._opacities[tested], []
