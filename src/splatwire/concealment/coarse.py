@@ -96,7 +96,7 @@ def _coarse_opacities(
         copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).
         trust: Factor on the results for merged Gaussians, 0 to 1.
     """
-    # an exact copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
+    # a copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
     covers = _coverage(splats)
     shown = np.ones(len(coarse), np.float32)
     if not len(fine):

@@ -112,7 +112,7 @@ class Grow:
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
-        # Otherwise, a few elements next to large holes would cover intact regions; without received neighbours, the gain
+        # Otherwise, a few elements next to large holes would cover intact regions; without received neighbours, it
         # would be infinite.
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
