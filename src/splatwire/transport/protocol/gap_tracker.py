@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from splatwire.transport.protocol.nack import NackTracker
 
 MAX_GAPS = 4096
-"""Maximum number of gaps (ranges of missing sequence numbers) that are stored; the oldest are dropped first."""
+"""Maximum number of missing sequence numbers that are stored; the oldest are dropped first."""
 MAX_ATTEMPTS = 8
 """Maximum number of NACKs per sequence number. Retransmissions have new sequence numbers, so that the tracker cannot
 see if one has been received.

@@ -7,9 +7,11 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 
 # Several modules limit requests and retransmissions. Limits of a receiver:
 #
+# * interval between feedback datagrams: `receiver.FEEDBACK_S`;
 # * interval between NACKs for a packet: `NACK_INTERVAL_S`;
 # * number of NACKs per packet of a live stream: `MAX_ATTEMPTS`;
 # * number of NACKs per sequence number, for streams with view-dependent order: `gap_tracker.MAX_ATTEMPTS`;
+# * number of missing sequence numbers that are stored: `gap_tracker.MAX_GAPS`;
 # * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
 # * number of later packets after which a packet counts as missing: `receiver.REORDER`;
 # * number of successive `End` datagrams without a new packet, after which the receiver gives up:
@@ -17,8 +19,12 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 #
 # Limits of a server:
 #
-# * interval between retransmissions of a packet: `transfer.RESEND_S`;
-# * packets that are retransmitted at all: `Protection.resend` and `Protection.resend_until`;
+# * interval between retransmissions of a packet: `transfer.RESEND_S`, or 1.25 round-trip times if that is longer;
+# * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are keyframe
+#   Gaussians and the packets of the newest group (`live_session`), otherwise the packets up to
+#   `Protection.resend_until`;
+# * retransmitted bytes as a share of the stream: `Protection.resend`;
+# * number of latest datagrams that NACKs may name by sequence number: `send_queue.RECENT`;
 # * bytes sent to a client: `ServerLimits.max_sent_ratio`.
 #
 # The counterpart in browsers is `web/src/transport/transfer.ts`.
