@@ -65,7 +65,7 @@ def check_turning(page: Browser) -> None:
         " view.add = (...given) => { window.answers.push(given[1]); add(...given); }}"
     )
     page.evaluate(f"{ELEMENT}.dispatchEvent(new KeyboardEvent('keydown', {{key: 'ArrowLeft', bubbles: true}}))")
-    page.wait_for("window.answers.length > 0 && window.answers.every((instead) => instead)")
+    page.wait_for("window.answers.length > 0 && window.answers.every((replaceAll) => replaceAll)")
 
 
 def check_concealment(page: Browser) -> None:

@@ -54,7 +54,7 @@ SECTION_NAMES = {
 WIRE_NAMES = {
     wire: (
         "VERSION", "REQUEST", "WELCOME", "SIDE", "DATA", "FEEDBACK", "BYE", "REFUSE", "END", "HAVE", "VIEW",
-        "OPEN", "VIEWABLE", "MAX_DATAGRAM",
+        "LIVE", "VIEWABLE", "MAX_DATAGRAM",
     ),
     datagrams: (
         "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_TIERS", "MAX_DECLARED", "MAX_PREVIEW",

@@ -130,8 +130,8 @@ export async function decodeClip(
   options: Pick<Options, "concealer"> = {},
 ): Promise<DecodedClip> {
   const received = await read(bytes),
-    { moving } = received.decoder.schema;
-  if (!moving) throw new Error("the stream is not a clip: `decode` gives its Gaussians");
+    { sequence } = received.decoder.schema;
+  if (!sequence) throw new Error("the stream is not a clip: `decode` gives its Gaussians");
   checkOptions(received, { ...options, frame: 0 });
   const facts = await checked(received),
     frame = (number: number): Gaussians => {
@@ -322,17 +322,18 @@ class Transfer {
 }
 
 /** Returns true if new Gaussians replace earlier ones, as in streams with levels and in clips. */
-const replaces = ({ decoder: { schema } }: DecodedStream): boolean => schema.tiling !== null || schema.moving !== null;
+const replaces = ({ decoder: { schema } }: DecodedStream): boolean =>
+  schema.tiling !== null || schema.sequence !== null;
 
 /** Throws if the stream cannot be decoded with these options. */
 function checkOptions({ decoder: { schema } }: DecodedStream, { concealer, camera, frame }: Options): void {
-  const { moving, tiling, concealers, viewDependent } = schema,
+  const { sequence, tiling, concealers, viewDependent } = schema,
     levels = ["grow", "drop"],
-    known = moving ? ["grow", ...moving.concealers] : tiling ? levels : ["drop", ...Object.keys(concealers)];
+    known = sequence ? ["grow", ...sequence.concealers] : tiling ? levels : ["drop", ...Object.keys(concealers)];
   if (concealer && !known.includes(concealer))
     throw new Error(`the stream has no concealer '${concealer}', only ${[...new Set(known)].join(", ")}`);
-  if (moving) {
-    const { numFrames } = moving.times,
+  if (sequence) {
+    const { numFrames } = sequence.times,
       range = `0 to ${numFrames - 1}`;
     if (frame === undefined)
       throw new RangeError(`the stream is a clip: choose one of its frames, ${range}, with \`frame\``);
@@ -350,7 +351,7 @@ async function everything(received: DecodedStream, options: Options): Promise<Ga
     { concealer } = options,
     schema = received.decoder.schema,
     choice = { concealer: concealer ?? "drop", dropped: 0, burst: 1, seed: 0, sent: 1 };
-  if (schema.moving) return frameOf(received, options);
+  if (schema.sequence) return frameOf(received, options);
   if (schema.tiling) return joined(await finest(schema.tiling, pause), received.decoder);
   await received.prepare(choice, pause);
   const seen = await received.gaussiansFor(cameraOf(options), true, pause),
@@ -375,7 +376,7 @@ const ALL_SHOWN = (): boolean => true;
 
 function frameOf({ decoder }: DecodedStream, { frame, concealer = "drop" }: Options): Gaussians {
   const name = concealer === "grow" ? "motion" : concealer,
-    { splats } = decoder.schema.moving!.frame(frame!, ALL_SHOWN, name);
+    { splats } = decoder.schema.sequence!.frame(frame!, ALL_SHOWN, name);
   return joined([splats], decoder);
 }
 
@@ -397,8 +398,8 @@ const progressOf = ({ decoder }: DecodedStream): Progress => ({
   clip: sequenceOf(decoder.schema),
 });
 
-function sequenceOf({ moving }: Schema): Clip | null {
-  return moving && { rate: moving.times.rate, numFrames: moving.times.numFrames };
+function sequenceOf({ sequence }: Schema): Clip | null {
+  return sequence && { rate: sequence.times.rate, numFrames: sequence.times.numFrames };
 }
 
 /** Multiplies sizes and opacities by `gains`, shape (count, 2), and removes Gaussians with a size gain of 0. */

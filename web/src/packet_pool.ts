@@ -15,7 +15,7 @@ const MAX_BATCH = 8,
 export interface HelperThread {
   onmessage: ((event: MessageEvent<FromHelper>) => void) | null;
   onerror: ((event: ErrorEvent) => void) | null;
-  postMessage(message: ToHelper, hand: ArrayBuffer[]): void;
+  postMessage(message: ToHelper, transfer: ArrayBuffer[]): void;
   terminate(): void;
 }
 

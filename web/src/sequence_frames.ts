@@ -5,14 +5,14 @@ import type { Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import type { DecodedStream } from "./transport/decoded_stream.ts";
-import { type Choice, shownPackets } from "./transport/losses.ts";
+import { type LossSimulation, shownPackets } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Periods } from "./transport/periods.ts";
 
 /** Time for decoding following frames after each requested one, milliseconds. */
 const PREFETCH_MS = 40;
 
-type PostMessage = (message: FromWorker, hand?: ArrayBuffer[]) => void;
+type PostMessage = (message: FromWorker, transfer?: ArrayBuffer[]) => void;
 
 export class SequenceFrames {
   /** Periods of a live clip; null for other clips. */
@@ -46,19 +46,19 @@ export class SequenceFrames {
   frame({ number, choice }: ToWorker & { kind: "frame" }, received: DecodedStream | null, size: number): void {
     const place = this.#periods?.at(number),
       schema = (this.#periods ? place?.received : received)?.decoder.schema,
-      moving = schema?.moving;
-    if (!schema || !moving) return;
+      sequence = schema?.sequence;
+    if (!schema || !sequence) return;
     const began = performance.now(),
       own = place?.number ?? number,
-      { shown, count } = this.#shownMotion(moving.packets, choice),
-      frame = this.#frameOf(() => moving.frame(own, shown, choice.concealer));
+      { shown, count } = this.#shownMotion(sequence.packets, choice),
+      frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer));
     const packed = pack(frame ? [frame.splats] : [], schema.degree, size),
       drawMs = performance.now() - began;
     this.post(
       { kind: "frame", number, packed, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
       buffersOf(packed),
     );
-    setTimeout(() => moving.prefetch(own, PREFETCH_MS));
+    setTimeout(() => sequence.prefetch(own, PREFETCH_MS));
   }
 
   /** Returns a frame. Reports the error and returns null if the frame needs too much memory. */
@@ -74,7 +74,10 @@ export class SequenceFrames {
   /**
    * Returns a filter for the motion packets of a choice of losses. The same choice and packets give the same function.
    */
-  #shownMotion(packets: readonly Packet[], choice: Choice): { shown: (packet: Packet) => boolean; count: number } {
+  #shownMotion(
+    packets: readonly Packet[],
+    choice: LossSimulation,
+  ): { shown: (packet: Packet) => boolean; count: number } {
     const last = packets.at(-1),
       key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
     if (this.#shown?.key !== key) {

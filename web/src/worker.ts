@@ -6,10 +6,10 @@ import { PacketHelper, type ToHelper } from "./packet_helper.ts";
 import { receiveAll } from "./transport/failover.ts";
 import { receiveBytes } from "./transport/http_source.ts";
 import type { ToWorker } from "./transport/messages.ts";
-import { say, WorkerReceiver } from "./worker_receiver.ts";
+import { post, WorkerReceiver } from "./worker_receiver.ts";
 
 const reception = new WorkerReceiver(),
-  helper = new PacketHelper((message, hand) => self.postMessage(message, { transfer: hand }));
+  helper = new PacketHelper((message, transfer) => self.postMessage(message, { transfer }));
 
 async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<string> {
   if (bytes) return receiveBytes(bytes, reception, reception.store);
@@ -18,7 +18,7 @@ async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<
   return receiveAll(source, reception);
 }
 
-const fail = (error: unknown): void => say({ kind: "failed", text: (error as Error)?.message ?? String(error) });
+const fail = (error: unknown): void => post({ kind: "failed", text: (error as Error)?.message ?? String(error) });
 
 // browsers report an error of an asynchronous function nowhere, and the page would wait without end
 self.addEventListener("unhandledrejection", ({ reason }) => fail(reason));
@@ -27,16 +27,16 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) =
   if (data.kind === "help" || data.kind === "batch") return helper.receive(data);
   if (data.kind === "conceal") return void reception.conceal(data);
   if (data.kind === "frame") return reception.frame(data);
-  if (data.kind === "look") return reception.look(data);
+  if (data.kind === "view") return reception.setView(data);
   if (data.kind === "digest") return void reception.digest();
   if (data.kind === "follow") return void reception.follow(data.file);
   open(data).then(
     async (text) => {
       await reception.settled();
-      if (reception.failed) return say({ kind: "failed", text: reception.failed.message });
+      if (reception.failed) return post({ kind: "failed", text: reception.failed.message });
       const complete = text === "complete" && reception.complete && !reception.live;
       if (complete) reception.cancelConcealment();
-      say({ kind: "finished", text, complete });
+      post({ kind: "finished", text, complete });
       if (complete) void reception.digest();
     },
     async (error: unknown) => {

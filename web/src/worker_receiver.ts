@@ -16,7 +16,7 @@ import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { Counts, Fetching, ReceivedPacket } from "./transport/events.ts";
 import type { Receiver } from "./transport/failover.ts";
-import type { Choice } from "./transport/losses.ts";
+import type { LossSimulation } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { PacketCache } from "./transport/packet_cache.ts";
 import { isIntact, PacketStore } from "./transport/packet_store.ts";
@@ -47,8 +47,8 @@ const sceneOf = ({ decoder, splats }: DecodedStream, manifest: Uint8Array): Upda
 /** Starts another thread with the script of this one. Throws if this thread cannot start threads. */
 const startHelper = (): HelperThread => new Worker(self.location.href);
 
-export const say = (message: FromWorker, hand: ArrayBuffer[] = []): void =>
-  self.postMessage(message, { transfer: hand });
+export const post = (message: FromWorker, transfer: ArrayBuffer[] = []): void =>
+  self.postMessage(message, { transfer });
 
 const buffersOfGains = (...arrays: (Float32Array | null)[]): ArrayBuffer[] =>
   arrays.flatMap((gains) => (gains ? [gains.buffer as ArrayBuffer] : []));
@@ -68,17 +68,17 @@ export class WorkerReceiver implements Receiver {
   /** Error that ended decoding; null without one. */
   failed: Error | null = null;
   #received: DecodedStream | null = null;
-  readonly #sequenceFrames = new SequenceFrames(say);
+  readonly #sequenceFrames = new SequenceFrames(post);
   #size = 1;
   #shownAt = 0;
-  #ask = 0;
+  #concealRequest = 0;
   /** Camera of the page, its request number, and the number of the last answered request. */
   #budget = 0;
   #camera = ANY_CAMERA;
   #viewRequest = 0;
   #answeredRequest = 0;
   #drawing: Promise<void> | null = null;
-  /** Drawn units of a scene with levels, and the number of packets that each was drawn from. */
+  /** Drawn pieces (`codec/levels/pieces.ts`) of a scene with levels, and the number of packets of each when drawn. */
   readonly #pieces = new Map<number, number>();
   #decodeMs = 0;
   #counts: Counts | null = null;
@@ -108,9 +108,9 @@ export class WorkerReceiver implements Receiver {
     try {
       const { splats, background } = readPreview(bytes),
         packed = pack([splats], 0, 1);
-      say({ kind: "preview", packed, background }, buffersOf(packed));
+      post({ kind: "preview", packed, background }, buffersOf(packed));
     } catch (error) {
-      say({ kind: "note", text: (error as Error).message });
+      post({ kind: "note", text: (error as Error).message });
     }
   }
 
@@ -119,7 +119,7 @@ export class WorkerReceiver implements Receiver {
     const known = this.#knows(head, file, live),
       received = known ? this.#received : new DecodedStream(head, live ? null : VERIFICATION);
     if (!keep) this.cache = null;
-    if (live && received?.decoder.schema.moving) return this.#onLiveHead(head, received, known);
+    if (live && received?.decoder.schema.sequence) return this.#onLiveHead(head, received, known);
     if (!known || !this.store.hasHead) {
       this.store.begin(file, head);
       this.cache?.begin(file);
@@ -209,11 +209,11 @@ export class WorkerReceiver implements Receiver {
       texts: decoder.texts,
       origin: decoder.origin,
       sideInfoBytes: manifest.sideInfoBytes,
-      concealers: decoder.schema.moving?.concealers ?? Object.keys(decoder.schema.concealers),
-      moving: decoder.schema.moving && { ...decoder.schema.moving.times, live: this.live },
+      concealers: decoder.schema.sequence?.concealers ?? Object.keys(decoder.schema.concealers),
+      sequence: decoder.schema.sequence && { ...decoder.schema.sequence.times, live: this.live },
     };
     this.#size = facts.size;
-    say({ kind: "facts", facts });
+    post({ kind: "facts", facts });
   }
 
   packets(packets: readonly ReceivedPacket[]): void {
@@ -275,7 +275,7 @@ export class WorkerReceiver implements Receiver {
       seconds = (performance.now() - this.#began) / 1000,
       expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected,
       way = this.#before && this.#before === this.#received ? KEPT : counts.way;
-    say({
+    post({
       kind: "counts",
       counts: { ...counts, packets, bytes, seconds, expected, way },
       decodeMs: this.#decodeMs,
@@ -346,24 +346,24 @@ export class WorkerReceiver implements Receiver {
   }
 
   note(text: string): void {
-    say({ kind: "note", text });
+    post({ kind: "note", text });
   }
 
   /** Reports a disconnect. Cached packets are shown without revalidation while the server is unreachable. */
   lost(reason: string, retryMs: number): void {
     this.confirmed();
-    void this.settled().then(() => say({ kind: "lost", reason, retryMs }));
+    void this.settled().then(() => post({ kind: "lost", reason, retryMs }));
   }
 
   stopped(): boolean {
     return this.failed !== null;
   }
 
-  look({ camera, budget, ask }: ToWorker & { kind: "look" }): void {
+  setView({ camera, budget, requestId }: ToWorker & { kind: "view" }): void {
     this.#camera = camera;
     this.#budget = budget;
-    this.#viewRequest = ask;
-    if (this.#answeredRequest === ask) this.#answeredRequest = 0; // the page restarts its numbering with a new stream
+    this.#viewRequest = requestId;
+    if (this.#answeredRequest === requestId) this.#answeredRequest = 0; // numbering restarts with a new stream
     void this.#draw().then(() => {
       for (const resolve of this.#moved.splice(0)) resolve();
     });
@@ -384,20 +384,23 @@ export class WorkerReceiver implements Receiver {
 
   async #drawOne(received: DecodedStream): Promise<void> {
     const { schema } = received.decoder;
-    if (this.#unconfirmed || this.#isUpdated || schema.moving || (schema.viewDependent && !this.#viewRequest)) return;
+    if (this.#unconfirmed || this.#isUpdated || schema.sequence || (schema.viewDependent && !this.#viewRequest)) return;
     if (schema.tiling) return this.#drawTiles(received);
     while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
-      const ask = this.#viewRequest,
-        shown = await received.gaussiansFor(this.#camera, this.#answeredRequest !== ask, periodicPause());
+      const requestId = this.#viewRequest,
+        shown = await received.gaussiansFor(this.#camera, this.#answeredRequest !== requestId, periodicPause());
       if (!shown || received !== this.#received) return;
-      this.#answeredRequest = ask;
-      const { parts, instead, fresh, elements, copies } = shown,
-        gains = instead ? received.gains : null,
-        lossless = instead ? received.gainsWithoutCopies : null,
+      this.#answeredRequest = requestId;
+      const { parts, replaceAll, fresh, elements, copies } = shown,
+        gains = replaceAll ? received.gains : null,
+        gainsWithoutCopies = replaceAll ? received.gainsWithoutCopies : null,
         { degree, size } = schema;
       const packed = pack(parts, degree, size),
-        hand = [...buffersOf(packed), ...buffersOfGains(gains, lossless)];
-      say({ kind: "splats", packed, instead, fresh, elements, copies, gains, lossless, ask }, hand);
+        transfer = [...buffersOf(packed), ...buffersOfGains(gains, gainsWithoutCopies)];
+      post(
+        { kind: "splats", packed, replaceAll, fresh, elements, copies, gains, gainsWithoutCopies, requestId },
+        transfer,
+      );
     }
   }
 
@@ -406,7 +409,7 @@ export class WorkerReceiver implements Receiver {
     const { degree, size, tiling } = received.decoder.schema,
       pause = periodicPause();
     while (received.hasNew || this.#answeredRequest !== this.#viewRequest) {
-      const ask = this.#viewRequest;
+      const requestId = this.#viewRequest;
       let fresh = received.hasNew;
       tiling!.budget = this.#budget;
       for (const { gone, come } of received.swaps(this.#camera, this.#pieces)) {
@@ -419,13 +422,13 @@ export class WorkerReceiver implements Receiver {
           tiles.push({ tile, packed: pack(parts, degree, size) });
           this.#pieces.set(tile, parts.length);
         }
-        const hand = tiles.flatMap(({ packed }) => buffersOf(packed));
-        say({ kind: "tiles", gone, come: tiles, fresh, ask }, hand);
+        const transfer = tiles.flatMap(({ packed }) => buffersOf(packed));
+        post({ kind: "tiles", gone, come: tiles, fresh, requestId }, transfer);
         fresh = false;
-        if (ask !== this.#viewRequest) break; // the view has changed
+        if (requestId !== this.#viewRequest) break; // the view has changed
       }
-      if (ask === this.#viewRequest) this.#answeredRequest = ask;
-      say({ kind: "tiles", gone: [], come: [], fresh, ask });
+      if (requestId === this.#viewRequest) this.#answeredRequest = requestId;
+      post({ kind: "tiles", gone: [], come: [], fresh, requestId });
     }
   }
 
@@ -456,7 +459,7 @@ export class WorkerReceiver implements Receiver {
         } else if (++polls % RELOAD_POLLS === 0) await this.#reload(file);
         failures = 0;
       } catch (error) {
-        if (!failures) say({ kind: "updatemissed", reason: (error as Error).message });
+        if (!failures) post({ kind: "updatemissed", reason: (error as Error).message });
         failures++;
         if (error instanceof BitstreamError && failures % MAX_DAMAGED === 0)
           await this.#reload(file).catch(() => undefined);
@@ -481,7 +484,7 @@ export class WorkerReceiver implements Receiver {
   #sendUpdate(hidden: Int32Array | null, parts: readonly Splats[], numRemoved: number, numNew: number): void {
     const { schema } = this.#received!.decoder,
       packed = pack(parts, schema.degree, schema.size);
-    say({ kind: "update", hidden, packed, numRemoved, numNew, gaussians: this.#updated!.count }, [
+    post({ kind: "update", hidden, packed, numRemoved, numNew, gaussians: this.#updated!.count }, [
       ...buffersOf(packed),
       ...(hidden ? [hidden.buffer as ArrayBuffer] : []),
     ]);
@@ -513,16 +516,16 @@ export class WorkerReceiver implements Receiver {
     this.#sendUpdate(null, received.splats, before, this.#updated.count);
   }
 
-  async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
+  async conceal({ choice, requestId }: ToWorker & { kind: "conceal" }): Promise<void> {
     const received = this.#received;
     if (!received) return;
-    const pause = periodicPause(() => this.#ask === ask);
-    this.#ask = ask;
-    if (this.#isUpdated) return this.#concealUpdated(choice, ask, pause);
+    const pause = periodicPause(() => this.#concealRequest === requestId);
+    this.#concealRequest = requestId;
+    if (this.#isUpdated) return this.#concealUpdated(choice, requestId, pause);
     try {
       await received.prepare(choice, pause);
     } catch (error) {
-      say({
+      post({
         kind: "note",
         text: `Concealment failed: ${(error as Error).message}.`,
       });
@@ -533,26 +536,29 @@ export class WorkerReceiver implements Receiver {
       pieces = [...this.#pieces.keys()].sort((a, b) => a - b),
       gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
     if (shownPackets === null || !gains) return;
-    const lossless = received.gainsWithoutCopies;
-    say({ kind: "gains", gains, lossless, shownPackets, ask }, buffersOfGains(gains, lossless));
+    const gainsWithoutCopies = received.gainsWithoutCopies;
+    post(
+      { kind: "gains", gains, gainsWithoutCopies, shownPackets, requestId },
+      buffersOfGains(gains, gainsWithoutCopies),
+    );
   }
 
   /**
    * Conceals losses in a scene that updates have changed. They are losses of the packets before the updates: an update
    * is applied as a whole.
    */
-  async #concealUpdated(choice: Choice, ask: number, pause: Pause): Promise<void> {
+  async #concealUpdated(choice: LossSimulation, requestId: number, pause: Pause): Promise<void> {
     const from = this.#updatedFrom!,
       shown = await from.conceal(choice, pause);
     if (shown === null || from !== this.#updatedFrom) return;
     const gains = this.#updated!.gainsOfDrawn(from.gainsOfSplats),
       shownPackets = this.store.count - from.decoder.intake.size + shown;
-    say({ kind: "gains", gains, lossless: null, shownPackets, ask }, buffersOfGains(gains));
+    post({ kind: "gains", gains, gainsWithoutCopies: null, shownPackets, requestId }, buffersOfGains(gains));
   }
 
   /** Stops computing gains, because all packets are there. */
   cancelConcealment(): void {
-    this.#ask = 0;
+    this.#concealRequest = 0;
   }
 
   /** True if every packet was received and decoded. */
@@ -567,7 +573,7 @@ export class WorkerReceiver implements Receiver {
     if (received === this.#received) this.#isVerified = same;
     // A complete set of packets with a wrong digest is removed from the cache, so that the next visit starts fresh.
     if (!same && (this.complete || this.store.complete)) await this.cache?.clear();
-    say({ kind: "digest", same });
+    post({ kind: "digest", same });
   }
 
   async #isSameDigest(): Promise<boolean> {

@@ -93,7 +93,7 @@ test("clip frames equal those of Python, with any packets missing", { skip }, as
     const { schema } = decoder,
       all = (): boolean => true;
     assert.ok(schema instanceof TrackSchema);
-    const clip = schema.moving;
+    const clip = schema.sequence;
     if (decoder.intake.complete) assert.equal(await decoder.digest(), head.manifest.symbolsDigest);
     let concealed = 0;
     for (const [number, rows] of frames.entries()) {

@@ -208,7 +208,7 @@ export async function visit(
     postMessage: (message: FromWorker): void => {
       said.push(message);
       if (message.kind === "facts" && message.facts.viewDependent)
-        setImmediate(() => reception.look({ kind: "look", camera: NEAR, budget: 1_000_000, ask: ++looks }));
+        setImmediate(() => reception.setView({ kind: "view", camera: NEAR, budget: 1_000_000, requestId: ++looks }));
     },
   };
   const from = { session: null, name: "a", file: URL_, ...source },

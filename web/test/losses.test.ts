@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { type Choice, shownPackets } from "../src/transport/losses.ts";
+import { type LossSimulation, shownPackets } from "../src/transport/losses.ts";
 
 const PACKETS = Array.from({ length: 20_000 }, (_, n) => ({ block: n >> 4, lane: n & 15 }));
-const choose = (some: Partial<Choice>): Choice => ({
+const choose = (some: Partial<LossSimulation>): LossSimulation => ({
   concealer: "drop",
   dropped: 0.2,
   burst: 1,
@@ -12,7 +12,7 @@ const choose = (some: Partial<Choice>): Choice => ({
   sent: 1,
   ...some,
 });
-const lost = (some: Partial<Choice>): boolean[] => shownPackets(PACKETS, choose(some)).map((shown) => !shown);
+const lost = (some: Partial<LossSimulation>): boolean[] => shownPackets(PACKETS, choose(some)).map((shown) => !shown);
 const share = (lost: boolean[]): number => lost.filter(Boolean).length / lost.length;
 
 test("the lost share equals the chosen one, with and without bursts", () => {

@@ -24,9 +24,9 @@ async function shown(path: string): Promise<void> {
     { schema } = received.decoder,
     choice = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
   for (const packet of packets) received.addPacket(packet);
-  if (schema.moving) {
-    for (const concealer of schema.moving.concealers) schema.moving.frame(0, () => true, concealer);
-    schema.moving.prefetch(0, 1000);
+  if (schema.sequence) {
+    for (const concealer of schema.sequence.concealers) schema.sequence.frame(0, () => true, concealer);
+    schema.sequence.prefetch(0, 1000);
     return;
   }
   const seen = await received.gaussiansFor(CAMERA, true, pause);

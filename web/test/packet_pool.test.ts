@@ -143,7 +143,7 @@ for (const stream of streamsOf("tracks")) {
   test("helpers decode the bases of a clip, whose frames are those of one thread", async () => {
     const pool = new PacketPool(stream.file, () => new FakeThread(), 2);
     await ready(pool);
-    const [shared, own] = [await decoded(pool, stream), alone(stream)].map(({ decoder }) => decoder.schema.moving!);
+    const [shared, own] = [await decoded(pool, stream), alone(stream)].map(({ decoder }) => decoder.schema.sequence!);
     for (let n = 0; n < own.times.numFrames; n++)
       assert.deepEqual(shared.frame(n, () => true, "drop").splats, own.frame(n, () => true, "drop").splats);
     pool.close();

@@ -47,13 +47,13 @@ export function clipTimes(path: string): { ms: number; slowest: number } | null 
   const { head, packets } = readStream(path),
     decoder = new StreamDecoder(head);
   for (const bytes of packets) decoder.addPacket(bytes);
-  const { degree, size, moving } = decoder.schema;
-  if (!moving) return null;
+  const { degree, size, sequence } = decoder.schema;
+  if (!sequence) return null;
   const times: number[] = [],
     all = () => true;
-  for (let number = 0; number < moving.times.numFrames; number++) {
+  for (let number = 0; number < sequence.times.numFrames; number++) {
     const began = process.cpuUsage();
-    pack([moving.frame(number, all, "motion").splats], degree, size);
+    pack([sequence.frame(number, all, "motion").splats], degree, size);
     const { user, system } = process.cpuUsage(began);
     times.push((user + system) / 1000);
   }

@@ -6,7 +6,7 @@ import type { Head } from "../src/packets/container.ts";
 import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
 import { dataView, FrameReader, readWelcome, writeRequest } from "../src/transport/frames.ts";
 import { Transfer } from "../src/transport/transfer.ts";
-import { NOT_YET, OPEN, REFUSE, VERSION } from "../src/transport/wire.ts";
+import { LIVE, NOT_YET, REFUSE, VERSION } from "../src/transport/wire.ts";
 import { welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
@@ -140,7 +140,7 @@ test("packets of a live stream are requested a limited number of times, also aft
     transfer.receive(
       welcome((numbers, bytes) => {
         numbers.setUint32(59, 1000, true);
-        bytes[69] = isLive ? OPEN : 0;
+        bytes[69] = isLive ? LIVE : 0;
       }),
       0,
     );

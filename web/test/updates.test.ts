@@ -130,7 +130,7 @@ async function followed(
   await reception.conceal({
     kind: "conceal",
     choice: { concealer: "drop", dropped: 0.5, burst: 1, seed: 3, sent: 1 },
-    ask: 1,
+    requestId: 1,
   });
   reception.changed(); // ends the loop
   for (let n = 0; n < 10; n++) {

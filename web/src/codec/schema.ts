@@ -59,7 +59,7 @@ export interface Schema<P extends Part = Part> {
   readonly middle: readonly number[] | null;
   readonly sections: Map<string, Uint8Array>;
   /** Frames of a moving scene; null for static scenes. */
-  readonly moving: SequenceDecoder | null;
+  readonly sequence: SequenceDecoder | null;
   /** Tiles of a scene with levels; null for other scenes. */
   readonly tiling: Tiling | null;
   /** Concealers for this kind of elements, by name. */

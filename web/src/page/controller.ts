@@ -8,7 +8,7 @@ import { pack } from "../render/packed.ts";
 import type { View } from "../render/view.ts";
 import { ViewUpdates } from "../render/view_updates.ts";
 import { delay } from "../scheduler.ts";
-import type { Choice } from "../transport/losses.ts";
+import type { LossSimulation } from "../transport/losses.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { addressOf, resolveSource, titleOf } from "./address.ts";
 import { AutoRotation } from "./auto_rotation.ts";
@@ -381,11 +381,11 @@ export class Controller {
       case "counts":
         return this.#onCounts(message);
       case "gains":
-        if (message.ask !== this.#requestedGains) return;
-        this.#receivedGains = message.ask;
+        if (message.requestId !== this.#requestedGains) return;
+        this.#receivedGains = message.requestId;
         this.#gainsMs = performance.now() - this.#requestedAt;
         panel.setRow("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
-        return this.#comparison.show(message.gains, message.lossless);
+        return this.#comparison.show(message.gains, message.gainsWithoutCopies);
       case "update":
         return this.#update(message);
       case "updatemissed":
@@ -425,9 +425,9 @@ export class Controller {
   }
 
   #onFacts(facts: Facts): void {
-    const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, moving } = facts,
+    const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, sequence } = facts,
       { stage } = this;
-    this.#playback.begin(moving, stage.isVisible);
+    this.#playback.begin(sequence, stage.isVisible);
     this.panel.setConcealers(concealers);
     showMetadata(this.panel, facts, this.host.hasAttribute("aria-label"));
     this.#gaussians = gaussians;
@@ -443,21 +443,30 @@ export class Controller {
     this.#viewUpdates = null;
     stage.onCamera = null;
     if (!viewDependent) return;
-    const watch = new ViewUpdates(size, (camera, ask) => {
+    const watch = new ViewUpdates(size, (camera, requestId) => {
       const budget = gaussianBudget(this.host.getAttribute("max-gaussians"), this.#contextLosses);
-      this.#send({ kind: "look", camera, budget, ask });
+      this.#send({ kind: "view", camera, budget, requestId });
     });
     this.#viewUpdates = watch;
     stage.onCamera = (camera) => watch.onCamera(camera);
     stage.reportCamera();
   }
 
-  #add({ packed, instead, fresh, elements, copies, gains, lossless, ask }: FromWorker & { kind: "splats" }): void {
+  #add({
+    packed,
+    replaceAll,
+    fresh,
+    elements,
+    copies,
+    gains,
+    gainsWithoutCopies,
+    requestId,
+  }: FromWorker & { kind: "splats" }): void {
     this.#start();
     this.#copies = copies;
-    this.stage.add(packed, instead);
-    this.#viewUpdates?.onAnswer(ask);
-    if (gains) this.#comparison.show(gains, lossless);
+    this.stage.add(packed, replaceAll);
+    this.#viewUpdates?.onAnswer(requestId);
+    if (gains) this.#comparison.show(gains, gainsWithoutCopies);
     this.#gaussiansChanged(elements, fresh);
   }
 
@@ -481,10 +490,10 @@ export class Controller {
   }
 
   /** Replaces tiles. */
-  #replaceTiles({ gone, come, fresh, ask }: FromWorker & { kind: "tiles" }): void {
+  #replaceTiles({ gone, come, fresh, requestId }: FromWorker & { kind: "tiles" }): void {
     this.#start();
     if (gone.length || come.length) this.stage.replaceTiles(gone, come);
-    this.#viewUpdates?.onAnswer(ask);
+    this.#viewUpdates?.onAnswer(requestId);
     this.#gaussiansChanged(this.stage.count, fresh || (gone.length > 0 && this.#dropsPackets));
   }
 
@@ -564,16 +573,16 @@ export class Controller {
     this.#timer = 0;
     this.#requestedAt = performance.now();
     const choice = this.#choice,
-      ask = ++this.#requestedGains;
+      requestId = ++this.#requestedGains;
     const isWhole = this.status.complete && !choice.dropped && choice.sent === 1 && !this.#copies;
-    if (!isWhole) return this.#send({ kind: "conceal", choice, ask });
-    this.#receivedGains = ask; // nothing is missing; a late answer to an earlier request is ignored
+    if (!isWhole) return this.#send({ kind: "conceal", choice, requestId });
+    this.#receivedGains = requestId; // nothing is missing; a late answer to an earlier request is ignored
     this.panel.setRow("dropped on purpose", "0 packets");
     this.#comparison.show(null, null);
   }
 
   /** Simulated losses and concealer chosen in the panel. */
-  get #choice(): Choice {
+  get #choice(): LossSimulation {
     const { show: _, ...choice } = this.panel.settings;
     return choice;
   }

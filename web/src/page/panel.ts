@@ -1,13 +1,13 @@
 // Panel: controls over the lower edge of the scene, and a "laboratory" with statistics and settings.
 
-import type { Choice } from "../transport/losses.ts";
+import type { LossSimulation } from "../transport/losses.ts";
 import { createElement, iconButton, setIcon } from "./elements.ts";
 import { Help } from "./help.ts";
 import { Notice, type NoticeKind } from "./notice.ts";
 
 export type PictureMode = "received" | "lossless" | "difference";
 
-export interface Settings extends Choice {
+export interface Settings extends LossSimulation {
   readonly show: PictureMode;
 }
 

@@ -15,10 +15,11 @@ export class SequencePlayback {
   ) {}
 
   /** Creates a player for a stream. `seen` is true if the element is visible. */
-  begin(moving: Facts["moving"], seen: boolean): void {
+  begin(sequence: Facts["sequence"], seen: boolean): void {
     this.#player?.destroy();
     this.#player =
-      moving && (moving.live ? new LivePlayer(moving.rate, this.requestFrame) : new Player(moving, this.requestFrame));
+      sequence &&
+      (sequence.live ? new LivePlayer(sequence.rate, this.requestFrame) : new Player(sequence, this.requestFrame));
     if (!this.#player) return;
     this.panel().add(this.#player.element);
     this.#player.setVisible(seen);

@@ -18,7 +18,7 @@ export class ViewUpdates {
   /** `request` requests the Gaussians for a camera; `size` is that of the scene. */
   constructor(
     readonly size: number,
-    readonly request: (camera: Camera, ask: number) => void,
+    readonly request: (camera: Camera, requestId: number) => void,
   ) {}
 
   /** True if the last answer is for the camera of the last frame. */
@@ -39,8 +39,8 @@ export class ViewUpdates {
     this.#update();
   }
 
-  onAnswer(ask: number): void {
-    this.#answerCount = ask;
+  onAnswer(requestId: number): void {
+    this.#answerCount = requestId;
     this.#update();
   }
 

@@ -10,7 +10,7 @@ import { ANY_CAMERA, type Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Pause } from "../scheduler.ts";
-import { type Choice, shownPackets } from "./losses.ts";
+import { type LossSimulation, shownPackets } from "./losses.ts";
 
 /** Name of the concealer that draws redundant copies. */
 const SKETCH = "sketch";
@@ -19,7 +19,7 @@ const SKETCH = "sketch";
 export interface ShownGaussians {
   readonly parts: readonly Splats[];
   /** True to replace all drawn Gaussians, false to add to them. */
-  readonly instead: boolean;
+  readonly replaceAll: boolean;
   /** True if some are from packets that were not drawn before. */
   readonly fresh: boolean;
   /** Number of elements that are drawn now, at least in part. */
@@ -79,7 +79,7 @@ export class DecodedStream {
    * Prepares the redundant copies if the concealer needs them. Throws `BitstreamError` for damaged copies, or if
    * concealment needs too much memory.
    */
-  async prepare({ concealer }: Choice, pause: Pause): Promise<void> {
+  async prepare({ concealer }: LossSimulation, pause: Pause): Promise<void> {
     if (concealer !== "drop") this.decoder.checkConcealmentMemory();
     if (concealer !== SKETCH || this.#copies || !this.decoder.schema.concealers[concealer]) return;
     const copies = await this.decoder.schema.copies(pause);
@@ -122,7 +122,7 @@ export class DecodedStream {
       copies = this.#copies;
     return {
       parts: found,
-      instead: all,
+      replaceAll: all,
       fresh,
       elements: reached - (copies && copies.first < reached ? copies.part.count : 0),
       copies: copied,
@@ -167,7 +167,7 @@ export class DecodedStream {
    * Computes the gains of all elements under simulated losses, 0 for lost ones. Resolves to the number of received
    * packets, or to null if the result is no longer needed.
    */
-  async conceal(choice: Choice, pause: Pause): Promise<number | null> {
+  async conceal(choice: LossSimulation, pause: Pause): Promise<number | null> {
     const gains = new Float32Array(2 * this.#count),
       { schema } = this.decoder;
     const came = this.#parts.flatMap((part, p) =>

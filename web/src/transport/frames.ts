@@ -8,6 +8,7 @@ import {
   DATA,
   FEEDBACK,
   HAVE,
+  LIVE,
   MAX_DATAGRAM,
   MAX_DECLARED,
   MAX_HEAD_BYTES,
@@ -15,7 +16,6 @@ import {
   MAX_PACKETS,
   MAX_PREVIEW,
   MAX_TIERS,
-  OPEN,
   REQUEST,
   VERSION,
   VIEW,
@@ -74,7 +74,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     flags = bytes[69],
     tiers = bytes[70],
     at = 71 + 8 * tiers;
-  if (flags > (OPEN | VIEWABLE) || !(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
+  if (flags > (LIVE | VIEWABLE) || !(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
   const size = numbers.getUint16(at, true),
     headBytes = Number(numbers.getBigUint64(17, true));
   if (size > MAX_PREVIEW || size + 8 * tiers > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;
@@ -88,7 +88,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     packetBytes: numbers.getUint16(63, true),
     bundled: numbers.getUint32(65, true),
     viewable: (flags & VIEWABLE) > 0,
-    isLive: (flags & OPEN) > 0,
+    isLive: (flags & LIVE) > 0,
     preview: bytes.slice(at + 2, at + 2 + size),
     order: sha256(bytes.subarray(13, at)).slice(0, 2 * ORDER_BYTES),
   };

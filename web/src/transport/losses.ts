@@ -1,7 +1,7 @@
 // Simulated packet losses.
 
 /** Settings of the simulated losses and the concealer. */
-export interface Choice {
+export interface LossSimulation {
   readonly concealer: string;
   /** Loss rate, and mean burst length in packets. A burst length of 1 means independent losses. */
   readonly dropped: number;
@@ -14,7 +14,7 @@ export interface Choice {
 /** Returns a mask of the packets that are not lost. Without bursts, a larger loss rate loses a superset. */
 export function shownPackets(
   packets: readonly { readonly block: number; readonly lane: number }[],
-  { dropped, burst, seed, sent }: Choice,
+  { dropped, burst, seed, sent }: LossSimulation,
 ): boolean[] {
   const end = sent * packets.length,
     leave = 1 / Math.max(burst, dropped / (1 - dropped), 1),

@@ -5,16 +5,16 @@ import type { Texts } from "../codec/metadata.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packed, Tile } from "../render/packed.ts";
 import type { Counts } from "./events.ts";
-import type { Choice } from "./losses.ts";
+import type { LossSimulation } from "./losses.ts";
 import type { Session } from "./webtransport.ts";
 
 export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
-  | { kind: "conceal"; choice: Choice; ask: number }
+  | { kind: "conceal"; choice: LossSimulation; requestId: number }
   /** `budget` is the maximum number of drawn Gaussians of a scene with levels. */
-  | { kind: "look"; camera: Camera; budget: number; ask: number }
+  | { kind: "view"; camera: Camera; budget: number; requestId: number }
   /** Requests a frame of a clip. Answered by `frame`. */
-  | { kind: "frame"; number: number; choice: Choice }
+  | { kind: "frame"; number: number; choice: LossSimulation }
   | { kind: "digest" }
   /** Requests updates of the scene beside its file, once it is complete. */
   | { kind: "follow"; file: string };
@@ -45,30 +45,30 @@ export interface Facts {
   /** Names of the available concealers. */
   readonly concealers: readonly string[];
   /** Frame rate, number of frames, and true for live clips; null for static scenes. */
-  readonly moving: { readonly rate: number; readonly numFrames: number; readonly live: boolean } | null;
+  readonly sequence: { readonly rate: number; readonly numFrames: number; readonly live: boolean } | null;
 }
 
 export type FromWorker =
   | { kind: "preview"; packed: Packed; background: readonly [number, number, number] }
   | { kind: "facts"; facts: Facts }
   /**
-   * Gaussians for the page. `instead`: replaces all earlier ones. `fresh`: some are from packets that were not shown
+   * Gaussians for the page. `replaceAll`: replaces all earlier ones. `fresh`: some are from packets that were not shown
    * before. `elements`: number of elements shown so far. `copies`: number of redundant Gaussians sent so far.
-   * `lossless`: gains that hide the redundant Gaussians, or null. `ask`: number of the view request.
+   * `gainsWithoutCopies`: gains that hide the redundant Gaussians, or null. `requestId`: number of the view request.
    */
   | {
       kind: "splats";
       packed: Packed;
-      instead: boolean;
+      replaceAll: boolean;
       fresh: boolean;
       elements: number;
       copies: number;
       gains: Float32Array | null;
-      lossless: Float32Array | null;
-      ask: number;
+      gainsWithoutCopies: Float32Array | null;
+      requestId: number;
     }
   /** Tile replacements of a scene with levels. Other fields as in `splats`. */
-  | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; ask: number }
+  | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; requestId: number }
   /**
    * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
    * the number of motion packets that were not lost.
@@ -84,7 +84,13 @@ export type FromWorker =
   | { kind: "update"; hidden: Int32Array | null; packed: Packed; numRemoved: number; numNew: number; gaussians: number }
   /** An update was not applied: the scene stays as it was. */
   | { kind: "updatemissed"; reason: string }
-  | { kind: "gains"; gains: Float32Array; lossless: Float32Array | null; ask: number; shownPackets: number }
+  | {
+      kind: "gains";
+      gains: Float32Array;
+      gainsWithoutCopies: Float32Array | null;
+      requestId: number;
+      shownPackets: number;
+    }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }
   | { kind: "failed"; text: string }

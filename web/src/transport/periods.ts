@@ -13,7 +13,7 @@ export interface Playable {
 /** Frame of a period. */
 export interface PeriodFrame {
   readonly received: DecodedStream;
-  readonly moving: SequenceDecoder;
+  readonly sequence: SequenceDecoder;
   readonly number: number;
 }
 
@@ -25,21 +25,21 @@ export class Periods {
 
   /** Adds the next period. */
   addPeriod(received: DecodedStream): void {
-    this.#lateBefore += this.#before?.decoder.schema.moving?.late ?? 0;
+    this.#lateBefore += this.#before?.decoder.schema.sequence?.late ?? 0;
     this.#before = this.#current;
     this.#current = received;
   }
 
   /** Number of motion packets that arrived after their group was shown. */
   get late(): number {
-    const late = (of: DecodedStream | null): number => of?.decoder.schema.moving?.late ?? 0;
+    const late = (of: DecodedStream | null): number => of?.decoder.schema.sequence?.late ?? 0;
     return this.#lateBefore + late(this.#before) + late(this.#current);
   }
 
   get playable(): Playable | null {
-    const moving = this.#current?.decoder.schema.moving;
-    if (!moving) return null;
-    const { firstFrame, times, ready } = moving,
+    const sequence = this.#current?.decoder.schema.sequence;
+    if (!sequence) return null;
+    const { firstFrame, times, ready } = sequence,
       running = times.numFrames - 1 - ((times.numFrames - 1) % times.groupFrames);
     if (this.#begin < 0) this.#begin = firstFrame + running;
     return { begin: this.#begin, end: Math.max(firstFrame + ready, this.#begin) };
@@ -48,19 +48,19 @@ export class Periods {
   /** Returns the period of a frame, or the first later frame if its period was released. Releases earlier groups. */
   at(number: number): PeriodFrame | null {
     const current = this.#current,
-      moving = current?.decoder.schema.moving,
-      before = this.#before?.decoder.schema.moving;
-    if (!current || !moving) return null;
-    if (before && before.firstFrame <= number && number < moving.firstFrame)
+      sequence = current?.decoder.schema.sequence,
+      before = this.#before?.decoder.schema.sequence;
+    if (!current || !sequence) return null;
+    if (before && before.firstFrame <= number && number < sequence.firstFrame)
       return this.#place(this.#before!, before, number);
     this.#lateBefore += before?.late ?? 0;
     this.#before = null;
-    return this.#place(current, moving, Math.max(number, moving.firstFrame));
+    return this.#place(current, sequence, Math.max(number, sequence.firstFrame));
   }
 
-  #place(received: DecodedStream, moving: SequenceDecoder, absolute: number): PeriodFrame {
-    const number = Math.min(absolute - moving.firstFrame, moving.times.numFrames - 1);
-    received.decoder.intake.forget(moving.forget(number));
-    return { received, moving, number };
+  #place(received: DecodedStream, sequence: SequenceDecoder, absolute: number): PeriodFrame {
+    const number = Math.min(absolute - sequence.firstFrame, sequence.times.numFrames - 1);
+    received.decoder.intake.forget(sequence.forget(number));
+    return { received, sequence, number };
   }
 }

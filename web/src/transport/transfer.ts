@@ -26,14 +26,23 @@ const IMPOSSIBLE = "the server announces something impossible";
 const NOT_YET_MS = 250;
 /** Refusals that a retry cannot resolve. */
 export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VERSION], IMPOSSIBLE];
-const NACK_INTERVAL_MS = 120,
-  REORDER = 48,
-  MOST_EARLY = 64,
-  MOST_NEWER = 512,
-  MOST_AHEAD = 2 ** 17,
-  MAX_IDLE_ENDS = 25,
-  MOST_GAPS = 4096,
-  MAX_ATTEMPTS = 8;
+// Limits of requests (NACKs), named as in `splatwire.transport.protocol` (nack, receiver, receive_state, gap_tracker).
+/** Minimum interval between requests for the same packet, milliseconds. */
+const NACK_INTERVAL_MS = 120;
+/** Reordering threshold: packets this far behind the furthest received one count as lost. */
+const REORDER = 48;
+/** Maximum number of datagrams kept until the welcome message arrives. */
+const MOST_EARLY = 64;
+/** Maximum number of packets kept until the message arrives that announces them. */
+const MAX_WAITING_PACKETS = 512;
+/** Maximum increase of the sequence number; a datagram further ahead is rejected. */
+const MAX_SEQUENCE_JUMP = 2 ** 17;
+/** Number of consecutive `END` datagrams without a packet, after which the server is not expected to resend. */
+const MAX_FRUITLESS_ENDS = 25;
+/** Maximum number of missing sequence numbers that are stored; the oldest are dropped first. */
+const MAX_GAPS = 4096;
+/** Maximum number of requests per sequence number, and per packet of a live stream. */
+const MAX_ATTEMPTS = 8;
 
 /** Number of contradicting packets after which the transfer ends. */
 const MAX_CONTRADICTIONS = 64;
@@ -84,14 +93,15 @@ export class Transfer {
    * True once a view was sent. The server then sends its tiles, and lost datagrams are requested by sequence number.
    */
   viewing = false;
+  /** Missing sequence numbers, and the number of requests for each. */
   readonly #gaps = new Map<number, number>();
   #numViewUpdates = 0;
-  #idleEnds = 0;
+  #fruitlessEnds = 0;
   /**
    * Datagrams that arrived before the welcome message, and packets that arrived before the message that announces them.
    */
   #early: Uint8Array[] = [];
-  #ahead: { readonly place: number; readonly bytes: Uint8Array }[] = [];
+  #waiting: { readonly index: number; readonly bytes: Uint8Array }[] = [];
   /** True if the stream is that of the stored packets, false if not, null as long as unknown. */
   isSame: boolean | null = null;
   /** Messages that announce the stored packets; empty once sent. */
@@ -150,35 +160,35 @@ export class Transfer {
       return void this.counts.rejected++;
     if (kind === SIDE) return this.#onSideInfo(bytes, now);
     const sequence = dataView(bytes).getUint32(5, true);
-    if (sequence > this.#largest + MOST_AHEAD) return void this.counts.rejected++;
+    if (sequence > this.#largest + MAX_SEQUENCE_JUMP) return void this.counts.rejected++;
     this.counts.datagrams++;
     if (this.welcome.viewable) this.#count(sequence);
     if (sequence > this.#largest) [this.#largest, this.#largestAt] = [sequence, now];
     if (kind === END) {
       this.ended = true;
-      this.#idleEnds++;
+      this.#fruitlessEnds++;
     } else {
-      this.#idleEnds = 0;
+      this.#fruitlessEnds = 0;
       if (this.viewing) this.ended = false;
-      const place = dataView(bytes).getUint32(9, true);
-      this.#acceptPacket(place, bytes.slice(13), true);
-      if (this.#packetStates[place]) this.#highest = Math.max(this.#highest, place);
+      const packetIndex = dataView(bytes).getUint32(9, true);
+      this.#acceptPacket(packetIndex, bytes.slice(13), true);
+      if (this.#packetStates[packetIndex]) this.#highest = Math.max(this.#highest, packetIndex);
     }
     this.#checkFinished();
   }
 
   /** Builds a view update. */
-  view(look: ViewCamera, budget: number): Uint8Array {
+  view(camera: ViewCamera, budget: number): Uint8Array {
     this.viewing = true;
-    return writeView(this.welcome!.session, ++this.#numViewUpdates, look, budget);
+    return writeView(this.welcome!.session, ++this.#numViewUpdates, camera, budget);
   }
 
   /** Records the missing sequence numbers before a datagram. */
   #count(sequence: number): void {
     this.#gaps.delete(sequence);
-    for (let n = Math.max(this.#largest + 1, sequence - MOST_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
+    for (let n = Math.max(this.#largest + 1, sequence - MAX_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
     for (const old of this.#gaps.keys()) {
-      if (this.#gaps.size <= MOST_GAPS) break;
+      if (this.#gaps.size <= MAX_GAPS) break;
       this.#gaps.delete(old);
     }
   }
@@ -187,7 +197,7 @@ export class Transfer {
    * Returns the missing sequence numbers to request. Each is requested a limited number of times, because requests may
    * be lost.
    */
-  #lostNumbers(now: number): number[] {
+  #sequencesToRequest(now: number): number[] {
     const before = this.ended ? this.#largest : this.#largest - REORDER,
       lost: number[] = [];
     for (const [number, times] of this.#gaps) {
@@ -206,27 +216,28 @@ export class Transfer {
   }
 
   /** Returns the indices of overdue packets. */
-  #lostPlaces(now: number): number[] {
+  #packetsToRequest(now: number): number[] {
     const { packets, bundled } = this.welcome!,
       lost: number[] = [];
     const stop = this.ended ? packets : this.#highest + 1 - REORDER;
     while (this.#lowest < packets && this.#packetStates[this.#lowest]) this.#lowest++;
     for (
-      let place = this.head ? this.#lowest : Math.max(bundled, this.#lowest);
-      place < stop && lost.length < MAX_NACKS;
-      place++
+      let packetIndex = this.head ? this.#lowest : Math.max(bundled, this.#lowest);
+      packetIndex < stop && lost.length < MAX_NACKS;
+      packetIndex++
     ) {
-      if (this.#packetStates[place] || now - (this.#nackedAt.get(place) ?? -1e9) < NACK_INTERVAL_MS) continue;
-      const tries = this.#nackCounts.get(place) ?? 0;
+      if (this.#packetStates[packetIndex] || now - (this.#nackedAt.get(packetIndex) ?? -1e9) < NACK_INTERVAL_MS)
+        continue;
+      const tries = this.#nackCounts.get(packetIndex) ?? 0;
       if (this.#beganLive && tries === MAX_ATTEMPTS) {
-        this.#packetStates[place] = 2; // a late motion packet is useless
-        this.#nackCounts.delete(place);
-        this.#nackedAt.delete(place);
+        this.#packetStates[packetIndex] = 2; // a late motion packet is useless
+        this.#nackCounts.delete(packetIndex);
+        this.#nackedAt.delete(packetIndex);
         continue;
       }
-      this.#nackCounts.set(place, tries + 1);
-      this.#nackedAt.set(place, now);
-      lost.push(place);
+      this.#nackCounts.set(packetIndex, tries + 1);
+      this.#nackedAt.set(packetIndex, now);
+      lost.push(packetIndex);
     }
     return lost;
   }
@@ -238,8 +249,8 @@ export class Transfer {
       received: Math.min(this.counts.datagrams, this.#largest + 1),
       clock: Math.round(this.#largestAt * 1000),
       symbolsMissing: this.head ? 0 : (this.#object?.missing ?? 0),
-      lost: this.viewing ? [] : this.#lostPlaces(now),
-      lostSequences: this.viewing ? this.#lostNumbers(now) : [],
+      lost: this.viewing ? [] : this.#packetsToRequest(now),
+      lostSequences: this.viewing ? this.#sequencesToRequest(now) : [],
     });
   }
 
@@ -254,7 +265,7 @@ export class Transfer {
     this.#beganLive = welcome.isLive;
     this.#object = new InitSegment(welcome);
     this.#packetStates = new Uint8Array(welcome.packets);
-    if (this.before) this.#goOn(this.before, welcome);
+    if (this.before) this.#resume(this.before, welcome);
     this.#processEarly(now);
   }
 
@@ -262,14 +273,14 @@ export class Transfer {
    * Continues with stored packets. Only those with the same order have known positions. If the head may have changed,
    * it is received again and compared.
    */
-  #goOn(before: Before, welcome: Welcome): void {
+  #resume(before: Before, welcome: Welcome): void {
     if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSame = false);
     const bits = before.bitsOf(welcome.order);
     if (!bits && (welcome.bundled || sha256(before.object) !== hex(welcome.digest))) return;
     this.isSame = true;
     this.head = before.head;
-    for (let place = 0; bits && place < Math.min(welcome.packets, 8 * bits.length); place++)
-      this.#packetStates[place] = (bits[place >> 3] >> (place & 7)) & 1;
+    for (let packetIndex = 0; bits && packetIndex < Math.min(welcome.packets, 8 * bits.length); packetIndex++)
+      this.#packetStates[packetIndex] = (bits[packetIndex >> 3] >> (packetIndex & 7)) & 1;
     this.counts.packets = this.#packetStates.reduce((sum, one) => sum + one, 0);
     this.#have = writeHave(this.nonce, welcome.streamId, bits ?? new Uint8Array());
     this.#checkFinished();
@@ -287,7 +298,7 @@ export class Transfer {
     this.#object = new InitSegment(next);
     this.head = null;
     this.ended = false;
-    this.#idleEnds = 0;
+    this.#fruitlessEnds = 0;
     const there = new Uint8Array(next.packets);
     if (same) there.set(this.#packetStates);
     else this.#resetPeriod(before.streamId);
@@ -314,7 +325,7 @@ export class Transfer {
       this.counts.bytes -= early.length; // it was counted on arrival
       this.receive(early, now);
     }
-    for (const { place, bytes } of this.#ahead.splice(0)) this.#acceptPacket(place, bytes);
+    for (const { index, bytes } of this.#waiting.splice(0)) this.#acceptPacket(index, bytes);
   }
 
   #onSideInfo(bytes: Uint8Array, now: number): void {
@@ -327,7 +338,7 @@ export class Transfer {
       this.head = head;
       this.heads++;
       if (this.before) this.isSame ??= this.#object!.hasManifestOf(this.before.object);
-      bundled.forEach((packet, place) => this.#acceptPacket(place, packet));
+      bundled.forEach((packet, packetIndex) => this.#acceptPacket(packetIndex, packet));
       this.#checkFinished();
     } catch (error) {
       this.finished = (error as Error).message;
@@ -335,22 +346,23 @@ export class Transfer {
   }
 
   /** Accepts a packet. In a growing stream it `may` arrive before the message that announces it. */
-  #acceptPacket(place: number, bytes: Uint8Array, may = false): void {
+  #acceptPacket(packetIndex: number, bytes: Uint8Array, may = false): void {
     const { packets, packetBytes, streamId, isLive, order } = this.welcome!,
       packet = readPacket(bytes, streamId);
-    if (place >= packets || bytes.length > packetBytes || !packet) {
-      if (isLive && may && this.#ahead.length < MOST_NEWER) this.#ahead.push({ place, bytes });
+    if (packetIndex >= packets || bytes.length > packetBytes || !packet) {
+      if (isLive && may && this.#waiting.length < MAX_WAITING_PACKETS)
+        this.#waiting.push({ index: packetIndex, bytes });
       else this.counts.rejected++;
       return;
     }
-    if (!isLive && this.#contradicts(place, identityOf(packet))) {
-      this.fresh.push({ source: NO_SOURCE, position: place, bytes });
+    if (!isLive && this.#contradicts(packetIndex, identityOf(packet))) {
+      this.fresh.push({ source: NO_SOURCE, position: packetIndex, bytes });
       this.counts.rejected++;
       return;
     }
-    if (this.#packetStates[place] === 1) return void this.counts.duplicates++;
-    this.#packetStates[place] = 1;
-    this.fresh.push({ source: order, position: place, bytes });
+    if (this.#packetStates[packetIndex] === 1) return void this.counts.duplicates++;
+    this.#packetStates[packetIndex] = 1;
+    this.fresh.push({ source: order, position: packetIndex, bytes });
     this.counts.packets++;
     this.counts.packetBytes += bytes.length;
   }
@@ -359,15 +371,15 @@ export class Transfer {
    * Returns true if the packet arrived at another position before, or another packet at this one, since the position in
    * a datagram has no checksum. Both positions then count as missing.
    */
-  #contradicts(place: number, identity: number): boolean {
-    const before = this.#positions.get(identity) ?? place,
-      there = this.#identities.get(place) ?? identity;
-    if (before === place && there === identity) {
-      this.#positions.set(identity, place);
-      this.#identities.set(place, identity);
+  #contradicts(packetIndex: number, identity: number): boolean {
+    const before = this.#positions.get(identity) ?? packetIndex,
+      there = this.#identities.get(packetIndex) ?? identity;
+    if (before === packetIndex && there === identity) {
+      this.#positions.set(identity, packetIndex);
+      this.#identities.set(packetIndex, identity);
       return false;
     }
-    for (const one of [place, before]) {
+    for (const one of [packetIndex, before]) {
       const known = this.#identities.get(one);
       if (known !== undefined) this.#positions.delete(known);
       this.#identities.delete(one);
@@ -382,6 +394,6 @@ export class Transfer {
   #checkFinished(): void {
     if (!this.head || this.welcome!.isLive) return;
     if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
-    else if (!this.viewing && this.#idleEnds >= MAX_IDLE_ENDS) this.finished = "sent";
+    else if (!this.viewing && this.#fruitlessEnds >= MAX_FRUITLESS_ENDS) this.finished = "sent";
   }
 }

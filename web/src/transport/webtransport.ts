@@ -6,8 +6,9 @@ import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { type Before, Transfer } from "./transfer.ts";
 
-const FEEDBACK_MS = 20,
-  PATIENCE_MS = 4000,
+/** Interval between feedback datagrams, which contain the requests for lost packets, milliseconds. */
+const FEEDBACK_MS = 20;
+const PATIENCE_MS = 4000,
   SILENCE_MS = 10000;
 /**
  * View updates: minimum interval, milliseconds; number of immediate repetitions; later repetition interval, because

@@ -58,7 +58,7 @@ MAX_FOCAL, MAX_FAR, TURNED = 1e6, 1e12, 0.01
 its matrix from a rotation.
 """
 
-OPEN, VIEWABLE = 1, 2
+LIVE, VIEWABLE = 1, 2
 """Flags of a welcome: live stream; view-dependent sending order."""
 _CRC = struct.Struct("<I")
 _HELLO = struct.Struct("<BQB")
@@ -127,7 +127,7 @@ def encode(frame: Frame) -> bytes:
             head = _REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name))
             return _closed(head + name + frame.scene_token.encode())
         case Welcome():
-            flags = OPEN * frame.is_live | VIEWABLE * frame.viewable
+            flags = LIVE * frame.is_live | VIEWABLE * frame.viewable
             head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.tiers))
             tiers = b"".join(_TIER.pack(*tier) for tier in frame.tiers)
             return _closed(head + tiers + _SIZE.pack(len(frame.preview)) + frame.preview)
@@ -248,10 +248,10 @@ def _welcome(body: bytes) -> Welcome:
         or len(body) != end + _SIZE.size + size
     ):
         raise BitstreamError("a welcome of inconsistent size")
-    if flags & ~(OPEN | VIEWABLE):
+    if flags & ~(LIVE | VIEWABLE):
         raise BitstreamError(f"a welcome with the unknown flags {flags:#x}")
     tiers = tuple(TierHead(*tier) for tier in _TIER.iter_unpack(body[_WELCOME.size : end]))
-    return Welcome._make([*fields[1:], tiers, body[end + _SIZE.size :], bool(flags & OPEN), bool(flags & VIEWABLE)])
+    return Welcome._make([*fields[1:], tiers, body[end + _SIZE.size :], bool(flags & LIVE), bool(flags & VIEWABLE)])
 
 
 def _feedback(body: bytes) -> Feedback:

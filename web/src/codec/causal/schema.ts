@@ -41,7 +41,7 @@ class CausalPart extends AnchorPart implements ReceivedAnchors {
 export class CausalSchema implements Schema<CausalPart> {
   readonly tiling = null;
   readonly viewDependent = true;
-  readonly moving = null;
+  readonly sequence = null;
   readonly degree = 0;
   readonly info: SideInfo;
   readonly heads: Heads;

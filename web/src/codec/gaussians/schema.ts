@@ -23,7 +23,7 @@ export class GaussianSchema implements Schema<GaussianPart> {
   readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
-  readonly moving = null;
+  readonly sequence = null;
   readonly middle = null;
   readonly concealers: Readonly<Record<string, Concealer>>;
   readonly info: SideInfo;

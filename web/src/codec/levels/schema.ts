@@ -78,7 +78,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   readonly concealmentBytes = CONCEALMENT_BYTES;
   readonly tiling = this;
   readonly viewDependent = true;
-  readonly moving = null;
+  readonly sequence = null;
   /**
    * Coarser tiles replace lost ones: a tile is drawn once most of it was received. No further concealment is needed.
    */

@@ -1,4 +1,4 @@
-// Clips: tracks of Gaussians over groups of frames. This schema decodes bases; `Clip` decodes their motion.
+// Clips: tracks of Gaussians over groups of frames. This schema decodes bases; `Sequence` decodes their motion.
 
 import type { Elements } from "../../conceal/elements.ts";
 import type { Packet } from "../../packets/packet.ts";
@@ -16,7 +16,7 @@ import type { DecodedPacket, Schema } from "../schema.ts";
 import { emptySplats, splatBytes } from "../splats.ts";
 import { TRACK_BYTES } from "./keyframe_gaussians.ts";
 import { decodeMotion } from "./motion.ts";
-import { Clip } from "./sequence.ts";
+import { Sequence } from "./sequence.ts";
 import { readSequenceInfo, type SequenceInfo, shotOf } from "./side_info.ts";
 
 /** First block of a group's bases, among all bases and in the plan, and its first track. */
@@ -46,7 +46,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   info: SequenceInfo;
   readonly concealers = {};
   /** Received packets and frames of the clip. */
-  readonly moving: Clip;
+  readonly sequence: Sequence;
   /** Decoder of the bases of one shot. Packets of a file, and those of a server, are in order of shots. */
   readonly #bases: FastPackets;
   #firsts: readonly First[];
@@ -56,7 +56,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     public plan: Plan,
   ) {
     this.info = readSequenceInfo(sideInfo, plan.manifest);
-    this.moving = new Clip(this.info, sideInfo.length);
+    this.sequence = new Sequence(this.info, sideInfo.length);
     this.#bases = new FastPackets(this.info.bases);
     this.#firsts = firstsOf(this.info, plan);
   }
@@ -64,7 +64,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   grow(sideInfo: Uint8Array, plan: Plan): void {
     this.info = readSequenceInfo(sideInfo, plan.manifest);
     this.plan = plan;
-    this.moving.grow(this.info);
+    this.sequence.grow(this.info);
     this.#firsts = firstsOf(this.info, plan);
   }
 
@@ -88,7 +88,7 @@ export class TrackSchema implements Schema<GaussianPart> {
   read(packet: Packet): GaussianPart {
     const decoded = this.decode(packet);
     if (decoded) return this.accept(packet, decoded);
-    this.moving.addMotion(this.plan.tierOf(packet.block) >> 1, packet);
+    this.sequence.addMotion(this.plan.tierOf(packet.block) >> 1, packet);
     return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
   }
 
@@ -115,8 +115,8 @@ export class TrackSchema implements Schema<GaussianPart> {
       block = packet.block - plan,
       base = own + block,
       first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane;
-    this.moving.addBases(group, first, symbols.rows, base, splats);
-    this.moving.numBytes += packet.payload.length;
+    this.sequence.addBases(group, first, symbols.rows, base, splats);
+    this.sequence.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
@@ -147,7 +147,7 @@ export class TrackSchema implements Schema<GaussianPart> {
 
   #motion(packet: Packet, group: number): ReturnType<typeof decodeMotion> {
     const { groups, models } = this.info;
-    return decodeMotion(packet.payload, models, packet.count, this.moving.framesOf(group), groups[group].firstNew);
+    return decodeMotion(packet.payload, models, packet.count, this.sequence.framesOf(group), groups[group].firstNew);
   }
 
   copies(): Promise<Copies<GaussianPart> | null> {

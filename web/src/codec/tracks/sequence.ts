@@ -53,7 +53,7 @@ interface DecodedGroup extends TrackOffsets, ConcealedTracks {
   readonly memory: ConcealmentState;
 }
 
-export class Clip implements SequenceDecoder {
+export class Sequence implements SequenceDecoder {
   readonly concealers = CONCEALERS;
   packets: Packet[] = [];
   late = 0;
