@@ -10,7 +10,7 @@ import pytest
 from splatwire.bitstream import PacketId, make_packet
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
-from splatwire.transport.protocol.datagrams import Data, Feedback, TierHead, Welcome
+from splatwire.transport.protocol.datagrams import Data, End, Feedback, TierHead, Welcome
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_ATTEMPTS, MAX_GAPS, GapTracker
 from splatwire.transport.protocol.protection import Protection
@@ -183,6 +183,22 @@ def test_a_server_that_repeats_itself_without_end_ends_the_transfer(is_live):
         receiver.receive(encode(Data(1, sequence, 59, packet.data)), now)
         receiver.poll(now)
     assert receiver.finished == (None if is_live else Finished("the server sends nothing new", False))
+
+
+def test_a_live_stream_that_ends_after_a_long_pause_is_received():
+    tiers = (TierHead(60, 0, 0),)
+    welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers, is_live=True)
+    receiver, now = Receiver(5, 0.0, reliable=True), 0.1
+    receiver.poll(0.0)
+    receiver.receive(encode(welcome), now)
+    receiver.receive(encode(Data(1, 0, 59, make_packet(PacketId(0, 59), 1, b"", 9).data)), now)
+    for sequence in range(1, 300):
+        now += 0.5
+        receiver.receive(encode(End(1, sequence)), now)
+        receiver.poll(now)
+    receiver.receive(encode(welcome._replace(digest=b"b" * 32, is_live=False)), now)
+    receiver.poll(now + 0.02)
+    assert receiver.finished is None
 
 
 def test_silence_ends_the_transfer_without_reconnection():

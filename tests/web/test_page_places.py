@@ -35,6 +35,7 @@ PAGES = {
     "anchors": f'{SCRIPT}<splat-wire src="anchors.swz" style="{SIZE}"></splat-wire>'.format(),
     "zero": ONE.format(src="levels.swz", more="", style="width: 0; height: 0; min-height: 0"),
     "plain": ONE.format(src="ball.swz", more="", style=SIZE),
+    "nowhere": ONE.format(src="ball.swz", more='viewpoint="0 0 0 0 0 0 0 0 0"', style=SIZE),
     "without-2d": WITHOUT_2D + ONE.format(src="ball.swz", more="", style=SIZE),
     "without-memory": WITHOUT_MEMORY + ONE.format(src="ball.swz", more="", style=SIZE),
     "turned": ONE.format(
@@ -124,6 +125,30 @@ def test_scene_appears_without_a_canvas_for_the_first_pictures(streams: dict[str
         page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view", 90)
         assert page.resolve(COLOURS)
         assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    driven(streams, work)
+
+
+def test_viewpoints_that_show_nothing_are_ignored(streams: dict[str, bytes]) -> None:
+    """A viewpoint without a direction is refused; one from which nothing can be drawn gives way to the default."""
+
+    def work(host: Host, page: Browser) -> None:
+        opened(page, f"{host.url}nowhere")
+        assert page.resolve(COLOURS)
+        page.evaluate(f"window.home = {ELEMENT}.saveView()")
+        for wrong in ("1e14 0 0 0 0 0 0 1 0", "1e30 0 0 0 0 0 0 1 0", "1 2 3 1 2 3 0 1 0"):
+            page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', '{wrong}')")
+            assert page.resolve(COLOURS), wrong
+        assert page.resolve(f"{ELEMENT}.flyTo('1e14 0 0 0 0 0 0 1 0', 0)")
+        assert page.resolve(f"{ELEMENT}.flyTo(home, 0)")
+        assert page.resolve(COLOURS)
+        page.evaluate(f"{ELEMENT}.view.orbit.flip()")
+        page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', home)")
+        assert page.evaluate(
+            f"(({ELEMENT}.saveView().split(' ').map(Number)).every((n, i) => \
+            Math.abs(n - home.split(' ')[i]) < 1e-3))"
+        )
+        assert page.resolve(COLOURS)
 
     driven(streams, work)
 

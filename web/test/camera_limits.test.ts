@@ -69,3 +69,27 @@ test("another up axis leaves the eye and the target in place", () => {
   near([found.target.x, found.target.y, found.target.z], [target.x, target.y, target.z]);
   near([found.up.x, found.up.y, found.up.z], [0.6, 0, 0.8]);
 });
+
+test("a movement from far away arrives, and an eye at its target keeps the direction", () => {
+  const orbit = new Orbit(() => undefined);
+  orbit.begin([1, 2, 3], 4);
+  const to = orbit.state,
+    away = orbit.stateOf(new Vec3(1e15, 0, 0), new Vec3());
+  orbit.moveBetween(to, away, 1);
+  orbit.moveBetween(orbit.state, to, 1);
+  assert.deepEqual(orbit.state, to);
+  const same = orbit.stateOf(new Vec3(5, 6, 7), new Vec3(5, 6, 7));
+  assert.deepEqual(same, { ...to, target: new Vec3(5, 6, 7) });
+});
+
+test("limits that are removed do not stay in the initial state, and rotations stay finite", () => {
+  const orbit = new Orbit(() => undefined);
+  orbit.limit({ near: 1e30, far: 1e30, low: 0, high: 0 });
+  orbit.begin([0, 0, 0], 4);
+  assert.equal(orbit.distance, 1e30);
+  orbit.limit(null);
+  orbit.reset();
+  assert.equal(orbit.distance, 4);
+  for (let n = 0; n < 4; n++) orbit.rotate(1e308, 0);
+  assert.ok(Number.isFinite(orbit.yaw));
+});

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { embedCode } from "../src/page/links.ts";
+import { embedCode, viewpointOf } from "../src/page/links.ts";
 
 const STREAM = new URL("https://host/a/scene.swz?x=1&y=2");
 
@@ -32,4 +32,19 @@ test("an application's bundle, a packed page and a blob have no embed code", () 
     "file:///a/splatwire.js",
   ])
     assert.equal(embedCode(STREAM, own), null, own);
+});
+
+test("a viewpoint without a view is refused", () => {
+  assert.deepEqual(viewpointOf("1 2 3 4 5 6 0 -9 0"), { eye: [1, 2, 3], target: [4, 5, 6], up: [0, -9, 0] });
+  for (const wrong of [
+    "0 0 0 0 0 0 0 0 0",
+    "1 2 3 1 2 3 0 1 0",
+    "1 2 3 4 5 6 0 0 0",
+    "1e30 0 0 0 0 0 0 1 0",
+    "1e-300 0 0 0 0 0 0 1 0",
+    "1e308 0 0 -1e308 0 0 0 1 0",
+    "NaN 0 0 1 0 0 0 1 0",
+    "0 0 1 0 0 0 0 1",
+  ])
+    assert.equal(viewpointOf(wrong), null, wrong);
 });

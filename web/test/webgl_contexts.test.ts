@@ -38,4 +38,17 @@ test("a context that becomes free goes to the first visible element that waits",
   hidden.open();
   releaseContext(owners[1]);
   assert.deepEqual([hidden.has, last.has], [true, false]);
+  for (const owner of owners) releaseContext(owner);
+});
+
+test("a context that was offered to an owner that leaves goes to the next one", () => {
+  const owners = Array.from({ length: 8 }, () => new Owner()),
+    [leaving, next] = [new Owner(), new Owner()];
+  leaving.onContextAvailable = () => undefined; // it still loads the renderer
+  for (const owner of [...owners, leaving, next]) owner.open();
+  releaseContext(owners[0]);
+  assert.equal(next.has, false);
+  releaseContext(leaving);
+  assert.equal(next.has, true);
+  for (const owner of [...owners, next]) releaseContext(owner);
 });

@@ -3,6 +3,7 @@
 import { ExtSplats, utils } from "@sparkjsdev/spark";
 
 import { type Gaussians, type ReceiveOptions, receive } from "../decoder.ts";
+import { withoutQuery } from "../transport/http_error.ts";
 
 /**
  * Returns Gaussians for Spark: `new SplatMesh({ splats: splatsOf(gaussians) })`. Keeps the axes of the stream, where y
@@ -52,6 +53,6 @@ function harmonicsOf({ count, degree, harmonics }: Gaussians, length: number): R
 export async function loadSplats(url: string | URL, options: ReceiveOptions = {}): Promise<ExtSplats> {
   let last: Gaussians | null = null;
   for await (const { gaussians } of receive(url, { concealer: "grow", ...options })) last = gaussians;
-  if (!last) throw new Error(`nothing arrived from ${url}`);
+  if (!last) throw new Error(`nothing arrived from ${withoutQuery(String(url))}`);
   return splatsOf(last);
 }

@@ -8,6 +8,7 @@ import { pack } from "../render/packed.ts";
 import type { View } from "../render/view.ts";
 import { ViewUpdates } from "../render/view_updates.ts";
 import { delay } from "../scheduler.ts";
+import { withoutQuery } from "../transport/http_error.ts";
 import type { LossSimulation } from "../transport/losses.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { addressOf, resolveSource, titleOf } from "./address.ts";
@@ -340,7 +341,7 @@ export class Controller {
   #viewpoint(anew: boolean): void {
     const viewpoint = viewpointOf(this.host.getAttribute("viewpoint"));
     if (!viewpoint) return;
-    if (anew) this.stage.orbit.placed = this.stage.orbit.touched = false;
+    if (anew) Object.assign(this.stage.orbit, { placed: false, touched: false, turned: false });
     this.stage.setViewpoint(viewpoint);
   }
 
@@ -356,7 +357,7 @@ export class Controller {
     const src = host.getAttribute("src");
     if (!src) throw new Error("<splat-wire> has no src");
     const address = addressOf(src, host.baseURI);
-    if (!address) throw new Error(`the src of <splat-wire> is not a valid URL: ${src}`);
+    if (!address) throw new Error(`the src of <splat-wire> is not a valid URL: ${withoutQuery(src)}`);
     const source = await resolveSource(address, host.getAttribute("session"), host.getAttribute("fingerprint"));
     this.#file = source.file;
     this.#send({ kind: "open", ...source, bytes: null });

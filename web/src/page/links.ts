@@ -73,10 +73,19 @@ export function limitsOf(words: string | null): number[] | null {
   return numbers && 0 <= numbers[0] && numbers[0] <= numbers[1] && numbers[2] <= numbers[3] ? numbers : null;
 }
 
-/** Parses nine numbers: eye, target, up. Returns null for anything else. */
+/** Largest coordinate of a viewpoint: squares of distances must be finite in single precision. */
+const MAX_COORDINATE = 1e15;
+/** Smallest length of an upward direction. */
+const MIN_UP = 1e-6;
+
+/**
+ * Parses nine numbers: eye, target, up. Returns null for anything else, and if they are no view: the eye is the target,
+ * the upward direction is 0, or a number is too large.
+ */
 export function viewpointOf(words: string | null): Viewpoint | null {
   const numbers = numbersOf(words, 9);
-  if (!numbers) return null;
+  if (!numbers?.every((number) => Math.abs(number) <= MAX_COORDINATE)) return null;
   const [ex, ey, ez, tx, ty, tz, ux, uy, uz] = numbers;
+  if (!Math.fround(Math.hypot(ex - tx, ey - ty, ez - tz)) || Math.hypot(ux, uy, uz) < MIN_UP) return null;
   return { eye: [ex, ey, ez], target: [tx, ty, tz], up: [ux, uy, uz] };
 }

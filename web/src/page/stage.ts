@@ -10,7 +10,7 @@ import { FreeSpace } from "../render/free_space.ts";
 import { loadView } from "../render/load.ts";
 import { Orbit, type WindowPosition } from "../render/orbit.ts";
 import { hide, type Packed, type Tile } from "../render/packed.ts";
-import { cameraFromPose, halfHeight } from "../render/projection.ts";
+import { cameraFromPose, FAR_CLIP, halfHeight } from "../render/projection.ts";
 import type { SceneCore } from "../render/scene_core.ts";
 import { paint } from "../render/software_renderer.ts";
 import type { View } from "../render/view.ts";
@@ -76,6 +76,8 @@ export class Stage implements ContextOwner {
   #expected = 0;
   /** True if no more Gaussians will arrive. */
   #ended = false;
+  /** True once Gaussians of a scene, not of a preview, are drawn. */
+  #begun = false;
   /** Centre and size of a scene, as far as known before its Gaussians. */
   #facing: { readonly middle: readonly number[]; readonly size: number } | null = null;
   /** Number of Gaussians when the camera was last framed. */
@@ -93,6 +95,7 @@ export class Stage implements ContextOwner {
   #destroyed = false;
   #isContextLost = false;
   #contextFailures = 0;
+  #retryTimer = 0;
   #startWebGL: () => void = () => undefined;
   readonly #webGLWanted = new Promise<void>((resolve) => (this.#startWebGL = resolve));
 
@@ -157,7 +160,9 @@ export class Stage implements ContextOwner {
     try {
       await this.#open();
     } catch (error) {
+      this.release(); // a view that is incomplete
       releaseContext(this);
+      if (this.#retryTimer) return; // visible again, or offered a context, before the retry
       if (!this.#isContextLost || ++this.#contextFailures > MAX_CONTEXT_FAILURES) this.failed(error as Error);
       else this.#openLater(CONTEXT_RETRY_MS * 2 ** this.#contextFailures);
     } finally {
@@ -218,7 +223,11 @@ export class Stage implements ContextOwner {
   }
 
   #openLater(ms: number): void {
-    setTimeout(() => void this.open(), ms);
+    clearTimeout(this.#retryTimer);
+    this.#retryTimer = window.setTimeout(() => {
+      this.#retryTimer = 0;
+      void this.open();
+    }, ms);
   }
 
   /** Releases the WebGL context and paints in software. */
@@ -247,6 +256,7 @@ export class Stage implements ContextOwner {
     this.#destroyed = true;
     this.flight.stop();
     clearTimeout(this.#hintTimer);
+    clearTimeout(this.#retryTimer);
     this.#parts = [];
     this.#count = 0;
     this.release();
@@ -285,6 +295,8 @@ export class Stage implements ContextOwner {
     if (this.orbit.touched || this.orbit.placed) return;
     const scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / this.#size));
     this.orbit.place(scaled(eye), scaled(target), new Vec3(...up));
+    this.#framedCount = 0;
+    this.#frame();
     this.touch();
   }
 
@@ -321,12 +333,18 @@ export class Stage implements ContextOwner {
     return { middle: middle.map((value) => value / this.#size), radius: radius / this.#size };
   }
 
-  /** Frames the current scene, unless the camera was moved or placed. */
+  /** Frames the current scene, unless the camera was moved, or placed where it can draw the scene. */
   #frame(): void {
-    if (this.orbit.touched || this.orbit.placed || !this.#count) return;
+    const { orbit } = this;
+    if (orbit.touched || !this.#count || !this.#hasSize) return;
+    if (orbit.placed && (!this.#begun || this.#framedCount)) return;
     const { across, down } = this.#frustum(),
       core = sceneCore(this.#parts);
-    if (!this.#hasSize) return;
+    if (orbit.placed) {
+      this.#framedCount = this.#count;
+      orbit.placed = orbit.pose().position.distance(new Vec3(...core.middle)) <= FAR_CLIP;
+      if (orbit.placed) return;
+    }
     frameScene(this.orbit, core, new FreeSpace(core, this.#parts), across, down, this.#extent(core));
     this.#framedCount = this.#count;
   }
@@ -343,6 +361,7 @@ export class Stage implements ContextOwner {
   setLimits(limits: readonly number[] | null): void {
     this.#limits = limits;
     this.#applyLimits();
+    this.#frame();
     this.touch();
   }
 
@@ -392,6 +411,7 @@ export class Stage implements ContextOwner {
    * place.
    */
   begin(size: number, expected = 0): void {
+    this.#begun = true;
     this.orbit.rescale(this.#size / size);
     this.flight.stop();
     this.#parts = [];

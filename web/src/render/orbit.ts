@@ -115,11 +115,12 @@ export class Orbit {
     this.#restore(this.stateOf(eye, target));
   }
 
-  /** Returns the state with an eye position and a target. */
+  /** Returns the state with an eye position and a target. The direction stays if they are one point. */
   stateOf(eye: Vec3, target: Vec3, turned = this.turned): OrbitState {
     const back = new Vec3().sub2(eye, target),
       distance = back.length(),
       turn = this.upRotation.clone().invert();
+    if (!(distance > 0 && distance < Infinity)) return { ...this.state, target: target.clone() };
     if (turned) turn.mul2(UPSIDE_DOWN, turn);
     turn.transformVector(back.mulScalar(1 / distance), back);
     const pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -MAX_PITCH), MAX_PITCH);
@@ -127,8 +128,8 @@ export class Orbit {
   }
 
   #storeInitial(): void {
+    this.#initial = this.state; // without the limits, which the page may change
     this.#applyLimits();
-    this.#initial = this.state;
   }
 
   get state(): OrbitState {
@@ -156,6 +157,7 @@ export class Orbit {
     this.distance = mix(from.distance, to.distance);
     this.yaw = from.yaw + turn * share;
     this.pitch = mix(from.pitch, to.pitch);
+    if (share === 1) this.#restore(to); // from far away, the sums are inexact
     this.touched = true;
     this.#applyLimits();
     this.changed();
@@ -298,7 +300,7 @@ export class Orbit {
   /** Rotates by angles in radians. */
   rotate(yaw: number, pitch: number): void {
     this.#moveWithin(() => {
-      this.yaw += yaw;
+      this.yaw = (this.yaw + yaw) % (2 * Math.PI);
       this.pitch = Math.min(Math.max(this.pitch + pitch, -MAX_PITCH), MAX_PITCH);
     }, true);
   }

@@ -9,6 +9,9 @@ const VERTICAL_FOV = 50,
   MIN_HORIZONTAL_FOV = 40,
   MAX_VERTICAL_FOV = 90;
 
+/** Distance beyond which nothing is drawn, in units of the scene's size. */
+export const FAR_CLIP = 2000;
+
 /** Returns half the height of the window at distance 1. */
 export function halfHeight(width: number, height: number): number {
   const half = (degrees: number): number => Math.tan((degrees * Math.PI) / 360);

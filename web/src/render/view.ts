@@ -27,7 +27,7 @@ import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
 import { PatientDevice } from "./patient_device.ts";
 import { pickPoint } from "./pick.ts";
-import { cameraFromPose, halfHeight } from "./projection.ts";
+import { cameraFromPose, FAR_CLIP, halfHeight } from "./projection.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 import { SingleMesh } from "./single_mesh.ts";
 import { TiledMeshes } from "./tiled_meshes.ts";
@@ -136,7 +136,7 @@ export class View {
     gsplat.material.update();
     this.#camera.addComponent("camera", {
       nearClip: 0.01,
-      farClip: 2000,
+      farClip: FAR_CLIP,
       toneMapping: TONEMAP_NONE,
       gammaCorrection: GAMMA_SRGB,
     });

@@ -39,9 +39,8 @@ export function acquireContext(holder: ContextOwner): boolean {
 export function releaseContext(holder: ContextOwner): void {
   const place = owners.indexOf(holder);
   waiting.delete(holder);
-  if (place < 0) return;
-  owners.splice(place, 1);
-  offerContext();
+  if (place >= 0) owners.splice(place, 1);
+  if (owners.length < MAX_CONTEXTS) offerContext(); // also one that was offered to `holder`
 }
 
 /** Offers a context to the next visible owner that waits, because another owner became invisible. */

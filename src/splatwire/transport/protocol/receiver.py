@@ -336,6 +336,7 @@ class Receiver(ReceiveState):
         if follows:
             self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
         self._nack_tracker.max_attempts, self._ended_at = MAX_ATTEMPTS, None
+        self._progress_at, self._ends_in_vain = now, 0  # the live stream may have paused before it ended
         return [self._feedback(now)], [*left, Welcomed.of(frame)]
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
