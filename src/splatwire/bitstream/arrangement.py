@@ -20,7 +20,7 @@ class Arrangement(NamedTuple):
 
     Attributes:
         groups: Indices of the elements in coding order, group after group.
-        packets: The packets that contain each group, one or one for each attribute; None for missing packets.
+        packets: Packet that contains each group, or the packets of its attributes; None for missing packets.
     """
 
     groups: PacketGroups

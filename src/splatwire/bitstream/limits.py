@@ -90,7 +90,7 @@ class StreamSchema:
         sections: Fixed sections of the side information, in order.
         elements_per_byte: Maximum number of elements per byte of side information, a protection against forged
             manifests.
-        layout: True if the manifest contains the attribute sizes of an anchor.
+        layout: True if the manifest contains the sizes of an anchor's attributes.
         separable: True if packets may contain single attributes (separated packaging).
         spread: True if each packet contains elements from all over the scene by default; False if neighbouring elements
             share packets.

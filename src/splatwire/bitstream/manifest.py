@@ -37,7 +37,7 @@ class Manifest:
     """Description of a stream, which is needed before decoding.
 
     Attributes:
-        packetization: Parameters of the split into packets.
+        packetization: Parameters of the division into packets.
         num_elements: Number of elements (anchors or Gaussians) of the scene, N.
         num_packets: Number of packets of the complete stream.
         stream_id: Id in every packet of the stream, 32 bits.

@@ -103,7 +103,7 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
         tiers: Tier of each element in coding order, N.
 
     Returns:
-        Indices of the elements in coding order, sorted, int64, N.
+        Index in coding order of each sorted element, int64, N.
     """
     return np.argsort(array_of(tiers, "tiers", ("N",), "i"), kind="stable").astype(np.int64)
 

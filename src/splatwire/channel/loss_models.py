@@ -43,7 +43,7 @@ class LossModel(Protocol):
 
         Args:
             n: Number of packets or datagrams sent.
-            rng: Random generator.
+            rng: Random generator, the only source of randomness.
 
         Returns:
             True for each received packet or datagram, in sending order, bool, shape (n,).

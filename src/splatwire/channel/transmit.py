@@ -34,7 +34,7 @@ class TransmitRecord(CheckedFields):
         send_order: Sending order of the packets, one of `splatwire.bitstream.SEND_ORDERS`.
         num_sent: Number of packets sent.
         num_lost: Number of packets lost.
-        num_lost_elements: Number of elements (Gaussians or anchors) of which at least one packet was lost.
+        num_lost_elements: Number of elements (Gaussians or anchors) in the packets lost.
         num_sent_elements: Number of elements (Gaussians or anchors) in the packets sent.
         bytes_sent: Total size of the packets sent in bytes, with headers.
         bytes_received: Total size of the packets received in bytes, with headers.
@@ -190,8 +190,6 @@ def _group_of_packets(stream: SceneStream) -> np.ndarray:
 def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> PacketLossMask:
     """Draws at random which packets of a stream are received when each is sent once.
 
-    With a loss model of whole packets, streams with equally many packets get the same losses.
-
     Args:
         stream: Stream to send.
         loss: Loss model.
@@ -207,6 +205,7 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
     position = {packet.id: index for index, packet in enumerate(stream.packets)}
     order = np.array([position[packet.id] for packet in send_sequence(stream, send_order)], np.int64)
     count = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
+    # With a loss model of whole packets, streams with equally many packets get the same losses, for fair comparisons.
     sent, lost = draw_in_order(count[order], loss, seed)
     received = np.empty(len(order), bool)
     received[order] = sent
@@ -215,7 +214,7 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
 
 
 def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
-    """Draws the received packets; a packet is lost with any of its datagrams.
+    """Draws the received packets; a packet is lost if any of its datagrams is.
 
     Args:
         datagrams: Number of datagrams of each packet, in sending order, int64.

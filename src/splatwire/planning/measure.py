@@ -45,7 +45,7 @@ class LossyPictures:
         cameras: Views to render.
         concealer: Name of the concealer.
         photos: Photos of the views; None to compare with the complete scene.
-        base_mse: Mean squared error of the complete scene, added to the error without photos.
+        base_mse: Mean squared error of the complete scene, to assume without photos.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.
@@ -135,9 +135,6 @@ def measure_distortion(
         shares: Lost shares to measure, ascending from 0.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
-
-    Returns:
-        Distortion model.
     """
     tiers = array_of(tiers, "tiers", (pictures.num_elements,), "i", 0, 255)
     _check_shares(shares)

@@ -76,7 +76,7 @@ def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list
         symbol_bytes: Size of a symbol in bytes.
 
     Returns:
-        All source symbols, or None if more symbols are needed.
+        All source symbols, or None if more symbols are needed. Corrupt symbols are not detected.
 
     Raises:
         BackendUnavailableError: If the package `raptorq` is needed and not installed.

@@ -12,7 +12,7 @@ RENO_FRIENDLY = 3 * (1 - BETA) / (1 + BETA)
 
 
 class CubicWindow:
-    """CUBIC congestion window (RFC 9438), which is reduced only by calls of `reduce`.
+    """CUBIC congestion window (RFC 9438).
 
     Attributes:
         bytes: Congestion window, bytes.

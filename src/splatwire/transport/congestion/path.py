@@ -189,7 +189,7 @@ class LossMeter:
         return during.sent * before.events >= EVENTS * before.sent
 
     def finish_test(self, before: LossCounter, during: LossCounter, slower: float) -> bool:
-        """Evaluates a test at a lower sending rate: finds whether loss is congestion, or else the baseline loss.
+        """Evaluates a test at a lower sending rate.
 
         Args:
             before: Sent and lost datagrams before the test.

@@ -85,7 +85,7 @@ class PageContent:
             directly.
         attributes: Further HTML attributes of the page's viewer element (`docs/browser.md`).
         access: Access rules for the scenes; None if all are public.
-        updates: Updates of the streams by name, which no list contains.
+        updates: Updates of the streams by name; not in lists of scenes.
         downloads: Converter of the streams to other file formats; None for no such downloads.
     """
 
@@ -247,7 +247,7 @@ class PageContent:
         return [name for name in self.streams if self.access is None or self.access.is_listed(name)]
 
     def _shown_name(self, query: str) -> str:
-        """Returns the name of the scene to show on the page: that in the query string, else the first listed scene."""
+        """Returns the name of the scene to show on the page, by default the first listed one."""
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
         return unquote(wanted[1]) if wanted else next(iter(self._listed()), "")
 

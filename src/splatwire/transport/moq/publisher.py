@@ -132,6 +132,7 @@ async def publish(
     Raises:
         InvalidValueError: If no session can be opened.
     """
+    # Objects on reliable streams: relays do not cache datagrams for clients that connect later.
     moq = need_moq()
     packets = [packet.data for packet in send_sequence(stream, "tiers")]
     parts = parts_of(stream.manifest, tiles_of(stream.manifest, stream.side_info))

@@ -24,7 +24,9 @@ MAX_NETWORKS = 4096
 
 
 def network_of(address: Hashable) -> Network:
-    """Returns the network of a client as nested IP prefixes, widest first: /24 and address, or /32, /48 and /64 (IPv6).
+    """Returns the network of a client as nested IP prefixes, the widest first.
+
+    For IPv4, these are the /24 prefix and the address; for IPv6, the prefixes /32, /48 and /64.
 
     Args:
         address: Socket address whose first item is the IP address as text. Any other value is a network of its own.
@@ -67,7 +69,7 @@ def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network |
 
 
 def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
-    """Returns the network that should lose a connection when the server is full, by IP prefixes with many connections.
+    """Returns the network that should lose a connection when the server is full.
 
     Args:
         held: Number of connections per network, each above 0.

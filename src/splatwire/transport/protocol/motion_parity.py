@@ -61,8 +61,7 @@ def arrange(
         groups: Packet indices of consecutive groups of pictures.
         importance: Cost of losing each packet, by packet index; the motion packets with the highest costs get
             parity. None for equal costs.
-        protection: Redundancy; `motion` is the share of protected motion packets and the number of their repair
-            symbols.
+        protection: Redundancy, which determines the motion packets with parity.
         first: Index in the sequence of the first of these groups.
 
     Returns:

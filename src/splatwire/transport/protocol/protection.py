@@ -27,7 +27,7 @@ class Protection:
             repair symbols of the init segment protect them, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
-        parity_until: Share of the packets after which the repair symbols of a tier are complete, 0 to 1. Small values
+        parity_until: Share of the packets after which all repair symbols of a tier have been sent, 0 to 1. Small values
             recover packets early, large values survive longer bursts of losses.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.

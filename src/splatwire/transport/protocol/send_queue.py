@@ -56,7 +56,7 @@ class SentLog:
     """Remembers which packet was in each recently sent datagram, for NACKs that contain sequence numbers.
 
     Args:
-        noted: False for clients whose NACKs contain packet indices.
+        noted: True to log datagrams; False if NACKs contain packet indices.
     """
 
     def __init__(self, noted: bool) -> None:
@@ -86,7 +86,7 @@ class SentLog:
         """Removes a lost datagram from the log, so that further NACKs for it are ignored.
 
         Args:
-            number: Sequence number of the datagram; None if the client requested the packet by its index.
+            number: Sequence number of the datagram; None has no effect.
         """
         if number is not None:
             self.note(number, -1)

@@ -159,6 +159,7 @@ class Server:
         self, address: Hashable, frame: object, now: float, reliable: bool, network: Network | None
     ) -> bytes | None:
         match frame:
+            # The response is smaller than the datagram, so that traffic to a forged address is not amplified.
             case Hello() if not reliable:
                 return encode(Challenge(frame.nonce, self._mint.token(address, frame.nonce, frame.name, now)))
             case Request():

@@ -157,7 +157,7 @@ class ServerTransfer:
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """True if the server may accept this client's (repeated) request now; counts the responses.
+        """True if the server may respond to the client's request now; counts the responses.
 
         Args:
             now: Time, seconds.

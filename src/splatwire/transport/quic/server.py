@@ -180,7 +180,7 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the client.
-            begins: True for a new connection before its handshake.
+            begins: True for a new connection before its handshake, which has a higher limit.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
