@@ -39,7 +39,7 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
 
 
 async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits for a task to finish; once `stop` is set, at most `grace_s` longer.
+    """Waits for a task to finish, or for a limited time after a request to stop.
 
     Args:
         work: The task.

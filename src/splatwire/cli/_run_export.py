@@ -138,7 +138,7 @@ def _read_back(options: Export, scene: Scene) -> Scene:
 
 
 def _views(options: Export, scene: Scene) -> "_Views | None":
-    """Returns the cameras to fit exported Gaussians to and those to measure the export; None if not needed."""
+    """Returns the cameras for fitting and for measuring exported Gaussians; None if not needed."""
     # Neither is needed for explicit Gaussians without options that request a measurement.
     if options.data is not None:
         test = open_dataset(options.data, split="test", background=scene.background)

@@ -16,7 +16,7 @@ RATES = (0.05, 0.1, 0.3, 0.5)
 
 
 class ComparedRows(NamedTuple):
-    """The three methods that a loss curve compares.
+    """The methods that a chart of PSNR against the loss rate compares.
 
     Attributes:
         uncovered: Method without concealment: lost elements are not drawn.
@@ -30,7 +30,7 @@ class ComparedRows(NamedTuple):
 
 
 def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: Progress) -> StudyResult | None:
-    """Evaluates a few methods at other loss rates, for the loss curve of a report.
+    """Evaluates a few methods at other loss rates, for a chart of PSNR against the loss rate.
 
     Args:
         result: Results of an evaluation of one scene under one loss.
@@ -64,7 +64,7 @@ def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: 
 
 
 def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows | None:
-    """Returns the methods that the loss curve of a report compares.
+    """Returns the methods that a chart of PSNR against the loss rate compares.
 
     Args:
         result: Results of the evaluation.
@@ -88,11 +88,11 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
 
 
 def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
-    """Returns the loss models at which a loss curve has points, sorted by loss rate.
+    """Returns the loss models in a chart of PSNR against the loss rate, in ascending order.
 
     Args:
-        result: Results of the evaluation, under one loss, which is one of the points.
-        curve: Results at other loss rates, from `run_loss_curve`.
+        result: Results of the evaluation, under one loss.
+        curve: Results at other loss rates.
     """
     losses = (*result.study.losses[:1], *curve.study.losses)
     return tuple(sorted(losses, key=lambda loss: getattr(loss.process, "rate", 0.0)))

@@ -29,7 +29,7 @@ class Curve:
 
     @property
     def points(self) -> list[RatePoint]:
-        """Points of the curve: bytes and mean PSNR, if that is finite."""
+        """Bytes and mean PSNR of each point of the curve."""
         found = [(row.num_bytes, row.figures.get("psnr")) for row in self.rows]
         return [RatePoint(size, estimate.mean) for size, estimate in found if estimate is not None]
 

@@ -20,7 +20,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Checks the decoded result of another codec (a scene or pictures), so that it can be evaluated like a stream.
+    """Checks the decoded result of another codec (a scene or pictures).
 
     Args:
         row: The table row of the other codec.

@@ -102,7 +102,7 @@ class Row:
         packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
         conceal: Name of the concealer.
         options: Options of the concealer.
-        erode: For an ablation: the only attribute that lost anchors lose; None for all attributes.
+        erode: For an ablation: the only attribute that anchors in lost packets lose; None for all attributes.
         lossless: True if the row has no losses.
         sections: Names of the additional side information in the stream.
         decoded: Results of another codec, one per scene; empty for a stream that is encoded here.

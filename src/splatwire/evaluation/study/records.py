@@ -32,7 +32,7 @@ class Record:
         send_order: Order of sending; None without loss.
         conceal: Name of the concealer.
         options: Options of the concealer, canonical JSON.
-        erode: The only attribute that lost anchors lose; None if they lose all.
+        erode: The only attribute that anchors in lost packets lose; None if they lose all.
         view: Name of the view.
         renderer: Name of the renderer.
         code: Version of the code.

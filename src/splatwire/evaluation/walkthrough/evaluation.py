@@ -97,7 +97,7 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time in seconds after which pictures along a camera path have nearly their final quality, or None."""
+    """Returns the time in seconds after which all pictures have nearly their final quality; None if never."""
     # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
     found = None
     for moment in reversed(moments):
