@@ -91,7 +91,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides how many Gaussians of the next coarser level represent each tile of a level.
+    """Divides the Gaussians of the next coarser level among the tiles of a level.
 
     Yields:
         For each finer tile: index of its coarser tile, its own index, the number of Gaussians that represent it, and
@@ -108,7 +108,7 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Determines how many Gaussians of a coarser tile represent each of the finer tiles that it replaces.
+    """Divides the Gaussians of a coarser tile among the finer tiles that it replaces.
 
     Args:
         size: Number of Gaussians of the coarser tile.

@@ -62,7 +62,7 @@ def write_sog_levels(
     Args:
         scene: Explicit Gaussians. Invisible and invalid ones are removed, and outliers are moved nearer.
         folder: Existing folder of the files.
-        leaf: Maximum number of Gaussians per leaf of the k-d tree, for which a viewer chooses a level.
+        leaf: Maximum number of Gaussians per leaf of the k-d tree.
         progress: Called with the completed fraction, 0 to 1.
 
     Raises:

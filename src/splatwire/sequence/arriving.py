@@ -205,7 +205,7 @@ class FolderSource:
 
 
 class Patience:
-    """Decides when to give up a frame whose file cannot be read, because it may be incomplete."""
+    """Decides when to give up a frame whose file cannot be read."""
 
     def __init__(self) -> None:
         self._path: Path | None = None

@@ -139,9 +139,7 @@ class SequenceDecoder:
 
         Raises:
             InvalidValueError: If the sequence has no such frame.
-            BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify
-                (`splatwire.codec.memory`). A sequence with more than about 150,000 tracks thus cannot be decoded before
-                some of its packets are received.
+            BitstreamError: If the tracks declared in the manifest need more memory than the received bytes justify.
         """
         check_memory(self._decoder.scene_bytes, self._decoder.num_bytes, "a frame of all tracks that are announced")
         return decode_frame(self._decoder.partial.scene, number, self._concealer)
@@ -233,7 +231,7 @@ def covering_gains(
 
 
 def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes how much to enlarge received Gaussians to cover missing ones, with the concealer `grow`.
+    """Computes how much to enlarge received Gaussians to cover missing ones.
 
     Args:
         splats: All T Gaussians.

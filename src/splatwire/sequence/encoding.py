@@ -271,7 +271,7 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does the work that was put off so that the packets of the last group could be sent earlier."""
+        """Does the work that was postponed so that packets could be sent earlier."""
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
         self._warn_of_changing_harmonics()

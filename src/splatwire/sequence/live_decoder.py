@@ -177,7 +177,7 @@ def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | N
         waiting: Queue of the events; None in the queue marks the end of the transfer.
 
     Raises:
-        BitstreamError: If the stream is invalid or needs too much memory (see the methods of `LiveDecoder`).
+        BitstreamError: If the stream is invalid or needs too much memory.
     """
     # Packets that are queued at the same time are decoded together.
     packets = list[Packet]()

@@ -14,7 +14,7 @@ class LiveFrames:
     """Decodes a live stream while it is received, and writes each frame to a file of its own.
 
     Args:
-        path: Output folder. Nothing is written if it has the suffix of stream files.
+        path: Output folder; with the suffix of stream files, no frames are written.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

@@ -49,7 +49,7 @@ class Match:
 
 
 def tracked(previous: Splats, current: Splats) -> bool:
-    """True if the i-th Gaussian is probably the same one in two frames, for every i.
+    """True if two frames probably have their Gaussians in the same order.
 
     Args:
         previous: Previous frame.

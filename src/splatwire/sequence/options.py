@@ -23,13 +23,12 @@ class SequenceOptions:
     Attributes:
         rate: Frames per second.
         group_frames: Length of a group of pictures (GOP) in frames. The loss of a motion packet affects at most this
-            number of frames; a live stream is delayed by one group. Set to 1 automatically if most of the first frames
-            are scene cuts, except for live sequences.
-        order: Order of Gaussians: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not,
-            `auto` to detect it; see `Tracker`.
+            number of frames; a live stream is delayed by one group.
+        order: Order of Gaussians: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not, `auto`
+            to detect it.
         quality: Quantisation quality: a name, a number from 0 to 100, or a `Quality`.
         background: Background colour, RGB.
-        up: Up axis: `y`, `-y`, `z`, `-z`; `auto` estimates the axis from the first frame (`splatwire.render.up`).
+        up: Up axis: `y`, `-y`, `z`, `-z`; `auto` estimates the axis from the first frame.
         threads: Number of threads; None for one per processor.
 
     Raises:

@@ -75,7 +75,7 @@ class NeighborSet:
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Returns the neighbours of each track that are among some allowed tracks.
+        """Returns the neighbour set reduced to some allowed neighbours.
 
         Args:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).
@@ -166,17 +166,17 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Extrapolates the positions of tracks to frames in which they do not exist: they move like their neighbours.
+    """Extrapolates the positions of Gaussians to frames in which they do not exist, from the motion of neighbours.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        known: Neighbours of such tracks that were searched before.
+        known: Neighbours of such Gaussians that were searched before.
         sample: Random sample of tracks for testing if most tracks move like their neighbours; None to draw it here.
 
     Returns:
-        True if tracks were extrapolated.
+        True if positions were extrapolated.
     """
     # The decoder conceals lost motion in the same way (`concealment.temporal.extrapolation`), so it finds nearly
     # the true position in the first frame of the track.
@@ -202,7 +202,7 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: NeighborSet) -> None:
-    """Extrapolates the positions of tracks to frames in which they do not exist: they move like their neighbours.
+    """Extrapolates the positions of Gaussians to frames in which they do not exist, from the motion of neighbours.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.
@@ -220,7 +220,7 @@ def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around
 
 
 def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | None) -> bool:
-    """True if most tracks that exist in all frames move like their neighbours, tested with a sample.
+    """True if most tracks move like their neighbours, tested with a sample.
 
     Args:
         means: Positions of all tracks in all frames, float32 (n, F, 3).
@@ -248,7 +248,7 @@ def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.n
 
 
 def first_gaussians(frames: Sequence[TrackedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
-    """Returns each track's Gaussian in the track's first frame.
+    """Returns the Gaussian of each track in its first frame.
 
     Args:
         frames: Gaussians of all frames of the group, each with the key of its track.

@@ -69,11 +69,11 @@ def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
-    """Sorts Gaussians by tier and, within a tier, along a Morton curve.
+    """Sorts Gaussians by importance and, if equally important, along a Morton curve.
 
     Args:
         means: (N, 3), positions.
-        tiers: Tier of each Gaussian, 0 for the most important, which is sorted first; None if all are in one tier.
+        tiers: Importance of each Gaussian, 0 for the most important, which are sorted first; None if all are equal.
 
     Returns:
         Indices of the Gaussians in sorted order, uint32 (N).
@@ -83,7 +83,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(some: np.ndarray) -> np.ndarray:
-        """Compresses distances from the centre: far away, coordinates grow only with the logarithm of the distance."""
+        """Compresses large distances from the centre logarithmically."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
         return np.arcsinh((some - middle) / spread * 2)
 

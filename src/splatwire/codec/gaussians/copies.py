@@ -45,7 +45,7 @@ def _place_bits(num_gaussians: int) -> int:
 
 
 def write_head(growth: tuple[float, float, float], count: int, blocks: bytes) -> bytes:
-    """Serialises the first part of the section of copies, before the indices of the copied Gaussians.
+    """Serialises the beginning of the section of redundant copies.
 
     Args:
         growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
@@ -84,7 +84,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
-    """Returns the precision class of the redundant copies in a stream that has copies, 0 for the lowest.
+    """Returns the precision class of a stream's redundant copies, 0 for the lowest.
 
     Args:
         info: The stream's side information.

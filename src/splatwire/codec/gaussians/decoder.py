@@ -70,7 +70,7 @@ class GaussianDecoder:
         self._records = () if copies is None else (copies,)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, in addition to the scene, bytes."""
+        """Returns the memory that each decoding thread needs besides the scene, bytes."""
         # Integers of several pending blocks, floats of `PIECE` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)

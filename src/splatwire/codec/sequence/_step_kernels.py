@@ -25,7 +25,7 @@ def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
     Args:
         columns: Precision class, opacity and three scale values of each keyframe Gaussian, decoded integers, int64 (n,
             5).
-        bases: Exponents of the quantisation steps of the lowest precision class, see `SideInfo`.
+        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         unit: `-log2` of the lattice spacing, relative to the scene's size.
         coarsest: log2 of the largest position cell, in lattice units.
         thinness: Table from `thinness_table`.

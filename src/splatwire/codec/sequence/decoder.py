@@ -69,7 +69,7 @@ class TracksDecoder:
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.keyframes.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a decoding thread, in addition to the scene, bytes."""
+        """Returns the memory that each decoding thread needs besides the scene, bytes."""
         # Integers of several pending blocks, and words of the largest packet.
         largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
@@ -292,7 +292,9 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of frames of a block, and its index among the blocks of keyframe Gaussians, or None."""
+        """Returns the group of frames of a block, and its index among the blocks of keyframe Gaussians (None for
+        motion).
+        """
         return self._blocks[block]
 
     def blocks_of_tracks(self) -> np.ndarray:

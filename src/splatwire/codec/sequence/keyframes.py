@@ -63,7 +63,7 @@ class _Fitted:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the size of blocks of nearly equal size, of which there are as few as possible.
+    """Returns the block size that divides elements into as few blocks as possible, of nearly equal size.
 
     Args:
         count: Number of elements, at least one.

@@ -50,7 +50,7 @@ class KnownTracks:
         return np.where(names[at] == keys, self.by_key[at], -1)
 
     def empty_group(self, frames: int) -> TrackGroup:
-        """Returns a group for frames without Gaussians: its only track ends before its first frame.
+        """Returns a group of frames without visible Gaussians.
 
         Args:
             frames: Number of frames in the group.

@@ -150,7 +150,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the lattice spacing of keyframe Gaussians, in units of that of `reference`."""
+    """Returns log2 of the ratio of two lattice spacings: that of `info` to that of `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 

@@ -50,7 +50,7 @@ class Trajectories:
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
     def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
-        """Returns the state of some tracks, each in a frame of its own, as trajectories of one frame.
+        """Returns the state of some tracks at one frame each.
 
         Args:
             index: Indices of the tracks, int64 (m).

@@ -65,7 +65,7 @@ def encode_update(
 
 
 class EncodedChange(NamedTuple):
-    """An update and the stream that it leads to.
+    """An update, and the changed stream.
 
     Attributes:
         update: The update.
