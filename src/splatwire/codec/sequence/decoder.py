@@ -292,9 +292,7 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of frames of a block, and its index among the blocks of keyframe Gaussians (None for
-        motion).
-        """
+        """Returns the group of frames of a block, and its index among the blocks of keyframe Gaussians, or None."""
         return self._blocks[block]
 
     def blocks_of_tracks(self) -> np.ndarray:
