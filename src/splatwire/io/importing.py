@@ -1,7 +1,7 @@
 """Import of models trained by other software, through importers of installed packages.
 
-A package announces an importer under the entry-point group `splatwire.importers`; its name is the kind of model, its
-value is a function that reads the model's folder and returns a scene. Importers are loaded on demand.
+A package announces an importer under the entry-point group `splatwire.importers`: a function that reads a model's
+folder and returns a scene.
 """
 
 from importlib.metadata import entry_points

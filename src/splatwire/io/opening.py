@@ -42,8 +42,8 @@ class SceneFile(CheckedFields):
     Attributes:
         kind: Format of the file.
         loaded: The scene; a `ReceivedScene` if parts were lost in transmission and not concealed.
-        loss_mask: Mask of the elements that were lost in transmission, even if they were concealed later; None for a
-            scene that was not sent.
+        loss_mask: Mask of the elements that were lost in transmission, even if concealed later; None for a scene that
+            was not sent.
     """
 
     kind: Kind
@@ -63,7 +63,7 @@ def open_scene(path: str | os.PathLike[str], conceal: Concealer | str | None = N
     Args:
         path: A stream (`.swz` file or folder), a scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG
             (file or folder), `.splat`, `.ksplat`, `.glb`.
-        conceal: Concealer, or its name, for a scene with losses. None rejects scenes with losses.
+        conceal: Concealer, or its name, for a scene with losses; None to reject such scenes.
 
     Returns:
         The scene, on the CPU: an `AnchorScene`, or a `SplatScene` of explicit Gaussians.

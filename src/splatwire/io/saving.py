@@ -36,18 +36,16 @@ def save_scene(
     """Writes a scene atomically, in a format that `open_scene` reads.
 
     Args:
-        scene: Scenes of anchors are written losslessly as scene files, including their loss mask. Explicit Gaussians
-            are written as drawn, in the format of the file name (`.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`),
-            without lost or invisible Gaussians. A `.ply` of decoded Gaussians stores their quantisation steps, so that
-            encoding them again gives the same integers.
+        scene: The scene. Anchors are written losslessly; explicit Gaussians are written as drawn, in the format of the
+            file name (`.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`). A `.ply` of decoded Gaussians can be
+            encoded again without loss.
         path: Path of the file.
-        loss_mask: Loss mask before concealment; stored in scene files as information for readers. Formats of explicit
-            Gaussians cannot store it; a warning is logged, also for the losses of a `ReceivedScene`.
-        outliers: See `splatwire.io.formats.write_splats`.
+        loss_mask: Loss mask before concealment, for information; only scene files of anchors store it.
+        outliers: Treatment of Gaussians with extreme values, as for `splatwire.io.formats.write_splats`.
 
     Raises:
-        InvalidValueError: If the scene or path has a wrong type, or the folder does not exist. Also if the file name
-            has the suffix of another kind of file, or there is no Gaussian to write.
+        InvalidValueError: If the scene or path has a wrong type, the folder does not exist, the suffix is that of
+            another kind of file, or there is no Gaussian to write.
         UnknownNameError: If the suffix is not that of a format of explicit Gaussians.
         OSError: If the file cannot be written.
     """
@@ -110,11 +108,7 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
 
 
 def _note_of(scene: Scene) -> PlyNote | None:
-    """Returns the quantisation steps of decoded Gaussians, which a PLY stores so that encoding it again is lossless.
-
-    Returns None if the steps are unknown, or if a concealer changed the Gaussians: their values are then no multiples
-    of the steps.
-    """
+    """Returns the quantisation steps of decoded Gaussians for a PLY; None if they are unknown or no longer apply."""
     coding: SplatCoding | None = getattr(scene, "coding", None)
     if coding is None:
         return None
@@ -133,13 +127,13 @@ def save_decoded(
 
     Args:
         partial: Decoded anchors or explicit Gaussians, with lost elements marked.
-        concealer: Concealer of lost elements. If None, the losses of anchors are stored in the file, and lost Gaussians
-            are omitted.
+        concealer: Concealer of lost elements. If None, lost anchors are marked in the file, and lost Gaussians are
+            omitted.
         path: Path of the file.
-        outliers: See `splatwire.io.formats.write_splats`.
+        outliers: Treatment of Gaussians with extreme values, as for `splatwire.io.formats.write_splats`.
 
     Returns:
-        The scene after concealment. For explicit Gaussians, it also contains the lost ones that the file omits.
+        The scene after concealment.
 
     Raises:
         InvalidValueError: If the concealer does not support these elements.

@@ -1,7 +1,4 @@
-"""Readers and writers of explicit Gaussians, one module per format; formats are detected by a file's first bytes.
-
-The names of `__all__` are imported on first use, so that using one format does not import the others.
-"""
+"""Readers and writers of explicit Gaussians, one module per format; formats are detected by a file's first bytes."""
 
 from splatwire.lazy_names import lazy_names
 

@@ -27,10 +27,7 @@ def asset_of(metadata: SceneMetadata) -> dict[str, Any]:
 
 
 def metadata_of_asset(asset: object) -> SceneMetadata:
-    """Parses the metadata of a glTF or SOG `asset` object.
-
-    If `extras` has neither author nor license, `copyright` is read as the license.
-    """
+    """Parses the metadata of a glTF or SOG `asset` object."""
     if not isinstance(asset, dict):
         return NO_METADATA
     given = asset.get("extras")
@@ -43,7 +40,7 @@ def metadata_of_asset(asset: object) -> SceneMetadata:
 
 
 def warn_of_unused_extras(path: Path, asset: object) -> None:
-    """Logs a warning about fields in `extras` that may move, scale or rotate the scene and are not applied."""
+    """Logs a warning about fields in `extras` that are not applied and may move, scale or rotate the scene."""
     extras = asset.get("extras") if isinstance(asset, dict) else None
     if isinstance(extras, dict):
         warn_of_unused_fields(path, {name: extras[name] for name in extras if name not in (_OWN, *_TEXTS)})

@@ -2,8 +2,7 @@
 
 Conventions are named by the directions of x, y and z for a camera that looks at the scene: right or left, up or down,
 forward or back. A 3DGS PLY is RDF (right, down, forward), as are compressed PLY, SOG, `.splat` and `.ksplat`. SPZ is
-RUB, glTF is LUF. Both differ from RDF by two flipped axes, i.e. half a turn (`flip_axes`). A file may also name another
-convention, and glTF nodes have arbitrary transforms. `transform_splats` applies them.
+RUB, glTF is LUF.
 """
 
 import numpy as np
@@ -32,9 +31,7 @@ def harmonic_signs(flips: tuple[float, float, float], degree: int) -> np.ndarray
 
 
 def flip_axes(splats: Splats, flips: tuple[float, float, float]) -> Splats:
-    """Mirrors Gaussians along two of the three world axes, which is half a turn about the third axis.
-
-    A second call restores the input.
+    """Mirrors Gaussians along two of the three world axes.
 
     Args:
         splats: The Gaussians.
@@ -61,8 +58,6 @@ _ROWS = 1 << 16
 def frame_to_rdf(letters: str) -> np.ndarray:
     """Returns the orthogonal matrix that converts an axis convention to RDF (right, down, forward), float64 (3, 3).
 
-    It is a reflection if the handedness differs.
-
     Args:
         letters: Directions of x, y and z, such as `RUB`.
     """
@@ -74,7 +69,7 @@ def frame_to_rdf(letters: str) -> np.ndarray:
 
 
 def harmonic_transform(orthogonal: np.ndarray, degree: int) -> np.ndarray:
-    """Returns the matrix that transforms spherical harmonics coefficients when the world is rotated, float64 (D, D).
+    """Returns the matrix that rotates or mirrors spherical harmonics coefficients, float64 (D, D).
 
     Args:
         orthogonal: float64 (3, 3), a rotation or a reflection.
@@ -94,10 +89,7 @@ def is_similarity(matrix: np.ndarray) -> bool:
 
 
 def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray | None = None) -> Splats:
-    """Applies an affine transform to Gaussians.
-
-    Covariances are exact for every matrix; sizes that become 0 are raised to the minimum of files. Spherical harmonics
-    are rotated with the nearest orthogonal matrix, which is exact for rotations, reflections and uniform scalings.
+    """Applies an affine transform to Gaussians; spherical harmonics are rotated with the nearest orthogonal matrix.
 
     Args:
         splats: The Gaussians.
@@ -132,7 +124,7 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
 
 
 def quaternion_product(turn: np.ndarray, quats: np.ndarray) -> np.ndarray:
-    """Multiplies the quaternions `quats` (N, 4) by `turn` (4) from the left: applies the rotation `turn` afterwards."""
+    """Multiplies quaternions (N, 4) by the quaternion `turn` (4) from the left."""
     w, x, y, z = turn
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     return np.asarray(quats @ left.T)

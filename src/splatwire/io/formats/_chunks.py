@@ -1,9 +1,6 @@
 """Division of Gaussians into chunks of a compressed PLY, so that no chunk mixes dense details with distant Gaussians.
 
-Compressed PLY stores chunks of 256 consecutive Gaussians; the bounds of a chunk determine the quantisation steps of its
-positions. A chunk of small, dense Gaussians that also contains distant ones has large steps, which round the small ones
-visibly. Gaussians of such chunks are therefore sorted by local scale (`local_scales`), and chunks are cut where the
-steps would become too large. A cut chunk is padded with transparent copies of its last Gaussian.
+Compressed PLY stores chunks of 256 Gaussians; the extent of a chunk determines the quantisation steps of its positions.
 """
 
 import numpy as np
@@ -24,9 +21,6 @@ _CLASS = 8.0
 
 def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Arranges the Gaussians of a compressed PLY in chunks, so that few positions are rounded visibly.
-
-    Chunks without visible rounding remain as they are. The Gaussians of all others are sorted again and divided into
-    new chunks.
 
     Args:
         splats: The Gaussians, sorted along a space-filling curve.
@@ -52,8 +46,7 @@ def position_errors(means: np.ndarray) -> np.ndarray:
     """Returns the largest quantisation error of each Gaussian's position along an axis, world units, float64 (N).
 
     Args:
-        means: Centres in the order of the file, float64 (N, 3). Every 256 of them form a chunk, whose extent determines
-            the quantisation steps.
+        means: Centres in the order of the file, 256 for each chunk, float64 (N, 3).
     """
     starts = np.arange(0, len(means), CHUNK)
     spans = np.maximum.reduceat(means, starts) - np.minimum.reduceat(means, starts)
@@ -67,12 +60,10 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
     """Sorts Gaussians and divides them into chunks, so that quantising the positions of a chunk causes small errors.
 
-    Gaussians are sorted by local scale and along a space-filling curve. A chunk then covers a small range.
-
     Args:
         splats: All Gaussians.
         rows: Indices of the Gaussians to sort and cut, int64 (n).
-        most_filled: Maximum number of padding Gaussians; larger errors are accepted if it does not suffice.
+        most_filled: Maximum number of padding Gaussians.
 
     Returns:
         Index into `splats` at each file position, int64 (m), and mask of the padding Gaussians, bool (m).
@@ -98,10 +89,7 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
 
 
 def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
-    """Divides sorted Gaussians into chunks; returns the number of Gaussians of each chunk.
-
-    Rounding errors grow with the range of positions in a chunk. A chunk ends where one more Gaussian would make an
-    error larger than allowed.
+    """Divides sorted Gaussians into chunks with limited rounding errors; returns the number of Gaussians of each chunk.
 
     Args:
         means: Centres in the order of the file, world units, float64 (n, 3).

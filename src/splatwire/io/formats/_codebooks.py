@@ -14,9 +14,6 @@ _CHUNK = 1 << 24
 def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
     """Finds a code book of numbers that represent given values with a small mean squared error (Lloyd algorithm).
 
-    The density of the initial entries is proportional to the cube root of the density of the values, which is optimal
-    for fine quantisation (Panter and Dite, 1951).
-
     Args:
         values: The values, at least one.
         size: Number of entries.
@@ -29,6 +26,7 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
         return np.pad(distinct, (0, size - len(distinct)), "edge").astype(np.float32)
     ordered = np.sort(values.astype(np.float64).ravel())
     edges = np.quantile(ordered, np.linspace(0, 1, _QUANTILES + 1))
+    # initial density: cube root of that of the values, optimal for fine quantisation (Panter and Dite, 1951)
     share = np.concatenate([[0.0], np.cumsum(np.diff(edges) ** (2 / 3))])  # density is 1 / width between quantiles
     centers = np.interp((np.arange(size) + 0.5) / size * share[-1], share, edges)
     sums = np.concatenate([[0.0], np.cumsum(ordered)])
@@ -53,9 +51,7 @@ def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 
 def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Moves unused entries of a code book to places where the quantisation error is largest.
-
-    An entry is unused if no value is nearest to it, for example in the gap between an outlier and the other values.
+    """Moves entries of a code book without values to where the quantisation error is largest.
 
     Args:
         ordered: The values, ascending.
@@ -83,9 +79,6 @@ def nearest_number(values: np.ndarray, codebook: np.ndarray) -> np.ndarray:
 
 def vector_palette(vectors: np.ndarray, size: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Finds a palette of vectors that approximates given vectors, by k-means on two levels.
-
-    The two levels avoid comparing each vector with all entries of a large palette. If there are at most as many
-    different vectors as entries, the palette is exact.
 
     Args:
         vectors: float32 (N, d).

@@ -59,8 +59,7 @@ def build_splats(
 ) -> Splats:
     """Builds Gaussians from the arrays of a file with one row per Gaussian.
 
-    Quaternions are normalised, opacities are clipped to [0, 1], and sizes of 0 are raised to the minimum. Invalid
-    values become NaN; rows with NaN are later removed (`splatwire.types.validity`).
+    Quaternions are normalised and opacities are clipped to [0, 1]. Invalid values become NaN.
 
     Args:
         path: The file, for messages.
@@ -96,7 +95,7 @@ def warn_of_logits(path: Path, opacities: np.ndarray, kind: str) -> None:
 
     Args:
         path: The file.
-        opacities: Opacities (N), which are clipped later.
+        opacities: Opacities (N).
         kind: Name of the format.
     """
     outside = int(((opacities < -_ROUNDING) | (opacities > 1 + _ROUNDING)).sum())
@@ -115,11 +114,7 @@ def _sizes(scales: np.ndarray | None) -> np.ndarray:
 
 
 def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:
-    """Converts natural logarithms of standard deviations to standard deviations.
-
-    Logarithms below `-MAX_LOG_SCALE`, also -inf (a size of 0), are raised to this minimum. Logarithms above
-    `MAX_LOG_SCALE` become infinite sizes.
-    """
+    """Converts natural logarithms of standard deviations to standard deviations."""
     return np.exp(np.where(logs > MAX_LOG_SCALE, np.inf, np.maximum(logs, -MAX_LOG_SCALE)).astype(np.float32))
 
 
@@ -128,10 +123,7 @@ def _column(values: np.ndarray) -> np.ndarray:
 
 
 def concatenate(parts: Sequence[Splats]) -> Splats:
-    """Concatenates at least one set of Gaussians, with spherical harmonics of the highest degree among them.
-
-    Missing harmonics are 0, so that the appearance of lower degrees is unchanged.
-    """
+    """Concatenates Gaussians, with spherical harmonics of the highest degree among them."""
     if len(parts) == 1:
         return parts[0]
     found = Splats.empty(sum(part.num_gaussians for part in parts), max(part.degree for part in parts))
@@ -151,7 +143,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
-    """Leaves out empty batches of Gaussians before writing, and checks that all others have the same degree.
+    """Leaves out empty batches of Gaussians, and checks that all others have the same degree.
 
     Args:
         path: Path of the output, for messages.

@@ -25,21 +25,19 @@ def mapped_file(path: Path) -> memoryview:
 
 
 def is_in_folder_of(path: Path, other: Path) -> bool:
-    """Returns True if a file is in the folder of a scene, or below it, after symbolic links are resolved.
-
-    If the scene itself is a link, files next to its target are accepted, too. The cache of the Hugging Face Hub needs
-    this: the files of a scene are links to a folder `blobs`.
+    """True if a file is in the folder of a scene, or below it, after symbolic links are resolved.
 
     Args:
         path: The scene, a file.
         other: File that the scene names; it need not exist.
     """
+    # in the cache of the Hugging Face Hub, the files of a scene are links to a folder `blobs`
     found = Path(os.path.realpath(other))
     return found.is_relative_to(os.path.realpath(path.parent)) or found.parent == Path(os.path.realpath(path)).parent
 
 
 def warn_of_bytes_outside(path: Path, count: int, where: str = "after its end") -> None:
-    """Logs a warning if a file has bytes outside of its content, such as a second file that was appended.
+    """Logs a warning if a file has bytes outside of its content, such as an appended second file.
 
     Args:
         path: The file.

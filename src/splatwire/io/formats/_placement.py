@@ -1,8 +1,6 @@
 """Warnings about PLY comments and JSON fields that may change the meaning of a scene's values but are not applied.
 
-Comments may describe shifts, scales, axes and units of positions, or the encoding of opacities, scales and colours.
-There is no standard for them. This package applies only its own comment of an origin, and comments that name the up
-axis (`splatwire.io.formats.ply_metadata`). All others cause a warning, as do such fields of SOG and glTF.
+They may describe shifts, scales, axes and units of positions, or the encoding of opacities, scales and colours.
 """
 
 import logging
@@ -131,14 +129,12 @@ _PIECE = 1000
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
-    """Logs a warning about PLY comments that are ignored although they may change the meaning of the values.
-
-    An example is a comment that states a shift of positions.
+    """Logs a warning about PLY comments that may change the meaning of the values and are ignored, e.g. a shift.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
-        keyword: First word of comments that state the origin, which are not ignored: `ORIGIN` or `OFFSET`.
+        keyword: First word of comments that state the origin and are not ignored: `ORIGIN` or `OFFSET`.
     """
     known = tuple(comments)
     used = stated_origin(keyword, known)
@@ -162,10 +158,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
 
 
 def warn_of_files_beside(path: Path) -> None:
-    """Logs a warning about files next to a PLY that contain a shift of its positions, which is not applied.
-
-    Pix4D, Metashape and DJI Terra subtract this shift from positions.
-    """
+    """Logs a warning about files next to a PLY with a shift of its positions (Pix4D, Metashape, DJI Terra)."""
     folder = path.parent
     beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
     found = [file.name for file in beside if file.is_file()]
@@ -184,7 +177,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
 
     Args:
         path: The file.
-        content: The object, of which only texts, numbers and short lists or objects of numbers are considered.
+        content: The object.
     """
     for name, value in content.items() if isinstance(content, dict) else ():
         text = _value_as_text(value)
@@ -198,10 +191,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
 
 
 def _value_as_text(value: object) -> str | None:
-    """Formats a JSON value of a file's metadata as text, in which numbers can be found.
-
-    Accepts a string, a number, a short list, or the items of an object; returns None for all other values.
-    """
+    """Formats a JSON value of a file's metadata as text; None for values in which no numbers can be found."""
     if isinstance(value, dict):
         value = [part for pair in value.items() for part in pair]
     if isinstance(value, list):
@@ -230,7 +220,7 @@ def _unapplied_meaning(comment: str) -> str | None:
 
 
 def _unapplied_meaning_of_piece(comment: str) -> str | None:
-    """Describes what a comment, or a part of a long one, probably changes; see `_unapplied_meaning`."""
+    """Describes what a comment, or a part of a long one, probably changes; None if nothing."""
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
     if _PROGRAM.match(comment) and sum(number is not None for number in numbers) < _VECTOR:
@@ -272,11 +262,11 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """Returns True if numbers describe no change of a scene, such as a shift of zero or an identity matrix.
+    """True if numbers describe no change of a scene, such as a shift of zero or an identity matrix.
 
     Args:
-        values: Numbers of a comment or field, interpreted by their count. 1: a flag or scale. 3: a vector. 9, 12 or 16:
-            a matrix (3 x 3, 3 x 4 or 4 x 4), row by row. Other counts: a rotation, a shift and a scale.
+        values: Numbers of a comment or field, interpreted by their count: scale, vector, matrix row by row, or
+            rotation, shift and scale.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]
@@ -288,8 +278,6 @@ def _is_identity(values: list[float]) -> bool:
 
 def _numbers_after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
     """Returns the numbers that follow the first keyword of a comment; empty if there is no keyword.
-
-    A keyword only counts if a number follows within a few words.
 
     Args:
         words: Words and numbers of the comment, in lower case.

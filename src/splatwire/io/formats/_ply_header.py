@@ -50,12 +50,9 @@ class PlyHeader:
 
     Attributes:
         order: Byte order of binary data, `<` or `>`; empty for text.
-        elements: Number of rows and row type (structured dtype) of each element in file order, up to the first element
-            with list properties.
-        lists: Name of the first element with list properties, which is not read, like all later elements; None if no
-            element has lists.
-        comments: Text of each comment, without the word `comment`. Comments that are not UTF-8 are decoded as
-            Windows-1252.
+        elements: Number of rows and row type (structured dtype) of each element, up to the first one with lists.
+        lists: Name of the first element with list properties, which is not read; None if no element has lists.
+        comments: Text of each comment, without the word `comment`.
     """
 
     order: str
@@ -65,7 +62,7 @@ class PlyHeader:
 
     @property
     def num_bytes(self) -> int:
-        """Total size of the element rows in bytes; for a text file the minimum possible size."""
+        """Total size of the element rows in bytes; for a text file the minimum."""
         sizes = (_ASCII_BYTES * len(d.names or ()) if not self.order else d.itemsize for _, d in self.elements.values())
         counts = (count for count, _ in self.elements.values())
         return sum(count * size for count, size in zip(counts, sizes, strict=True)) - (not self.order)
@@ -121,7 +118,7 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
 
 
 def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
-    """Decodes the comments of a PLY header; logs one warning if some are not UTF-8.
+    """Decodes the comments of a PLY header.
 
     Args:
         path: The file, for messages.

@@ -18,7 +18,7 @@ _SAMPLE = 1 << 12
 
 
 def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
-    """Reads the rows of the elements of a binary PLY; memory is bounded by the actual file content, not by the header.
+    """Reads the rows of the elements of a binary PLY.
 
     Args:
         path: The file, for messages.
@@ -46,10 +46,9 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
 
 
 def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
-    """Reads the rows of the elements of a text PLY: numbers separated by white space.
+    """Reads the rows of the elements of a text PLY.
 
-    Some programs declare positions as `float` but write more digits. Such positions are returned as float64 if they are
-    far from 0.
+    Positions far from 0 are float64 if the file has more digits than float32.
 
     Args:
         path: The file, for messages.
@@ -86,10 +85,7 @@ def _with_wide_axes(dtype: np.dtype) -> np.dtype:
 
 
 def _has_more_digits(rows: np.ndarray) -> bool:
-    """True if positions in the file are more precise than float32.
-
-    Only a sample of the positions far from 0 is examined.
-    """
+    """True if positions in the file are more precise than float32."""
     some = rows[:: max(1, -(-len(rows) // _SAMPLE))]
     values = np.concatenate([some[axis] for axis in _AXES])
     values = values[(np.abs(values) > _FAR) & (np.abs(values) < np.finfo(np.float32).max)]

@@ -1,8 +1,7 @@
-"""Detection of PLY columns that are probably not in the units of a 3DGS PLY.
+"""Detection of PLY columns that are probably not in the units of a 3DGS PLY, by the range of their values.
 
 A 3DGS PLY has logits of opacities, logarithms of scales, and coefficients of harmonics. Some programs write linear
-opacities, scales and colours in the same columns. The columns have no units, so the two cases can only be distinguished
-by the range of the values.
+opacities, scales and colours instead.
 """
 
 import logging
@@ -72,16 +71,14 @@ def _warn_of_integers(some: PlyElement) -> None:
 
 
 def _look_like_sizes(some: PlyElement, scales: np.ndarray, several: bool) -> bool:
-    """Returns True if the scales in a file are probably sizes instead of logarithms of sizes.
-
-    If they were logarithms, the Gaussians would be too large for the scene, or the distribution would be implausible:
-    all values from 0 to 1, or a minimum far below the median.
+    """True if the scales in a file are probably sizes instead of logarithms of sizes.
 
     Args:
         some: A sample of the vertices.
         scales: Their scales, all at least 0 and none of them NaN.
         several: True if there are enough values to judge the distribution.
     """
+    # as logarithms, these would be too large for the scene, all from 0 to 1, or have a minimum far below the median
     low, middle, high = float(scales.min()), float(np.median(scales)), float(scales.max())
     if np.exp(min(middle, MAX_LOG_SCALE)) > _MAX_SIZE * _extent(some):
         return True
@@ -140,9 +137,7 @@ def _warn_of_opacities(path: Path, values: np.ndarray, meant: str) -> None:
 
 
 def _are_bytes(some: PlyElement, values: np.ndarray) -> bool:
-    """Returns True if opacities are probably integer codes such as bytes.
-
-    Their property has an integer type, or all values are whole numbers and at least three are different.
+    """True if opacities are probably integer codes such as bytes.
 
     Args:
         some: A sample of the vertices.

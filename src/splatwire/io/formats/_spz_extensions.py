@@ -38,7 +38,7 @@ def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
 
 
 def write_records(metadata: SceneMetadata) -> bytes:
-    """Serialises the metadata of a scene as extension records; empty if no metadata is set."""
+    """Serialises the metadata of a scene as extension records; empty if there is none."""
     content, records = metadata_to_json(metadata), b""
     if metadata.orbit is not None:
         records += _RECORD.pack(SAFE_ORBIT, _ORBIT.size) + _ORBIT.pack(*content.pop("orbit"))

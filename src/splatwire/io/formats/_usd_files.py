@@ -1,7 +1,6 @@
 """Files that an OpenUSD scene is composed of, found and checked before usd-core composes them.
 
-A scene may name further files: sublayers, references, payloads and value clips. Composition opens them wherever they
-are. A downloaded scene must not read other files of this machine, so only those in its folder are accepted.
+A downloaded scene must not read other files of this machine, so only files in its folder are accepted.
 """
 
 import logging
@@ -25,19 +24,17 @@ _CLIPS, _TEMPLATE = "clips", "templateAssetPath"
 def checked_layers(path: Path, opening: Callable[[Path], None]) -> tuple[list[Sdf.Layer], list[str]]:
     """Opens the files of an OpenUSD scene, and checks that all of them are in the folder of the scene.
 
-    Logs a warning about each file that is missing or that usd-core cannot read.
-
     Args:
         path: Path of the scene.
-        opening: Called with each file before usd-core reads it; possibly several times with the same one.
+        opening: Called with each file before usd-core reads it.
 
     Returns:
-        The opened files (layers), and the paths of files that are missing or that usd-core cannot read. The caller
-        keeps the opened files until usd-core has composed the scene, so that they are not read again.
+        The opened files (layers), which the caller keeps until usd-core has composed the scene, and the paths of files
+        that are missing or that usd-core cannot read.
 
     Raises:
-        DatasetError: If a file is outside of the folder of the scene (`is_in_folder_of`), is named by an expression, or
-            there are too many; or if usd-core cannot find the scene.
+        DatasetError: If a file is outside of the folder of the scene or is named by an expression, there are too many,
+            or usd-core cannot find the scene.
         Tf.ErrorException: If usd-core cannot open the scene.
     """
     opening(path)
@@ -71,8 +68,7 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
     """Yields the names of the files that one file of an OpenUSD scene (a layer) refers to.
 
     Yields:
-        Name of a file, and True if it is a layer that may name further files. False for a value clip, that is, a file
-        with time samples.
+        Name of a file, and True if it is a layer; False for a file with time samples (value clip).
     """
     for name in sorted(layer.GetCompositionAssetDependencies()):
         if name:  # else a reference within the layer
@@ -87,10 +83,7 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
 
 
 def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
-    """Yields the files with time samples (value clips) that the metadata `clips` of a prim names.
-
-    For a pattern of file names, such as `clip.###.usd`, yields its folder and all files that match it.
-    """
+    """Yields the files with time samples (value clips) that the metadata `clips` of a prim names."""
     for key, value in clips.items():
         if isinstance(value, dict):
             yield from _clip_files(layer, value)
@@ -110,7 +103,7 @@ def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[P
         path: Path of the scene.
         layer: The file (layer) that contains the name.
         name: The name, relative to the layer.
-        opening: Called with the file if it exists; see `checked_layers`.
+        opening: Called with the file if it exists.
 
     Returns:
         Identifier of the found file in usd-core, and True if it exists.

@@ -30,8 +30,7 @@ _BINARY = b"PXR-USDC"
 class Limits:
     """Limits of the memory and time of this process, which grow with the files and Gaussians that it reads.
 
-    Memory is limited on Linux, processor time on Unix, and time by the clock everywhere. Beyond the memory, allocation
-    fails; after the time, the process ends.
+    Beyond the memory, allocation fails; after the time, the process ends.
 
     Args:
         are_set: False to limit nothing.
@@ -76,7 +75,7 @@ class Limits:
         self._set()
 
     def add_gaussians(self, size: int) -> None:
-        """Raises the limits for the processing of Gaussians that were read, and whose number was checked.
+        """Raises the limits for the processing of Gaussians that were read.
 
         Args:
             size: Their size in bytes.

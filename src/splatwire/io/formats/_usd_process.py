@@ -1,7 +1,4 @@
-"""Reading of OpenUSD scenes in a process of its own, because usd-core may crash in a damaged file.
-
-The process is `_usd_worker`. It limits its own memory and time.
-"""
+"""Reading of OpenUSD scenes in a process of its own, because usd-core may crash in a damaged file."""
 
 import json
 import logging
@@ -67,7 +64,7 @@ def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
 
 
 def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
-    """Yields what the messages of the process contain, and logs its warnings.
+    """Yields the contents of the messages of the process, and logs its warnings.
 
     Raises:
         DatasetError: If the process refused the scene.

@@ -1,7 +1,6 @@
 """Reading of an opened OpenUSD scene in the present process: its visible Gaussians, frames and metadata.
 
-usd-core crashes, or takes any amount of memory and time, in some damaged files. So only the process of `_usd_worker`
-uses this module, under limits.
+Used in a process with limits only, because usd-core may crash in a damaged file or take any amount of memory and time.
 """
 
 import itertools
@@ -58,7 +57,7 @@ MAX_FRAMES = 20_000
 
 @contextmanager
 def as_dataset_errors(path: Path) -> Iterator[None]:
-    """Raises errors of usd-core as DatasetError: in a damaged file any function of it may fail."""
+    """Raises errors of usd-core as DatasetError."""
     try:
         yield
     except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -92,7 +91,7 @@ class Stage:
         limits: Limits of this process, which grow with the files and Gaussians of the scene.
 
     Raises:
-        DatasetError: If usd-core cannot open the file, it has no such prim, or a point instancer repeats one.
+        DatasetError: If usd-core cannot open the file, it has no Gaussians, or a point instancer repeats them.
     """
 
     def __init__(self, path: Path, limits: Limits) -> None:
@@ -220,11 +219,7 @@ class Stage:
         return FileContent(splats, origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
-        """Returns the signs of x, y and z that convert positions to PLY axes, and a JSON object with metadata.
-
-        Only files written by this package contain the object, which also states the signs. For other files, the object
-        is empty, and the up axis of the stage determines the signs.
-        """
+        """Returns the signs of x, y and z that convert positions to PLY axes, and a JSON object with metadata."""
         try:
             data = self._stage.GetRootLayer().customLayerData.get(OWN)
         except (Tf.ErrorException, *MALFORMED) as error:
@@ -284,7 +279,7 @@ class Stage:
 
 
 def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """Yields the prims above a prim, without the root of the stage."""
+    """Yields the prims above a prim."""
     above = prim.GetParent()
     while above and not above.IsPseudoRoot():
         yield above
@@ -292,10 +287,7 @@ def _ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
 
 
 def _unknown_attributes(prim: Usd.Prim) -> list[str]:
-    """Returns the names of attributes that are ignored although they may change how a prim looks, for a warning.
-
-    Among them is the projection, unless it is the usual perspective projection.
-    """
+    """Returns the names of attributes that are ignored although they may change how a prim looks, for a warning."""
     names = [one.GetName() for one in prim.GetAuthoredAttributes() if one.HasAuthoredValue()]
     known = {*_ARRAYS, *(f"{name}h" for name in _ARRAYS), _DEGREE, *_HARMLESS}
     unknown = [name for name in names if name not in known and not name.startswith(_HARMLESS_SPACES)]
@@ -309,20 +301,14 @@ def _is_visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
 
 def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
-    """Returns the times at which a prim may become visible or invisible, the earliest possible time first.
-
-    These are the time samples of the visibility of the prim and of all prims above it.
-    """
+    """Returns the times at which a prim may become visible or invisible, the earliest possible time first."""
     above = (UsdGeom.Imageable(one) for one in (prim, *_ancestors(prim)))
     times = {time for one in above if one for time in one.GetVisibilityAttr().GetTimeSamples()}
     return [Usd.TimeCode.EarliestTime(), *map(Usd.TimeCode, sorted(times))]
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
-    """Returns an array attribute that has a value.
-
-    The variant with float32 numbers is preferred to the one with half-precision numbers.
-    """
+    """Returns an array attribute that has a value, preferably with float32 numbers."""
     for each in (name, f"{name}h"):
         attribute = prim.GetAttribute(each)
         if attribute and attribute.HasAuthoredValue():
@@ -353,13 +339,13 @@ def _transformed(splats: Splats, placement: np.ndarray, flips: tuple[float, floa
 
 
 def first_line(error: BaseException) -> str:
-    """Returns the first line of the message of an error: usd-core adds a backtrace."""
+    """Returns the first line of the message of an error."""
     lines = [line.strip(" \t'\"") for line in _text_of(error).splitlines() if line.strip(" \t'\"")]
     return next((line for line in lines if not line.startswith(("Error in", "Error:"))), (lines or [repr(error)])[0])
 
 
 def reason(error: BaseException) -> str:
-    """Returns the text of the first error that usd-core reported, without the location in usd-core's source code."""
+    """Returns the text of the first error that usd-core reported."""
     found = re.search(r"^\s*Error in .*? : '(.*)'$", _text_of(error), re.MULTILINE)
     return found[1] if found else first_line(error)
 

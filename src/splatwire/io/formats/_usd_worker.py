@@ -1,7 +1,7 @@
 """Process that reads one OpenUSD scene with usd-core under limits of memory and time, and sends what it found.
 
-Runs as `python -m splatwire.io.formats._usd_worker WHAT FILE`; `_usd_process` starts it and reads its output. Each
-message is a line of JSON with one key. After a message `content` follow the float32 arrays of the Gaussians.
+Runs as `python -m splatwire.io.formats._usd_worker WHAT FILE`. Each message is a line of JSON with one key. After a
+message `content` follow the float32 arrays of the Gaussians.
 """
 
 import faulthandler
@@ -45,7 +45,7 @@ class _Sender(logging.Handler):
         self._limits.resume()
 
     def send_content(self, content: FileContent) -> None:
-        """Writes Gaussians and scene properties."""
+        """Writes a message with Gaussians and scene properties."""
         splats = content.splats
         found = {
             "count": splats.num_gaussians,

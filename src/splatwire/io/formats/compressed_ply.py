@@ -1,11 +1,9 @@
 """Compressed PLY of PlayCanvas and SuperSplat: 16 bytes per Gaussian, quantised per chunk of 256 Gaussians.
 
-Axes are RDF (right, down, forward), as in this package.
-
-Element `chunk` has the bounds of positions, logarithmic scales and colours. `vertex` has four words: positions and
-scales of 11, 10 and 11 bits; rotation of 2 and three times 10 bits (index of the largest of w, x, y, z, and the three
-other components); colour and opacity of four times 8 bits. `sh` has the spherical harmonics coefficients of degree 1
-and above, one byte each for -4 to 4.
+Axes are RDF (right, down, forward). Element `chunk` has the bounds of positions, logarithmic scales and colours.
+`vertex` has four words: positions and scales of 11, 10 and 11 bits; rotation of 2 and three times 10 bits (index of the
+largest of w, x, y, z, and the three other components); colour and opacity of four times 8 bits. `sh` has the spherical
+harmonics coefficients of degree 1 and above, one byte each for -4 to 4.
 """
 
 import logging
@@ -73,8 +71,6 @@ _DEGREES = {3 * (num_functions(degree) - 1): degree for degree in range(4)}
 def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
     """Decodes the Gaussians of a compressed PLY, given its elements.
 
-    An offset of the positions and the antialiasing flag are read from the comments.
-
     Raises:
         DatasetError: If an element or property is missing or of wrong size, or values are invalid.
     """
@@ -124,7 +120,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
 
 
 def _check_bounds(chunks: PlyElement) -> None:
-    """Checks that the bounds of all chunks are complete and ordered; older files have no bounds of colours.
+    """Checks that the bounds of all chunks are complete and ordered.
 
     Raises:
         DatasetError: If a minimum exceeds its maximum, or one of the bounds of an attribute is missing.
@@ -143,8 +139,8 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
     """Reads the bounds of the positions in each chunk and chooses an origin near them.
 
     Returns:
-        Four values: minimum of each chunk and maximum of each chunk, relative to the origin, float32 (C, 3); the
-        origin; and True if the bounds in the file are float64.
+        Minimum and maximum of each chunk relative to the origin, float32 (C, 3); the origin; and True if the bounds in
+        the file are float64.
     """
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
     low, high = (chunks.select_wide(some) for some in names)
@@ -191,10 +187,7 @@ def write_compressed_ply(
     outliers: Outliers = DEFAULT,
     metadata: SceneMetadata = NO_METADATA,
 ) -> int:
-    """Writes a compressed PLY with the Gaussians sorted along a Morton curve, distant Gaussians last.
-
-    Positions are relative to the origin, which is stored as a comment. See `splatwire.io.formats.write_splats`.
-    """
+    """Writes a compressed PLY with the Gaussians sorted spatially (arguments as for `write_splats`)."""
     remarks = antialiasing_comments(antialiased) + origin_comments(OFFSET, origin)
     remarks += metadata_comments(metadata)
     splats = _sorted(join(path, parts), path, outliers)
@@ -219,12 +212,7 @@ def write_compressed_ply(
 
 
 def _order_by_density(splats: Splats, path: Path) -> Splats:
-    """Sorts Gaussians into chunks so that dense regions and distant Gaussians do not share a chunk.
-
-    Positions are quantised within the range of a chunk, so a distant Gaussian makes all others in its chunk inexact.
-    Chunks are padded with transparent Gaussians (`splatwire.io.formats._chunks`). Logs a warning if rounding is still
-    visible.
-    """
+    """Sorts Gaussians into chunks so that dense regions and distant Gaussians do not share a chunk."""
     index, filling = arrange(splats)
     found = splats.select(index)
     if filling.any():
@@ -266,10 +254,7 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _without_far(splats: Splats, path: Path) -> Splats:
-    """Removes distant Gaussians that would cause visible rounding of the others.
-
-    At least half of the Gaussians are kept.
-    """
+    """Removes distant Gaussians that would cause visible rounding of the others, at most half of all."""
 
     def errors(column: Column) -> np.ndarray:
         means = column.others
@@ -287,11 +272,7 @@ def _without_far(splats: Splats, path: Path) -> Splats:
 
 
 def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats extreme scales and colours, which would make the quantisation steps of their chunk coarse.
-
-    Depending on `treatment`, they are clipped, removed or kept. A warning is logged. Nothing is done if the steps would
-    not become visibly larger.
-    """
+    """Clips, removes or keeps extreme scales and colours, which would make quantisation steps coarse."""
     logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
@@ -310,16 +291,13 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
 def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
     """Finds extreme scales or colours (outliers) that would cause visible rounding of the other values in their chunks.
 
-    An outlier enlarges the range of its chunk, and so the quantisation steps of all values in the chunk.
-
     Args:
         values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).
-        top: Largest quantised value; the step is the range of a chunk divided by it.
+        top: Largest quantised value.
 
     Returns:
-        Three values. First, the values with their outliers marked. Second, the values with the outliers clipped to the
-        range of all others. Third, the largest quantisation step with the outliers, with clipped outliers, and without
-        outliers; 0 if there are no outliers.
+        The values with their outliers marked; the values with clipped outliers; and the largest quantisation step with
+        the outliers, with clipped outliers and without outliers, 0 if there are none.
     """
     found = []
     for share in SHARES:
@@ -343,7 +321,7 @@ def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray
         splats: All Gaussians.
         what: `scales` or `colours`.
         rows: Mask of the Gaussians to change, bool (N).
-        values: New values, (N, 3), used in the rows of the mask: logarithms of scales, or colours minus 0.5.
+        values: New values, (N, 3): logarithms of scales, or colours minus 0.5; only rows of the mask are used.
     """
     if what == "scales":
         scales = splats.scales.copy()
@@ -355,7 +333,7 @@ def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray
 
 
 def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
-    """Returns the largest range (maximum minus minimum) that a component of the values has within a chunk.
+    """Returns the largest range (maximum minus minimum) of a component of the values within a chunk.
 
     Args:
         values: Values in the order of the file, (N, C); NaN is ignored.
@@ -367,7 +345,7 @@ def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scales values to 0 to 1 within the range of each chunk of consecutive Gaussians, before they are quantised.
+    """Scales values to 0 to 1 within the range of each chunk, before they are quantised.
 
     Returns:
         Minimum and maximum of each of C chunks, (C, 6), and the scaled values, (N, 3).

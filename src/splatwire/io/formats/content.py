@@ -27,7 +27,7 @@ class FileContent(CheckedFields):
     Attributes:
         splats: The Gaussians; positions are relative to `origin`.
         origin: World coordinates of the point that positions are relative to.
-        antialiased: True if the file declares that Gaussians lose opacity when they are widened to a pixel.
+        antialiased: True if the file declares that training reduced opacity when Gaussians are widened to a pixel.
         metadata: Metadata of the scene, also relative to `origin`.
     """
 
@@ -46,22 +46,19 @@ class FileContent(CheckedFields):
         )
 
     def with_chosen_origin(self: Content) -> Content:
-        """Returns the content relative to an origin near the Gaussians, if these are far from 0.
-
-        `choose_origin` decides whether an origin is needed, and chooses it.
-        """
+        """Returns the content relative to an origin near the Gaussians, if these are far from 0."""
         if self.origin != NO_ORIGIN:
             return self
         return self.relative_to(choose_origin(self.splats.means, wide=False))
 
 
 def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> None:
-    """Logs a warning if the float32 positions in a file are so coarse that the rounding is visible.
+    """Logs a warning if positions in a file are visibly rounded, because they are float32 and far from 0.
 
     Args:
         path: The file.
         splats: The Gaussians, relative to the origin.
-        origin: Point near the Gaussians that was subtracted from the positions in the file.
+        origin: Origin near the Gaussians that was subtracted from the positions in the file.
     """
     if origin == NO_ORIGIN:
         return
@@ -77,9 +74,6 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
 
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
     """Logs a warning if many Gaussians are so far from the origin of the scene that float32 rounds them visibly.
-
-    This happens if a file contains two sites that are far apart, because the origin can be near one of them only. Large
-    Gaussians, such as those of a sky, are not rounded visibly.
 
     Args:
         path: The file.

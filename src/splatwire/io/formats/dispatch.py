@@ -1,4 +1,4 @@
-"""Format detection of explicit Gaussians, and dispatch to readers and writers."""
+"""Format detection of explicit Gaussians, and selection of the reader or writer."""
 
 import importlib
 import logging
@@ -73,21 +73,21 @@ def format_of(kind: Kind) -> str | None:
 
 @checked
 def splats_kind(path: Path) -> str | None:
-    """Detects the format of a file of explicit Gaussians by its content (`splatwire.files.kinds`).
+    """Detects the format of a file of explicit Gaussians by its content.
 
     Returns:
-        `ply`, `spz`, `sog` (also for a folder with `meta.json`, or that file), `streamed sog`, `splat`, `ksplat`,
-        `glb`, or None for anything else, including missing files.
+        `ply`, `spz`, `sog`, `streamed sog`, `splat`, `ksplat`, `glb`, or None for anything else, including missing
+        files.
     """
     return format_of(file_kind(path))
 
 
 @checked
 def read_splats(path: Path) -> Splats:
-    """Reads explicit Gaussians of any supported format, in world coordinates; see `read_content`.
+    """Reads explicit Gaussians of any supported format, in world coordinates.
 
     Raises:
-        DatasetError: See `read_content`.
+        DatasetError: As for `read_content`.
     """
     return read_content(path).relative_to(NO_ORIGIN).splats
 
@@ -96,13 +96,11 @@ def read_splats(path: Path) -> Splats:
 def read_content(path: Path) -> FileContent:
     """Reads explicit Gaussians of any supported format, with axes as in a 3DGS PLY (RDF).
 
-    Invisible and undrawable Gaussians are removed and logged (`splatwire.types.validity`). A single transparent
-    Gaussian is kept, because files of empty frames contain one. Positions far from 0 are relative to an origin near
-    them, so that float32 suffices.
+    Invisible and invalid Gaussians are removed and logged. Positions far from 0 are relative to an origin near them, so
+    that float32 suffices.
 
     Raises:
-        DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn; the message
-            names the field and the problem.
+        DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn.
     """
     path = path_of(path, "a file of Gaussians")
     content, rows = read_all_rows(path)
@@ -120,9 +118,7 @@ def read_content(path: Path) -> FileContent:
 
 @checked
 def is_antialiased(path: Path) -> bool:
-    """Returns True if a file declares that its Gaussians lose opacity when they are widened to a pixel.
-
-    SPZ and SOG have a flag, PLY has comments of training programs (`splatwire.io.formats.ply_comments`).
+    """True if a file declares that training reduced opacity when Gaussians are widened to a pixel.
 
     Raises:
         DatasetError: If it is a damaged file of explicit Gaussians.
@@ -147,11 +143,7 @@ def read_rows(path: Path) -> tuple[Splats, ElementValidity]:
 
 @checked
 def read_all_rows(path: Path) -> tuple[FileContent, ElementValidity]:
-    """Reads all Gaussians of a file, including those that cannot be drawn, and classifies them.
-
-    Each Gaussian is drawable, invisible or invalid (`ElementValidity`).
-
-    Positions are relative to the origin of the content.
+    """Reads all Gaussians of a file, and classifies each as drawable, invisible or invalid.
 
     Raises:
         DatasetError: If the format is not supported, or the file is damaged.
@@ -180,7 +172,7 @@ def _last_iteration(folder: Path) -> Path:
     """Returns the PLY file of the last training iteration in a 3DGS model folder.
 
     Raises:
-        DatasetError: If the PLY was removed after the format of the folder had been detected.
+        DatasetError: If the PLY was removed in the meantime.
     """
     path = trained_ply(folder)
     if path is None:
@@ -273,27 +265,26 @@ def write_splats(
 ) -> int:
     """Writes explicit Gaussians in the format of the file name's suffix.
 
+    Properties that a format cannot store cause a warning.
+
     Args:
-        parts: Batches of Gaussians, all of one degree of spherical harmonics; may be a generator. PLY and `.splat` are
-            written batch by batch.
+        parts: Batches of Gaussians, all of one degree of spherical harmonics; may be a generator.
         path: Path of the file, written atomically.
-        note: Quantisation steps to store in a PLY; other formats ignore it.
-        antialiased: True if Gaussians lose opacity when they are widened to a pixel. PLY, SPZ and SOG store it; other
-            formats log a warning.
-        origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates;
-            formats that cannot do so log a warning.
-        outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in formats
-            that
-            quantise values: `clamp` moves them towards the others, `prune` removes them, `keep` leaves them unchanged.
-        metadata: Metadata of the scene, relative to `origin`. Formats that cannot store it log a warning.
+        note: Quantisation steps to store in a PLY.
+        antialiased: True if training reduced opacity when Gaussians are widened to a pixel; stored in PLY, SPZ and SOG.
+        origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates.
+        outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in
+            quantised formats: `clamp` moves them towards the others, `prune` removes them, `keep` leaves them
+            unchanged.
+        metadata: Metadata of the scene, relative to `origin`.
 
     Returns:
         Number of Gaussians written.
 
     Raises:
         UnknownNameError: If the suffix is not that of a supported format.
-        InvalidValueError: If there is no Gaussian, a number is not finite, degrees differ, or the format does not store
-            explicit Gaussians.
+        InvalidValueError: If there is no Gaussian, a number is not finite, degrees differ, or the format is for other
+            scenes.
         OSError: If the file cannot be written.
     """
     form = format_for(path)
@@ -339,8 +330,6 @@ def kept_facts(
     note: PlyNote | None = None,
 ) -> dict[str, Any]:
     """Selects the properties of a scene that a file format can store, and logs a warning about each other one.
-
-    The arguments are described at `write_splats`.
 
     Returns:
         The selected properties, as keyword arguments of the format's writer.
@@ -415,10 +404,7 @@ _FACTS = frozenset(("antialiased", "metadata", "note", "origin", "outliers"))
 
 
 def _lazy_import(module: str, name: str) -> Callable[..., Any]:
-    """Wraps a reader or writer of `splatwire.io.formats` so that its module is imported at the first call.
-
-    The deferred import avoids loading the libraries of all other formats.
-    """
+    """Wraps a reader or writer of `splatwire.io.formats` so that its module is imported at the first call."""
 
     def call(*arguments: Any, **facts: Any) -> Any:
         return getattr(importlib.import_module(f"splatwire.io.formats.{module}"), name)(*arguments, **facts)

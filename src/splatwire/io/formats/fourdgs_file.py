@@ -1,8 +1,7 @@
 """`.4dgs` files: Gaussians, each with the time interval in which it exists; read and written by the package fourdgs.
 
-Such a file has no frames. In a written sequence, every change of a Gaussian's values ends this Gaussian and starts a
-new one; motion and fading of the format are not used. When a file is read, the Gaussians are evaluated at the middle of
-each frame.
+The format has no frames. Sequences are written without its motion and fading: every change of a Gaussian's values
+starts a new Gaussian. When a file is read, the Gaussians are evaluated at the middle of each frame.
 """
 
 import logging
@@ -56,7 +55,7 @@ class FourdgsFrames:
     scene: Any
 
     def read(self) -> Iterator[FileContent]:
-        """Yields the Gaussians in the middle of each frame; a frame may be empty."""
+        """Yields the Gaussians of each frame, at the middle of its duration; there may be none."""
         axes = self.scene.header.attributes.get(_AXES, "")
         metadata = SceneMetadata(up="z") if axes == _Z_UP else SceneMetadata()
         for number in range(self.num_frames):
@@ -70,8 +69,7 @@ class FourdgsFrames:
 def fourdgs_frames(path: Path) -> FourdgsFrames:
     """Opens a `.4dgs` file.
 
-    The frame rate is known only for files written by this package; otherwise, 30 frames per second are assumed. Scenes
-    with the coordinate system `y-up-right-handed` are converted to the axes of a PLY.
+    Files of other programs have no frame rate and are read with 30 frames per second.
 
     Raises:
         DatasetError: If the package fourdgs cannot read the file, or the file has too many Gaussians or frames.
@@ -98,7 +96,7 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
 
 
 def _warn_of_unused_statements(path: Path, scene: Any) -> None:
-    """Logs the coordinate systems and colour space of a scene that are not applied."""
+    """Logs a warning about coordinate systems and colour spaces of a scene that are not applied."""
     stated = scene.header.attributes
     if stated.get(_AXES, "") not in ("", _Y_UP, _Z_UP):
         LOG.warning("%s: %s %.60r is not known: positions are read as they are", path, _AXES, stated[_AXES])
@@ -109,7 +107,7 @@ def _warn_of_unused_statements(path: Path, scene: Any) -> None:
 
 
 def _declared_gaussians(path: Path) -> int:
-    """Returns the number of Gaussians in a file according to its chunk headers, without decoding the chunks."""
+    """Returns the number of Gaussians in a file according to its headers."""
     data = path.read_bytes()
     check_magic(data)
     records = iter_records(data, len(MAGIC))
@@ -117,10 +115,7 @@ def _declared_gaussians(path: Path) -> int:
 
 
 def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int:
-    """Writes a sequence; returns the number of frames.
-
-    The package fourdgs rounds values, within the error bounds that it declares in the file. Colours below 0 and above 1
-    are clipped.
+    """Writes a sequence to a `.4dgs` file, with the default error bounds of fourdgs; returns the number of frames.
 
     Args:
         frames: Frames of one degree of harmonics.
@@ -164,8 +159,7 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 class _ConstantIntervals:
     """Finds the time intervals in which a Gaussian of a sequence keeps all its values, for writing a `.4dgs` file.
 
-    The file stores one Gaussian with start and end time for each interval. Row i of consecutive frames is the same
-    Gaussian if they have equally many Gaussians. Otherwise, all intervals end.
+    Row i of consecutive frames is the same Gaussian if they have equally many Gaussians.
 
     Attributes:
         num_frames: Number of frames so far.

@@ -68,8 +68,7 @@ _HARMLESS = (
 def read_gltf(path: Path) -> FileContent:
     """Reads all Gaussians of the scene of a glTF file, with node transforms applied, and its metadata.
 
-    A translation to coordinates far from 0 that all nodes share becomes the origin. `extras.antialiased` is our own
-    property.
+    A translation to coordinates far from 0 that all nodes share becomes the origin.
 
     Args:
         path: A binary glTF, or a document whose buffers are files in its folder or `data:` URIs.

@@ -1,4 +1,4 @@
-"""Writer of binary glTF files with Gaussians (extension KHR_gaussian_splatting, see `splatwire.io.formats.gltf`).
+"""Writer of binary glTF files with Gaussians (extension KHR_gaussian_splatting).
 
 A file may also contain a compressed stream of the same scene (extension EXT_splatwire).
 """
@@ -42,19 +42,16 @@ def write_gltf(
     metadata: SceneMetadata = NO_METADATA,
     stream: bytes | None = None,
 ) -> int:
-    """Writes all Gaussians as one point primitive in float32, with byte colours for programs that only draw points.
-
-    The origin is the translation of the node. Antialiasing is stored in the primitive's extras, which only this package
-    reads. See `splatwire.io.formats.write_splats`.
+    """Writes all Gaussians as one point primitive in float32; returns their number.
 
     Args:
         parts: Batches of Gaussians; with `stream`, Gaussians for programs that do not support the extension.
         path: Path of the file.
-        antialiased: True if Gaussians lose opacity when they are widened to a pixel.
-        origin: World coordinates of the point that positions are relative to.
+        antialiased: True if training reduced opacity when Gaussians are widened to a pixel; stored in the primitive's
+            extras.
+        origin: World coordinates of the point that positions are relative to; stored as translation of the node.
         metadata: Metadata of the scene, relative to `origin`.
-        stream: Content of a `.swz` file of the same scene, which the file then contains (EXT_splatwire, see
-            docs/gltf.md).
+        stream: Content of a `.swz` file of the same scene, to embed in the file (EXT_splatwire, docs/gltf.md).
     """
     splats = join(path, parts)
     columns = _columns(flip_axes(splats, GLTF_FLIPS))
@@ -81,7 +78,7 @@ def write_gltf(
 
 
 def _put_stream(document: dict[str, Any], num_bytes: int, num_padded: int) -> None:
-    """Adds a stream to a glTF document; its bytes follow the vertex attributes in the binary buffer.
+    """Adds a stream to a glTF document.
 
     Args:
         document: The JSON document; changed in place.

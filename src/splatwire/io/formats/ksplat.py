@@ -54,7 +54,7 @@ class _Section:
 
 
 def read_ksplat(path: Path) -> Splats:
-    """Reads a `.ksplat` file; missing harmonics of sections with a lower degree are 0.
+    """Reads a `.ksplat` file.
 
     Raises:
         DatasetError: If the file is damaged or of another format.
@@ -131,7 +131,7 @@ def _read_section(
 def _from_bucket(
     path: Path, data: memoryview, at: int, centers_at: int, section: _Section, codes: np.ndarray
 ) -> np.ndarray:
-    """Decodes positions that are stored relative to the centre of a group of Gaussians (bucket), in 16 bits.
+    """Decodes positions that are stored relative to the centre of a spatial group of Gaussians (bucket), in 16 bits.
 
     Args:
         path: The file, for messages.

@@ -1,8 +1,7 @@
 """Outliers: a few Gaussians with extreme values, which reduce the precision of all others in quantised formats.
 
-A trainer may leave one Gaussian a million units away. SPZ and SOG divide the range of all positions into quantisation
-steps; compressed PLY divides the range of each chunk of 256 Gaussians. All other Gaussians would then be rounded to
-large steps.
+SPZ and SOG divide the range of all positions into quantisation steps, compressed PLY that of each chunk of 256
+Gaussians.
 """
 
 import logging
@@ -66,7 +65,7 @@ class Column:
 
     @property
     def distances(self) -> np.ndarray:
-        """Distance of each Gaussian's value from the median, maximum norm, float64 (N)."""
+        """Distance of each value from the median, maximum norm, float64 (N)."""
         return np.asarray(np.abs(self.values - self.middle).max(axis=1))
 
     @property
@@ -76,7 +75,7 @@ class Column:
 
 
 def check_outliers(name: str) -> Outliers:
-    """Raises an error for an unknown treatment of outliers.
+    """Checks the name of a treatment of outliers.
 
     Raises:
         UnknownNameError: If no treatment has that name.
@@ -111,14 +110,10 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
     """Finds the distant Gaussians (outliers) because of which all other positions would be rounded visibly in a file.
 
-    As few Gaussians as necessary are marked.
-
     Args:
         splats: The Gaussians.
-        errors: Function that computes position errors in a file without the outliers. Its argument is the positions
-            with
-            outliers marked. It returns the largest error along an axis of each of the n other Gaussians, world units,
-            float64 (n).
+        errors: Function of positions with marked outliers. It returns the largest position error along an axis of each
+            of the n other Gaussians in a file without the outliers, world units, float64 (n).
 
     Returns:
         The positions of all Gaussians with the outliers marked.
@@ -163,17 +158,17 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
     Args:
         errors: Largest position error along an axis of each Gaussian, world units, (N).
-        scales: Local scale of each Gaussian (`local_scales`), (N).
+        scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
     return np.asarray(errors > scales / VISIBLE)
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """Returns True if many Gaussians (a share above `_FEW_COSTLY`) would have visible position errors.
+    """True if many Gaussians would have visible position errors.
 
     Args:
         errors: Largest position error of each Gaussian along an axis, world units, (n).
-        scales: Local scale of each Gaussian, world units, (n). Errors above `scales / FINE` are visible.
+        scales: Local length scale of each Gaussian, from `local_scales`, (n).
     """
     return bool(len(errors)) and float((errors > scales / FINE).mean()) > _FEW_COSTLY
 
@@ -184,7 +179,7 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
     Args:
         path: The file, for the message.
         errors: Largest position error along an axis of each Gaussian, world units, (N).
-        scales: Local scale of each Gaussian (`local_scales`), (N).
+        scales: Local length scale of each Gaussian, from `local_scales`, (N).
     """
     seen = visible_errors(errors, scales)
     if not seen.any():
@@ -197,7 +192,7 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
 
 
 def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high: float) -> None:
-    """Logs a warning if values of Gaussians are clipped so far to the range of a format that pictures change.
+    """Logs a warning if values of Gaussians are visibly clipped to the range of a format.
 
     Args:
         path: The file, for the message.
@@ -220,9 +215,7 @@ def warn_of_clipped(path: Path, what: str, values: np.ndarray, low: float, high:
 
 
 def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> None:
-    """Logs a warning if Gaussians look different because their scales are clipped to the range of a format.
-
-    There is no warning if only a few are too small for the format, because they are hardly visible.
+    """Logs a warning if scales of Gaussians are visibly clipped to the range of a format.
 
     Args:
         path: The file, for the message.
@@ -232,6 +225,7 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
     """
     least, most = np.exp((low, high))
     largest = scales.max(axis=1)
+    # a few Gaussians that are too small are hardly visible
     smaller = largest * _SHARE < least
     outside = (smaller & (smaller.mean() > _MANY)) | (largest > most * (1 + _SHARE))
     if outside.any():
@@ -260,14 +254,13 @@ def spatial_order(positions: Column) -> np.ndarray:
 def morton_order(means: np.ndarray) -> np.ndarray:
     """Returns the order of points along a Morton curve of 42 bits per axis.
 
-    The bits suffice for a small object in a scene that is a million times as large: its points are still sorted.
-
     Args:
         means: Finite, float64 (N, 3), at least one.
 
     Returns:
         Index of the point at each position of the order, int64 (N).
     """
+    # with so many bits, even a small object in a scene a million times as large is sorted
     low = means.min(axis=0)
     extent = max(float((means - low).max()), 1e-30)
     cells = ((means - low) / extent * ((1 << 2 * MAX_AXIS_BITS) - 1)).astype(np.int64)
@@ -328,7 +321,7 @@ def warn_of_outliers(
         treatment: What is done with the outliers.
         what: Name of the attribute that has outliers, such as `positions`.
         column: Values of the attribute with their outliers marked.
-        steps: Quantisation steps of the other Gaussians if the outliers are kept, and if they are moved or removed.
+        steps: Quantisation steps of the other Gaussians: with the outliers, and without them.
         count: Number of outliers that are moved or removed; None for all.
     """
     number, total = int(column.outside.sum()) if count is None else count, len(column.values)

@@ -2,8 +2,8 @@
 
 Properties, in any order: `x y z nx ny nz f_dc_0..2 f_rest_0.. opacity scale_0..2 rot_0..3`. `f_rest` has all
 coefficients of red, then green, then blue, `opacity` is a logit, `scale` a natural logarithm and `rot` a quaternion (w,
-x, y, z). All are written as float32; only `x y z` of geo-referenced scenes are float64, and a comment has the origin.
-`filter_3D` of Mip-Splatting is the standard deviation of a filter, which is applied while reading.
+x, y, z). All are float32; only `x y z` of geo-referenced scenes are float64. `filter_3D` of Mip-Splatting is the
+standard deviation of a filter, which is applied while reading.
 """
 
 import hashlib
@@ -66,8 +66,7 @@ _MIN_OPACITY = 1e-6
 def content_of_vertices(vertices: PlyElement) -> FileContent:
     """Builds Gaussians from the vertices of a 3DGS PLY.
 
-    Normals and unknown properties are ignored; quaternions are normalised. Positions far from 0 are returned relative
-    to an origin, which is subtracted in float64: the origin in the header comments, or one chosen near the Gaussians.
+    Positions far from 0 are relative to an origin.
 
     Raises:
         DatasetError: If a property is missing, or values are invalid.
@@ -133,11 +132,7 @@ def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
 
 
 def _origin(vertices: PlyElement) -> Origin:
-    """Returns the origin of the coordinate system: the world coordinates that positions are stored relative to.
-
-    This is the origin that a comment of the header states. If none is stated, or if the Gaussians are far away from it,
-    an origin near the Gaussians is chosen.
-    """
+    """Returns the origin that a comment states, or one near the Gaussians if they are far from it."""
     some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
     means = some.select_wide(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
@@ -181,8 +176,7 @@ def _smoothed(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) 
         sizes: Standard deviation of the filter of each Gaussian, float64 (N, 1).
 
     Returns:
-        Logarithms of the standard deviations after filtering, and opacities. Opacities are lower where the filter
-        enlarges a Gaussian: times the square root of the ratio of the covariances' determinants before and after.
+        Logarithms of the standard deviations, and opacities, after filtering.
     """
     logs = np.maximum(log_scales.astype(np.float64), -MAX_LOG_SCALE)
     with np.errstate(divide="ignore"):
@@ -191,11 +185,9 @@ def _smoothed(log_scales: np.ndarray, opacities: np.ndarray, sizes: np.ndarray) 
 
 
 def _expit(logits: np.ndarray) -> np.ndarray:
-    """Logistic function in float32, without the slow import of scipy.
-
-    It differs from `scipy.special.expit` in the last digit of 1 in 4,000 values. Importing scipy takes 0.3 s.
-    """
+    """Logistic function in float32."""
     with np.errstate(over="ignore"):
+        # scipy.special.expit differs in the last digit of 1 in 4,000 values, and takes 0.3 s to import
         return 1 / (1 + np.exp(-logits.astype(np.float64)).astype(np.float32))
 
 
@@ -208,11 +200,7 @@ def write_ply(
     origin: Origin = NO_ORIGIN,
     metadata: SceneMetadata = NO_METADATA,
 ) -> int:
-    """Writes a PLY batch by batch, so that not all Gaussians must be in memory.
-
-    Normals are written as 0. Opacities are clipped to a millionth from 0 and 1, so that their logits are finite. With
-    an origin, positions are written as float64 world coordinates. See `splatwire.io.formats.write_splats`.
-    """
+    """Writes a PLY batch by batch (arguments as for `write_splats`); returns the number of Gaussians."""
     count, degree, digest = 0, 0, hashlib.sha256()
     remarks = antialiasing_comments(antialiased) + origin_comments(ORIGIN, origin)
     remarks += metadata_comments(metadata.moved_origin(origin, NO_ORIGIN))
@@ -233,7 +221,7 @@ def write_ply(
 
 
 def _record_bytes(rows: np.ndarray, origin: Origin) -> bytes:
-    """Serialises Gaussians as float32 records; with an origin, positions are float64 world coordinates."""
+    """Serialises Gaussians as records of a PLY: float32, positions with an origin as float64 world coordinates."""
     if origin == NO_ORIGIN:
         return rows.astype("<f4").tobytes()
     records = np.empty(len(rows), [("means", "<f8", 3), ("rest", "<f4", rows.shape[1] - 3)])
@@ -260,10 +248,7 @@ def property_names(degree: int) -> list[str]:
 
 
 def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
-    """Returns the header of a PLY file.
-
-    A padding comment makes its length independent of the number of Gaussians, so that it can be rewritten when the
-    number is known.
+    """Returns the header of a PLY file; its length does not depend on the number of Gaussians.
 
     Args:
         count: Number of Gaussians.

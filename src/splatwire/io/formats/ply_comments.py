@@ -1,7 +1,4 @@
-"""Scene properties in the header comments of a PLY.
-
-Brush, gsplat and nerfstudio write `SplatRenderMode: mip`, Postshot `antialiased 1`. The origin comment is our own.
-"""
+"""Scene properties in the header comments of a PLY."""
 
 import logging
 import re
@@ -40,7 +37,7 @@ _MIP = re.compile(r"(?:mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)?|anti[-_ 
 
 
 def states_antialiasing(comments: Iterable[str]) -> bool:
-    """Returns True if header comments enable antialiasing; of several comments, the last one applies.
+    """True if header comments state that the scene was trained with antialiasing.
 
     Args:
         comments: Text of each comment, without the word `comment`.
@@ -50,7 +47,7 @@ def states_antialiasing(comments: Iterable[str]) -> bool:
 
 
 def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
-    """Logs comments that refer to antialiasing but cannot be parsed, or that contradict each other.
+    """Logs a warning about comments on antialiasing that cannot be parsed, or that contradict each other.
 
     Args:
         path: The file.
@@ -79,10 +76,7 @@ def _antialiasing_setting(comment: str) -> bool | None:
 
 
 def antialiasing_comments(antialiased: bool) -> list[str]:
-    """Returns the PLY header comments that state that the Gaussians were trained with antialiasing.
-
-    The list has one comment with antialiasing, and none without.
-    """
+    """Returns the PLY header comments that state that the Gaussians were trained with antialiasing, if any."""
     return [ANTIALIASED] if antialiased else []
 
 

@@ -110,15 +110,13 @@ def read_ply(path: Path) -> PlyElement:
 def read_ply_elements(path: Path) -> dict[str, PlyElement]:
     """Reads all elements of a PLY: binary of either byte order, text, or an xz archive of a PLY.
 
-    An element with lists, such as the faces of a mesh, and all elements after it are skipped. Memory is bounded by the
-    actual data, not by the header.
+    An element with lists, such as the faces of a mesh, and all elements after it are skipped.
 
     Returns:
         The elements by name, in the order of the file.
 
     Raises:
-        DatasetError: If the file is absent, is not such a PLY, or is too short or too long; the message names the file
-            and the reason.
+        DatasetError: If the file is absent, is not such a PLY, or is too short or too long.
     """
     try:
         with open_regular(path, DatasetError) as file:
@@ -128,7 +126,7 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
 
 
 def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes], int]:
-    """Returns an iterator over the bytes of a PLY, decompressed if necessary, and their maximum total number.
+    """Returns the bytes of a PLY, decompressed if necessary, and their maximum total number.
 
     Args:
         path: Path of the file, for messages.

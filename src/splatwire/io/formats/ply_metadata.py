@@ -1,11 +1,7 @@
 """Metadata of a scene in PLY comments.
 
-This package writes `title: …`, `author: …`, `license: …`, `up: -y` and `view: …` with nine numbers. Nerfstudio writes
-`Vertical Axis: z`. The axis that is up is also read from `up z`, `z-up` and `up vector: 0 0 1`. Without a colon,
-`author Jane`, `title Garden`, `license CC0` and `Copyright 2024 A. B.` are read if no comment with a colon states the
-field. Credits (`credit Jane`, `by Jane`, `photos by Jane`) are read as the author if no other comment names one.
-Licences may be given by `SPDX-License-Identifier: CC0-1.0`, by their name alone or by their address at
-creativecommons.org.
+This package writes `title: …`, `author: …`, `license: …`, `up: -y` and `view: …` with nine numbers. Common variants of
+other programs are read too, such as `Vertical Axis: z`, `Copyright 2024 A. B.` or the name of a license.
 """
 
 import re
@@ -87,14 +83,14 @@ def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str,
 
 
 def is_metadata(comment: str) -> bool:
-    """Returns True if a comment states the title, author, license, view or orbit of a scene."""
+    """True if a comment states the title, author, license, view or orbit of a scene."""
     lines = [line for name, line in _LINES.items() if name != "up"]
     lines += [*_PLAIN_LINES.values(), *_CREDITS.values()]
     return any(line.fullmatch(comment.strip()) for line in lines)
 
 
 def names_up(comment: str) -> bool:
-    """Returns True if a comment names the axis that is up."""
+    """True if a comment names the axis that is up."""
     return named_up(comment) is not None
 
 

@@ -1,8 +1,7 @@
 """Quantisation steps of decoded Gaussians, stored in a PLY for lossless re-encoding.
 
-A header comment has the quantisation steps common to all Gaussians and a digest of the vertices. If a vertex was
-changed, the digest differs and the stored steps are ignored. The precision class of each Gaussian, one byte, is stored
-as the first component of its normal, which 3DGS sets to 0 and ignores.
+A header comment has the steps and a digest of the vertices; after a change of the vertices, the steps are ignored. The
+precision class of each Gaussian is stored as the first component of its normal, which 3DGS ignores.
 """
 
 import base64
@@ -81,9 +80,7 @@ def read_note(path: Path) -> PlyNote | None:
 
 
 def marked(rows: np.ndarray, marks: np.ndarray) -> np.ndarray:
-    """Stores the precision class of each Gaussian in its vertex, in a copy of the vertices.
-
-    It replaces the first component of the normal, which 3DGS ignores.
+    """Returns vertices with the precision class of each Gaussian in the first component of its normal.
 
     Args:
         rows: Properties of the vertices in file order, (N, P).

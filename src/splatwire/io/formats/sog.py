@@ -1,13 +1,12 @@
-"""SOG (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP images, as folder or zip.
+"""SOG (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP images, as folder or zip; RDF axes.
 
 Pixel i of each image belongs to Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds. Rotations are
 the smallest three of w, x, y, z in 8 bits each. Scales and constant coefficients are entries of code books with 256
 numbers. The other coefficients of a Gaussian are an entry of a palette of vectors, whose components are entries of
-another code book. Axes are RDF.
+another code book.
 
-Version 1 has no field `version`. It has bounds of each channel instead of code books, and the fourth channel of the
-image `sh0` is the logit of the opacity. The width of the palette's image determines the degree of the spherical
-harmonics.
+Version 1 has bounds of each channel instead of code books, and the fourth channel of the image `sh0` is the logit of
+the opacity.
 """
 
 import contextlib
@@ -127,7 +126,7 @@ class _Sog:
 
     Attributes:
         meta: Content of its `meta.json`.
-        bytes_outside: Number of bytes of the file that are not part of the archive.
+        bytes_outside: Number of bytes of the file outside of the archive.
     """
 
     bytes_outside = 0
@@ -145,7 +144,7 @@ class _Sog:
         self._count = check_count(path, count, file_bytes)
 
     def is_antialiased(self) -> bool:
-        """Returns the flag `antialias` (a boolean, 0 or 1); logs a warning for other values."""
+        """Returns the flag `antialias`."""
         stated = self.meta.get("antialias", False)
         if stated is not None and stated not in (False, True):
             LOG.warning(
@@ -231,15 +230,12 @@ class _Sog:
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
     def _from_bounds(self, section: str, pixels: np.ndarray) -> np.ndarray:
-        """Decodes quantised values of a version 1 file to float32 (N, C).
-
-        They are fractions of the range of each channel, whose bounds `meta.json` contains.
-        """
+        """Decodes quantised values of a version 1 file to float32 (N, C)."""
         low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
 
     def _rotations(self) -> np.ndarray:
-        """Returns the rotations as quaternions (N, 4); logs a warning if the image has more than N rotations."""
+        """Returns the rotations as quaternions (N, 4)."""
         picture = self._picture("quats", 0, pixels=self._count)
         pixels, padding = picture[: self._count], picture[self._count :]
         # Colours of transparent pixels are arbitrary: WebP changes them unless it is told to keep them.
@@ -273,7 +269,7 @@ class _Sog:
         return whole
 
     def _palette_size(self) -> tuple[Any, Any]:
-        """Returns degree of the spherical harmonics and palette size; version 1 derives both from the images."""
+        """Returns degree of the spherical harmonics and palette size."""
         if not self._first:
             return self._field("shN", "bands"), self._field("shN", "count")
         labels = self._pixels("shN", 1).astype(np.int64)
@@ -328,7 +324,7 @@ class _Sog:
         return self._picture(section, file, pixels=self._count)[: self._count]
 
     def _warn_if_lossy(self, name: str, data: memoryview) -> None:
-        """Logs a warning if a WebP image is lossy: pixels are codes, so that small errors change values arbitrarily."""
+        """Logs a warning if a WebP image is lossy, which changes its codes arbitrarily."""
         at = _WEBP_HEADER
         while at + 8 <= len(data) and bytes(data[at : at + 4]) != _LOSSY:
             at += 8 + -(-int.from_bytes(data[at + 4 : at + 8], "little") // 2) * 2
@@ -385,14 +381,12 @@ class _Sog:
 
 
 def _reason(error: Exception) -> str:
-    """Returns the message of the image library as the end of an error message; empty for an unknown image format."""
+    """Returns the message of the image library as the end of an error message."""
     return "" if isinstance(error, UnidentifiedImageError) else f": {error}"
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum accepted size of an image, pixels.
-
-    Images may be larger than necessary, because writers pad them in different ways.
+    """Returns the maximum accepted size of an image, which may be padded, pixels.
 
     Args:
         pixels: Necessary number of pixels.

@@ -49,7 +49,7 @@ def write_sog(
     outliers: Outliers = DEFAULT,
     metadata: SceneMetadata = NO_METADATA,
 ) -> int:
-    """Writes a bundled SOG with the Gaussians in Morton order; arguments as in `splatwire.io.formats.write_splats`."""
+    """Writes a bundled SOG with the Gaussians in Morton order (arguments as for `write_splats`)."""
     splats = treat_outliers(join(path, parts), path, outliers)
     column = find_outliers(splats.means)
     found = _position_errors(replace(column, outside=np.zeros(len(column.values), bool)))
@@ -66,8 +66,7 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
     """Returns the files of a SOG by name, `meta.json` last; Gaussians keep their order.
 
     Args:
-        splats: At least one Gaussian. Neighbours in space should be neighbours in order, because that makes the images
-            smaller.
+        splats: At least one Gaussian; spatial order makes the images smaller.
         antialiased: True if the Gaussians were trained with antialiasing.
         metadata: Metadata of the scene.
     """
@@ -115,8 +114,6 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 def _position_errors(column: Column) -> np.ndarray:
     """Returns the rounding error of the positions of all Gaussians except outliers: the maximum over x, y and z.
-
-    SOG quantises logarithms of positions, so the steps grow with the distance from 0.
 
     Args:
         column: Positions of all Gaussians, with outliers marked.
@@ -174,7 +171,7 @@ def _opaque(rgb: np.ndarray) -> np.ndarray:
 
 
 def _webp(pixels: np.ndarray) -> bytes:
-    """Encodes values as a lossless WebP image of nearly square shape, with sides that are multiples of 4 pixels."""
+    """Encodes values as a lossless WebP image of nearly square shape."""
     if pixels.ndim == 2:
         width = -(-int(np.ceil(np.sqrt(len(pixels)))) // 4) * 4
         height = -(-len(pixels) // (4 * width)) * 4

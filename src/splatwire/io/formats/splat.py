@@ -44,8 +44,7 @@ def read_splat(path: Path) -> Splats:
 def write_splat(parts: Iterable[Splats], path: Path) -> int:
     """Writes a `.splat` file batch by batch: position and scale as float32, colour with opacity and rotation as bytes.
 
-    Only the constant of the spherical harmonics is stored. The rotation is the quaternion (w, x, y, z), times 128 plus
-    128. See `splatwire.io.formats.write_splats`.
+    Only the constant of the spherical harmonics is stored.
     """
     count, degree, colours = 0, 0, []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:

@@ -75,10 +75,9 @@ def splat4d_frames(path: Path) -> Splat4dFrames:
 
 
 def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int:
-    """Writes a sequence with the default error bounds of splats4d's program; returns the number of frames.
+    """Writes a sequence to a `.splat4d` file by the program of splats4d; returns the number of frames.
 
-    The program verifies the error bounds. The format has one colour for all directions, and the same number of
-    Gaussians in all frames.
+    The format has one colour for all directions.
 
     Args:
         frames: Frames with the same number of Gaussians; row i is the same Gaussian in all frames.

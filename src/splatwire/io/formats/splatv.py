@@ -46,7 +46,7 @@ class MovingSplats(CheckedFields):
     def at(self, time: float) -> Splats:
         """Returns the Gaussians at a time from 0 (start of the sequence) to 1 (end).
 
-        The number of Gaussians is constant: Gaussians that do not exist at that time have opacity 0.
+        Gaussians that do not exist at that time have opacity 0.
 
         Raises:
             InvalidValueError: If the time is out of range.

@@ -1,12 +1,9 @@
 """SPZ files, versions 1 to 4 (github.com/nianticlabs/spz): fixed-width values, compressed attribute by attribute.
 
-Versions 1 to 3 are one gzip stream: a header of 16 bytes, then one array (column) per attribute. Version 4 has an
-uncompressed header of 32 bytes, a table of sizes and a zstd stream for each column. Version 1 has positions in half
-precision, later ones in fixed point. Versions 1 and 2 have rotations of 3 bytes, later ones of 4. Axes are RUB unless
-an extension defines others.
-
-Extensions are records of type, size and content. They follow the columns in versions 1 to 3, and precede the table in
-version 4.
+Versions 1 to 3 are one gzip stream: a header of 16 bytes, one array (column) per attribute, and extensions. Version 4
+has an uncompressed header of 32 bytes, extensions, a table of sizes and a zstd stream for each column. Version 1 has
+positions in half precision, later ones in fixed point. Versions 1 and 2 have rotations of 3 bytes, later ones of 4.
+Axes are RUB unless an extension (record of type, size and content) defines others.
 """
 
 import gzip
@@ -77,12 +74,10 @@ class _Header:
 def read_spz(path: Path) -> FileContent:
     """Reads an SPZ file of version 1 to 4 in its declared axis convention, and its metadata.
 
-    Harmonics of degree 4 are dropped with a warning, because this package supports degrees up to 3. Unknown extensions
-    are dropped with a warning too.
+    Harmonics of degree 4 and unknown extensions are dropped with a warning.
 
     Raises:
-        DatasetError: If the file is damaged, of an unsupported version or degree, or requests more memory than its size
-            justifies.
+        DatasetError: If the file is damaged, of an unsupported version or degree, or too large when decompressed.
         OSError: If the file cannot be read.
     """
     data = mapped_file(path)
@@ -245,17 +240,14 @@ def _positions(header: _Header, data: np.ndarray) -> np.ndarray:
 
 
 def _three_bytes(data: np.ndarray) -> np.ndarray:
-    """Decodes the 3-byte rotations of versions 1 and 2: x, y and z; w is computed from these."""
+    """Decodes the 3-byte rotations (x, y, z) of versions 1 and 2."""
     vector = data.astype(np.float32).reshape(-1, 3) / np.float32(127.5) - 1
     w = np.sqrt(np.maximum(0, 1 - (vector**2).sum(axis=1, keepdims=True)))
     return np.concatenate([w, vector], axis=1)
 
 
 def _smallest_three(data: np.ndarray) -> np.ndarray:
-    """Decodes the 4-byte rotations since version 3.
-
-    They are the index of the largest of x, y, z, w, then the sign and 9 bits of each of the other components.
-    """
+    """Decodes the 4-byte rotations since version 3: index of the largest of x, y, z, w, and the other components."""
     packed = data.reshape(-1, 4).view("<u4")[:, 0].copy()
     largest = packed >> 30
     xyzw = np.zeros((len(packed), 4), np.float32)

@@ -1,4 +1,4 @@
-"""Writer of SPZ (see `splatwire.io.formats.spz`)."""
+"""Writer of SPZ files."""
 
 import gzip
 import logging
@@ -70,17 +70,15 @@ def write_spz(
     version: int = 4,
     outliers: Outliers = DEFAULT,
 ) -> int:
-    """Writes an SPZ file; spherical harmonics are clipped to the range of the format.
-
-    See `splatwire.io.formats.write_splats` for the return value and for further errors.
+    """Writes an SPZ file (arguments as for `write_splats`); spherical harmonics are clipped to the range of the format.
 
     Args:
-        parts: Batches of Gaussians, see `splatwire.io.formats.write_splats`.
+        parts: Batches of Gaussians, all of one degree of spherical harmonics.
         path: Path of the file.
-        harmonic_bits: Bits of spherical harmonics of degree 1 and of higher degrees, 1 to 8 each. Values are always
-            stored as bytes, but zero low bits compress better.
+        harmonic_bits: Bits of spherical harmonics of degree 1 and of higher degrees, 1 to 8 each; fewer bits make the
+            file smaller.
         antialiased: True if the scene was trained with antialiasing; stored in the header.
-        metadata: Metadata of the scene, written as extension records.
+        metadata: Metadata of the scene.
         version: 4 (zstd), or 3 (gzip) for programs without support for 4.
         outliers: Treatment of a few Gaussians whose positions would reduce the precision of all others.
 
@@ -174,15 +172,13 @@ def _write_plain(
 def _fraction_bits(farthest: float) -> int:
     """Returns the number of fraction bits for storing positions as fixed-point numbers of 24 bits.
 
-    It is usually 12, as in files of all other writers. Large scenes get fewer bits, so that all positions fit. Scenes
-    of less than one unit get more bits, for smaller rounding errors.
-
     Args:
         farthest: Largest absolute coordinate of a position.
 
     Raises:
         InvalidValueError: If the coordinate is too large for the format.
     """
+    # other writers always use 12 bits; large scenes need fewer, so that all positions fit; small ones are rounded less
     bits = _FRACTION_BITS
     while bits < _MAX_FRACTION_BITS and 0 < farthest * 2**bits < _FEWEST_STEPS:
         bits += 1
@@ -211,10 +207,8 @@ def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[
 
 
 def _quantise_harmonics(values: np.ndarray, bits: int) -> np.ndarray:
-    """Quantises spherical harmonics to bytes, of which only the `bits` highest bits may differ from 0.
-
-    Zero low bits make the file smaller, because the bytes are compressed afterwards.
-    """
+    """Quantises spherical harmonics to bytes, of which only the `bits` highest bits may differ from 0."""
+    # zero low bits compress better
     step = 1 << (8 - bits)
     return rounded_bytes(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)
 

@@ -1,9 +1,8 @@
 """Streamed SOG (PlayCanvas): a `lod-meta.json` with a tree of tiles, and SOG files (chunks) for each level of detail.
 
-A chunk is a folder with its `meta.json`, or a bundled `.sog`. A leaf of the tree names, for each of its levels (0 is
-the finest), a chunk and a range of consecutive Gaussians in that chunk. The optional environment is one more SOG file
-with Gaussians outside the tree, such as the sky; it has only one level. The reader takes the finest level of each leaf
-whose chunk is available, and the environment.
+A leaf of the tree names, for each of its levels (0 is the finest), a chunk and a range of Gaussians in that chunk. The
+optional environment is one more SOG file with Gaussians outside the tree, such as the sky. The reader takes the finest
+available level of each leaf, and the environment.
 """
 
 import logging
@@ -131,7 +130,7 @@ def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
         here: False for chunks that are missing.
 
     Returns:
-        For each chunk, the index of the first chunk that is the same file. A missing chunk has its own index.
+        For each chunk, the index of the first chunk that is the same file.
     """
     first: dict[tuple[int, int], int] = {}
     found = []
@@ -156,7 +155,7 @@ def _finest(
     Args:
         index: Path of the `lod-meta.json`, for messages.
         content: Its parsed content.
-        chunks: Paths of the chunks (`_chunks`).
+        chunks: Paths of the chunks.
 
     Returns:
         Four values:
@@ -232,8 +231,6 @@ def _read_pieces(
 ) -> Splats:
     """Reads the selected ranges of Gaussians from all chunks, and concatenates them.
 
-    Logs a warning if chunks have Gaussians that no level of the tree contains.
-
     Args:
         index: Path of the `lod-meta.json`, for messages.
         chunks: Paths of the chunks.
@@ -265,7 +262,7 @@ def _read_pieces(
 
 
 def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Enlarges the arrays in which Gaussians are collected, and copies the Gaussians read so far.
+    """Returns larger arrays for the Gaussians of a scene, with the Gaussians read so far.
 
     Args:
         joined: Arrays of the Gaussians that were read so far; None for the first allocation.

@@ -1,8 +1,7 @@
 """Reads and writes OpenUSD scenes with Gaussians (prims of the type `ParticleField3DGaussianSplat`), by usd-core.
 
-The values in a prim have the units of `Splats`: linear sizes, and opacities from 0 to 1. Transforms of prims are
-applied. A stage with y up is rotated to the axes of 3DGS (right, down, forward); a stage with z up keeps its axes. A
-prim with time samples is a sequence, with one frame for each sample.
+Sizes are linear, and opacities from 0 to 1. A stage with y up is rotated to the axes of 3DGS (right, down, forward); a
+stage with z up keeps its axes. A prim with time samples is a sequence, with one frame for each sample.
 """
 
 import json
@@ -69,8 +68,8 @@ class UsdFrames:
 def read_usd(path: Path) -> FileContent:
     """Reads all visible Gaussians of an OpenUSD scene (`.usd`, `.usda`, `.usdc`, `.usdz`), and its metadata.
 
-    Transforms are applied; a translation to coordinates far from 0 that all prims share becomes the origin. If values
-    have time samples, the first sample is read.
+    Transforms are applied; a translation to coordinates far from 0 that all prims share becomes the origin. Of a
+    sequence, the first frame is read.
 
     Raises:
         DatasetError: If usd-core cannot open the file, or the Gaussians are missing, incomplete or too many.
@@ -84,7 +83,7 @@ def usd_frames(path: Path) -> UsdFrames | None:
     """Returns the frames of a moving OpenUSD scene; None if its Gaussians have values at fewer than two times.
 
     Raises:
-        DatasetError: If usd-core cannot open the file, there are too many frames, or their rate is no number above 0.
+        DatasetError: If usd-core cannot open the file, or its frames are too many or have no valid rate.
     """
     (frames,) = answers_about(TIMES, path)
     return None if frames is None else UsdFrames(path, tuple(frames[0]), frames[1])
@@ -93,7 +92,7 @@ def usd_frames(path: Path) -> UsdFrames | None:
 def write_usd(
     parts: Iterable[Splats], path: Path, *, origin: Origin = NO_ORIGIN, metadata: SceneMetadata = NO_METADATA
 ) -> int:
-    """Writes all Gaussians as one prim; the origin is the translation of its parent. See `write_splats`.
+    """Writes all Gaussians to an OpenUSD file as one prim (arguments as for `write_splats`).
 
     The suffix of the file name sets the encoding: text (`.usda`), binary (`.usd`, `.usdc`) or a package (`.usdz`).
     """
@@ -154,7 +153,7 @@ class _Writer:
         self._prim.CreateRadianceSphericalHarmonicsDegreeAttr(degree)
 
     def put(self, splats: Splats, time: Usd.TimeCode) -> None:
-        """Writes the attributes of one frame: sets the value of each attribute at a time."""
+        """Writes the attributes of one frame."""
         turned, prim = splats if self._flips == KEPT_AXES else flipped(splats, self._flips), self._prim
         prim.CreatePositionsAttr().Set(_vectors(turned.means), time)
         orientations = Vt.QuatfArray.FromNumpy(_contiguous(np.roll(turned.quats, -1, axis=1)))
