@@ -73,7 +73,7 @@ class StreamVariant:
         picture: Renders a stream with losses; None to use only the distortion model.
         concealment_bytes: Bytes of the side information for loss concealment, which count as redundancy.
         preview_bytes: Bytes of the preview, which count as redundancy.
-        blank_psnr: PSNR of a transfer without side information, decibels.
+        blank_psnr: PSNR of a transfer without side information, that of the preview if there is one, decibels.
 
     Raises:
         InvalidValueError: If numbers of tiers differ, or a size is out of range.

@@ -25,7 +25,7 @@ class Plan:
         variant: Index of the chosen stream variant.
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
         lost: Mean lost fraction of each importance tier, or of each group's motion.
-        sent_bytes: Bytes sent within the budget, without retransmissions.
+        sent_bytes: Bytes sent within the budget, without retransmissions of keyframe packets.
     """
 
     protection: Protection
