@@ -26,7 +26,7 @@ class BuiltLevels:
     Attributes:
         scene: Gaussians of all levels.
         order: Index in the original scene of each Gaussian of the finest level, int64.
-        old: Mask of Gaussians that are unchanged copies of original ones, bool (N); the others were merged.
+        old: Mask of Gaussians that were not merged to build their level, bool (N).
         errors: Error of each tile, float64 (tiles of all levels, coarsest first): root mean square distance between
             original Gaussians and those that replace them, world units.
     """

@@ -142,7 +142,7 @@ class LiveDecoder:
             self._memory = after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
-        """Stores the received packets of a group in the decoder, and drops those of earlier groups."""
+        """Decodes new keyframe packets, and stores the motion packets of a group."""
         self._store_keyframes(decoder, manifest, whole=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:

@@ -89,7 +89,7 @@ class KeyframeEncoder:
 
     @property
     def shots(self) -> tuple[Shot, ...]:
-        """Side information of the keyframe Gaussians encoded so far, divided at scene cuts."""
+        """Side information of the keyframe Gaussians encoded so far; a new one may begin at a scene cut."""
         shots, block = list[Shot](), 0
         for first_group, infos in self._infos:
             boxes = [info.boxes for info in infos]
@@ -144,7 +144,7 @@ class KeyframeEncoder:
         return coded
 
     def _begin_shot(self, fitted: "_Fitted", group: int) -> CodedKeyframes:
-        """Encodes the keyframe Gaussians of the first group of frames after a scene cut."""
+        """Encodes the keyframe Gaussians of a group of frames with new quantisation steps and context tables."""
         self._infos.append((group, [fitted.info]))
         self._like, self._level = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
@@ -174,13 +174,13 @@ class KeyframeEncoder:
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
     def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, level: int) -> SplatCoding:
-        """Returns the quantisation parameters since the last scene cut, for further Gaussians.
+        """Returns the current quantisation parameters, for further Gaussians.
 
         Args:
             splats: The Gaussians to encode.
             classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for `level`.
-            info: Side information of the keyframe Gaussians since the last scene cut.
-            level: Median precision class of the first of these Gaussians.
+            info: Current side information.
+            level: Median precision class of the first Gaussians that were encoded with these parameters.
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
         levels = np.full(count, level, np.uint8) if classes is None else levels_of(classes, count, most)

@@ -41,7 +41,7 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Groups of frames between two scene cuts, whose keyframe Gaussians share quantisation steps and context tables.
+    """Consecutive groups of frames whose keyframe Gaussians share quantisation steps and context tables.
 
     Attributes:
         first_group: Index of the first group.
@@ -61,7 +61,7 @@ class SequenceInfo:
     Attributes:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
-        shots: Side information of the keyframe Gaussians, divided at scene cuts.
+        shots: Side information of the keyframe Gaussians; a new one may begin at a scene cut.
         coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, by
             kind of channel, int64 (kinds).
         bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
@@ -79,7 +79,7 @@ class SequenceInfo:
 
     @property
     def keyframes(self) -> KeyframeInfo:
-        """Side information of the keyframe Gaussians before the first scene cut."""
+        """Side information of the keyframe Gaussians of the first group."""
         return self.shots[0].info
 
     def shot_of(self, block: int) -> tuple[KeyframeInfo, int]:
