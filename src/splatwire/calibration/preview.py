@@ -177,7 +177,7 @@ class _Fit:
         return self._behind.values * np.float32(BACKGROUND_RATE)
 
     def _initial_gaussians(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[np.ndarray, "G 10"]]:
-        """Chooses random visible elements of the scene, with whose Gaussians the fit begins.
+        """Chooses the Gaussians with which the fit begins, at random visible elements of the scene.
 
         Returns:
             The value ranges for quantisation; and the parameters of the Gaussians, as in `PreviewFrame.values`.

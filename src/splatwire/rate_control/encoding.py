@@ -162,7 +162,7 @@ def _prune_and_tune(
     tuning: Tuning,
     progress: Progress,
 ) -> "_Plan":
-    """Prunes and fine-tunes a scene so that its stream has a target size or PSNR, or slightly more.
+    """Prunes and fine-tunes a scene so that its stream has a target size or PSNR.
 
     Args:
         plan: The scene before pruning.
@@ -315,7 +315,7 @@ class _Plan:
         return before.scene.select(best), before.classes[best]
 
     def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
-        """Removes fine-tuned Gaussians to save bytes, because their stream exceeds the wanted PSNR.
+        """Removes some fine-tuned Gaussians, to save bytes, from a scene that exceeds the wanted PSNR.
 
         Args:
             found: Stream of all Gaussians of this plan.
@@ -346,7 +346,7 @@ class _Plan:
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates the share of Gaussians that is enough for the PSNR of a given stream, if they are fine-tuned.
+        """Estimates which share of the Gaussians, once fine-tuned, is enough for the PSNR of a given stream.
 
         Args:
             untuned: The stream, without fine-tuning.

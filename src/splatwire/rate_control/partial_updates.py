@@ -127,7 +127,7 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
-        """Returns the Gaussians that the receivers have, in the order of the new ones, and their mask."""
+        """Returns the Gaussians that the receivers have, in the order of the new ones, and a mask of the known ones."""
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)
@@ -135,7 +135,7 @@ class PartialUpdates:
 
 
 def _scene_size(splats: Splats) -> float:
-    """Returns the median distance of Gaussians from their median position, above 0, world units."""
+    """Returns the median distance of Gaussians from their median position, world units."""
     return float(np.median(np.linalg.norm(splats.means - np.median(splats.means, axis=0), axis=1))) + MIN_SIZE
 
 

@@ -88,12 +88,12 @@ class PruningCurve:
         return float(np.interp(share, self.shares, self.errors))
 
     def share(self, error: float) -> float:
-        """Returns the smallest share of Gaussians to keep with at most this mean squared error of pictures."""
+        """Returns the smallest share of Gaussians to keep so that pictures have at most a given mean squared error."""
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level, for the smallest stream of its quality.
+        """Returns the share of Gaussians to keep at a quantisation level, so that the stream is smallest for its PSNR.
 
         Args:
             level: Quantisation level (`Quality.level`).

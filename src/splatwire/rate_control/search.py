@@ -45,8 +45,9 @@ def search(
         least: Minimum width of the interval that is searched, below which the search gives up.
 
     Returns:
-        The argument of the last call of the function; None if none was found.
+        The argument with an accepted value; None if none was found.
     """
+    # It is the argument of the last call of the function.
     # There are at most `TRIALS` calls.
     low, high, at = *ends, min(max(start, ends[0]), ends[1])
     below: tuple[float, float] | None = None

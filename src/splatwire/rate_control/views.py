@@ -113,7 +113,8 @@ class SourcePictures:
         return images
 
     def mean_psnr(self, scene: Scene) -> float:
-        """Returns the mean PSNR of a scene, decibels, over all views with a difference; infinite without such views."""
+        """Returns the mean PSNR of a scene over all views, decibels; infinite if no view differs."""
+        # Views without any difference are left out.
         finite = [value for value in self.psnr(scene).tolist() if math.isfinite(value)]
         return statistics.fmean(finite) if finite else math.inf
 

@@ -97,7 +97,7 @@ class _Band(NamedTuple):
 
 
 class Picture:
-    """Drawing of one view on the CPU, with the gradients of the picture; contains the projected Gaussians.
+    """Drawing of one view on the CPU, and the gradients of the picture.
 
     Args:
         arrays: Means, quats, scales, opacities, colors.

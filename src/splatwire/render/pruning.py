@@ -1,13 +1,13 @@
 """Pruning: removal of the elements with the least effect on images.
 
-The squared image error of removing a Gaussian is the sum of the squared gradients of all pixels with respect to its
-opacity. It is estimated from the gradient of the sum of all pixels, each multiplied by a random sign (-1 or 1).
+The image error of a removal is estimated from gradients with respect to the opacity.
 """
 
 # Removing a Gaussian sets its opacity to 0. An image is an affine function of the opacity of each single Gaussian, so
-# the effect of the removal follows from the gradient. To compute the squared error exactly would take one
-# back-propagation per pixel. The gradient of the random sum takes one; the expected value of its square is the squared
-# error.
+# the effect of the removal follows from the gradient. The squared error is the sum of the squared gradients of all
+# pixels. To compute it exactly would take one back-propagation per pixel. It is estimated from the sum of all pixels,
+# each multiplied by a random sign (-1 or 1). The gradient of this sum takes one back-propagation; the expected value of
+# its square is the squared error.
 
 import math
 from collections.abc import Callable, Iterator

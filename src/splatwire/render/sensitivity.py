@@ -108,7 +108,7 @@ class GatheredGradients:
         self.fields = [np.zeros(values.shape, np.float32) for values in vars(gaussians).values()]
 
     def add(self, some: slice, *gradients: np.ndarray) -> None:
-        """Stores the gradients of the Gaussians in the range `some`: of means, quats, scales, opacities and colors."""
+        """Stores the gradients of means, quats, scales, opacities and colors for the Gaussians in the range `some`."""
         for whole, part in zip(self.fields, gradients, strict=True):
             whole[some] = part
 

@@ -46,12 +46,12 @@ def create_training_renderer(device: torch.device) -> TrainingRenderer:
 
 
 def reference() -> Renderer:
-    """Returns the reference renderer (`render_reference`) with numpy arrays as inputs and outputs."""
+    """Returns the reference renderer for numpy arrays."""
     return of_arrays(render_reference)
 
 
 def gsplat() -> Renderer:
-    """Returns the GPU renderer (gsplat) with numpy arrays as inputs and outputs.
+    """Returns the GPU renderer (gsplat) for numpy arrays.
 
     Raises:
         BackendUnavailableError: If gsplat is not installed, or no CUDA device is found.
@@ -60,7 +60,7 @@ def gsplat() -> Renderer:
 
 
 def of_arrays(draw: Callable[..., Any]) -> Renderer:
-    """Wraps a renderer of torch tensors so that its inputs and outputs are numpy arrays."""
+    """Wraps a renderer of torch tensors as a renderer of numpy arrays."""
 
     def render(gaussians: Any, cameras: Any, *, background: Any) -> Any:
         return to_arrays(draw(to_tensors(gaussians), to_tensors(cameras), background=to_tensors(background)))

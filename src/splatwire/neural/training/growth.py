@@ -29,7 +29,7 @@ def gather_statistics(
     cameras: Cameras,
     view: int,
 ) -> None:
-    """Adds the opacities and gradients of one view to the statistics for adding and removing anchors.
+    """Updates the statistics for adding and removing anchors with the opacities and gradients of one view.
 
     Args:
         state: State of the training; the statistics are changed in place.

@@ -45,14 +45,14 @@ class Loss:
 
     Attributes:
         known: True for received anchors.
-        size_gain: Factor on the sizes of each anchor's Gaussians; 1 for lost anchors.
+        size_gain: Factor on the sizes of each anchor's Gaussians.
     """
 
     known: Bool[Tensor, "N"]
     size_gain: Float[Tensor, "N"]
 
     def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
-        """Selects the received ones of the visible anchors, for rendering.
+        """Selects those of the visible anchors that were received, for rendering.
 
         Args:
             visible: Indices of the visible anchors.
