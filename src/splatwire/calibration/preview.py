@@ -88,8 +88,8 @@ class PreviewResult:
     Attributes:
         section: Bytes of the section `preview` of the side information.
         num_gaussians: Number of Gaussians of the preview.
-        psnr: Mean PSNR in decibels of pictures of the background only, of the preview, and of the complete scene, by
-            the names `background`, `preview` and `complete`.
+        psnr: Mean PSNR in decibels by name of the pictures: `background` (background colour only), `preview`, or
+            `complete` (complete scene).
         seconds: Duration of the fit in seconds.
     """
 

@@ -143,7 +143,7 @@ class GaussianSketch:
 
 
 def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
-    """Returns about the largest number of copies that fit into a given number of bytes, never more.
+    """Returns nearly the largest number of copies that fit into a given number of bytes.
 
     Args:
         size: Function that returns the encoded bytes of a number of copies.
@@ -153,6 +153,7 @@ def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
     Raises:
         InvalidValueError: If not even one copy fits.
     """
+    # The result always fits.
     low, high, tried = 0, min(most, MAX_COPIES) + 1, round(limit / _BYTES_OF_COPY)
     while high - low > 1:
         tried = min(max(tried, low + 1), high - 1)

@@ -35,8 +35,8 @@ class CalibrationViews(CheckedFields):
         photo: Function that returns the photo of a view, by its index; None to compare with pictures of the complete
             scene.
         background: RGB of the background; None for the background of the scene's training.
-        mask: Function that returns the mask of pixels that are compared in a view, by its index, or None; None without
-            masks.
+        mask: Function that returns the mask of a view by its index, True for pixels that are compared; None to compare
+            all pixels.
     """
 
     cameras: Cameras

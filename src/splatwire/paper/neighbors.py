@@ -26,7 +26,7 @@ class TensorTree:
 def nearest_other_points(
     tree: TensorTree, points: Float[Tensor, "Q 3"], own: Int64[Tensor, "Q"], k: int
 ) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-    """Finds the nearest neighbours of points of a search tree among the other points of the tree.
+    """Finds the nearest neighbours of some points of a search tree, without the points themselves.
 
     Args:
         tree: The search tree.

@@ -114,8 +114,9 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated change of the value whose gradients were collected if each Gaussian is removed, up to the sign."""
-        # The estimate is the derivative with respect to a factor on the Gaussian's opacity.
+        """Estimated effect of removing each Gaussian on the value whose gradients were collected."""
+        # The estimate is the derivative with respect to a factor on the Gaussian's opacity; the sign of the effect is the
+        # opposite.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 

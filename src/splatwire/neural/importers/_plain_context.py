@@ -15,7 +15,7 @@ _MIN_SPREAD = 1e-6
 
 
 def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel, ModelConfig]:
-    """Builds a context model with the same prediction for every anchor: mean and standard deviation over all anchors."""
+    """Builds a context model that predicts the same for every anchor: mean and standard deviation of all anchors."""
     anchors = to_tensors(anchors)
     offsets = anchors.offsets.flatten(1)
     groups = [(t.mean(dim=0), t.std(dim=0, correction=0).clamp(min=_MIN_SPREAD))

@@ -220,7 +220,7 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns how many bits the mask of each offset takes, if the offset exists and if it does not.
+    """Returns the bits of each offset's mask, if the offset exists and if it does not.
 
     Args:
         predicted: Predictions of the causal model.

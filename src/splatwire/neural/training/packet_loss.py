@@ -229,7 +229,7 @@ class PacketLosses:
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
-    """Returns the index of each anchor's packet, in sending order, for anchors in coding order.
+    """Returns the index of each anchor's packet; anchors are in coding order, packets in sending order.
 
     Args:
         packetization: Rule by which anchors are split into packets.

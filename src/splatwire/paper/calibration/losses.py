@@ -122,7 +122,7 @@ def parameter_losses(
 
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
-    """Returns the indices and distances of the nearest other lost anchors of each lost anchor in a batch."""
+    """Returns the nearest other lost anchors of each lost anchor in a batch: indices and distances."""
     everything = torch.arange(len(positions), device=positions.device)
     return nearest_other_points(TensorTree(positions), positions, everything, neighbors)
 

@@ -37,8 +37,7 @@ class Branch:
     def fused(self, threshold: float) -> Float[Tensor, "Q D"]:
         """Returns the final values of the attribute for each lost anchor (query).
 
-        From the confidence `threshold` on, the estimates of network and interpolation are blended. Below, the
-        interpolation is used.
+        Where the confidence is at least `threshold`, both estimates are blended; elsewhere, the interpolation is used.
         """
         # The paper's soft blend: c times the network's estimate plus 1 - c times the interpolation.
         blend = self.confidence * self.predicted + (1 - self.confidence) * self.interpolated

@@ -39,7 +39,7 @@ def short_float(index: int | np.ndarray) -> np.ndarray:
 
 
 def short_float_index(value: np.ndarray | float) -> np.ndarray:
-    """Returns the index, in the code of `short_float`, of the nearest number to each positive value."""
+    """Returns the `short_float` index of the number nearest to each positive value."""
     fraction, exponent = np.frexp(np.clip(np.asarray(value, dtype=np.float64), 2.0**-_MAX_EXPONENT, 2.0**_MAX_EXPONENT))
     eighths = np.rint((2 * fraction - 1) * 8)
     return (
