@@ -115,8 +115,7 @@ class GatheredGradients:
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
         """Estimated effect of removing each Gaussian on the value whose gradients were collected."""
-        # The estimate is the derivative with respect to a factor on the Gaussian's opacity; the sign of the effect is the
-        # opposite.
+        # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 

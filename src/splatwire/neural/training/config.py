@@ -128,6 +128,10 @@ class GrowthRules:
         first_pruning: First iteration in which anchors may be removed.
     """
 
+    # Half of `seen_share` is the minimum for an offset near which an anchor is added. At each change, a grid cell
+    # without an anchor gets at most one; grids with cells below one voxel are skipped. `first_pruning` is the same
+    # for any length of the training: random initial points are mostly transparent until the networks are trained.
+
     gradient_threshold: float = 0.0002
     seen_share: float = 0.8
     min_opacity: float = 0.005
@@ -206,12 +210,15 @@ class LossTraining:
     """Simulated packet loss in training (`neural.training.packet_loss`).
 
     Attributes:
-        models: Loss models in the syntax of `splatwire.channel.parse_loss`; empty for no packet loss.
+        models: Loss models in the syntax of `splatwire.channel.parse_loss`, chosen at random; empty for no packet loss.
         first: Shares of the anchors, most important ones first, that arrive if only the first quality tiers of a stream
             are received.
         packets: Names of packetizations (`packetization_named`), chosen at random.
         share: Share of the iterations with packet loss in the last phase of the training.
     """
+
+    # An iteration with packet loss uses one of `models` or one of `first` at random. With fine-tuning, packet loss
+    # is simulated only there, otherwise once the set of anchors is fixed.
 
     models: tuple[str, ...] = ()
     first: tuple[float, ...] = ()
@@ -249,7 +256,8 @@ class TrainConfig(CheckedFields):
         seed: Seed of all random numbers.
     """
 
-    # The networks of the causal model are as wide as the channel networks.
+    # The networks of the causal model are as wide as the channel networks. There is at most one random initial point
+    # per four pixels of a view.
 
     preset: str = "mipnerf360"
     model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)

@@ -72,6 +72,8 @@ class RelocationRules:
         noise: Strength of the random displacements of the centres in the first iteration.
     """
 
+    # `growth` is larger if the budget would otherwise not be reached.
+
     # The standard deviation of a displacement along an axis is `noise` times the variance of the Gaussian, divided
     # by the extent of the cameras. It decreases with the learning rate of the centres.
 
