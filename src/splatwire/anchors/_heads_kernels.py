@@ -227,7 +227,7 @@ def _write(n, k, at, anchors, gains, numbers, out):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers, other_layers, slopes):
-    """Generates the Gaussians of the visible anchors in a range, ordered by anchor; opacities are at least 1/255.
+    """Generates the Gaussians of the visible anchors in a range, ordered by anchor.
 
     Args:
         first: Index of the first anchor.

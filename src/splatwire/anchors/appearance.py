@@ -23,7 +23,7 @@ from splatwire.types.splats import Splats
 
 
 def scene_of(loaded: Scene | ReceivedScene) -> Scene:
-    """Returns the scene in a decoder's result, without the information on losses; returns a scene unchanged."""
+    """Returns the scene of a decoder's result; a scene is returned unchanged."""
     return loaded.scene if isinstance(loaded, ReceivedScene) else loaded
 
 

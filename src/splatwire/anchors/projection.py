@@ -1,6 +1,6 @@
 """Perspective projection of 3D Gaussians to 2D Gaussians on the image (EWA), with the conventions of 3DGS.
 
-Image coordinates are those of 3DGS: the centre of the top-left pixel is (0, 0), half a pixel less than in `Cameras.Ks`.
+In image coordinates, the centre of the top-left pixel is (0, 0); in `Cameras.Ks`, it is (0.5, 0.5).
 """
 
 from dataclasses import dataclass

@@ -154,7 +154,7 @@ def is_file(path: Path, source: Path) -> bool:
 
 
 def check_distinct(source: Path, names: Sequence[str], photos: Sequence[Path | None]) -> None:
-    """Checks that no photo is listed for two views, which could be in different splits.
+    """Checks that no photo belongs to two views.
 
     Args:
         source: File with the list of views, for messages.

@@ -278,7 +278,7 @@ def _warn_of_copies(
     split: str,
     tests: Sequence[ColmapView | TransformsView],
 ) -> None:
-    """Logs a warning about test photos that are copies of training photos; not if the training split is opened.
+    """Logs a warning about test photos that are copies of training photos, unless the training split is opened.
 
     Args:
         source: File or folder with the list of views, for messages.
@@ -378,9 +378,9 @@ def _cameras(
     max_width: int | None,
     upright: bool,
 ) -> tuple[Cameras, tuple[Undistortion | None, ...]]:
-    """Returns the cameras, scaled to the size with which photos are loaded, and the lens undistortion of each view.
+    """Returns the cameras, scaled to the size of the loaded photos, and the lens undistortion of each view.
 
-    The undistortion of a pinhole view is None; the tuple is empty if there are no other views.
+    The undistortion of a pinhole view is None.
 
     Args:
         source: File or folder with the views, for messages.

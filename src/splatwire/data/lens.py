@@ -174,7 +174,7 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if the photo covers the whole pinhole image at this zoom, and no point of it would be seen twice.
+    """True if the photo covers the whole pinhole image at this zoom, and no two pixels show the same point.
 
     Args:
         lens: The lens.

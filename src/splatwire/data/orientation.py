@@ -22,7 +22,7 @@ def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
 
 
 def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
-    """True if the cameras refer to photos as rotated by EXIF, False if to the stored pixels; equal for all photos.
+    """True if the cameras refer to photos as rotated by their EXIF orientation, False if to the stored pixels.
 
     Args:
         views: The cameras.

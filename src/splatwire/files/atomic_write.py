@@ -1,7 +1,7 @@
 """Atomic writing of files and folders; all output of the package uses it.
 
-Output is written to a hidden folder next to the target, and finally renamed. If a writer is killed, the next one in the
-same folder removes the rest.
+Output is written to a hidden folder next to the target, and finally renamed. If a writer is killed, the next writer in
+the same folder cleans up.
 """
 
 import errno
@@ -128,7 +128,7 @@ def _resolved_target(path: Path) -> Path:
 
 
 def _replaceable(path: Path) -> bool:
-    """True if this user may rename an existing output, which in sticky folders such as /tmp only its owner may."""
+    """True if this user may replace an existing output; in sticky folders such as /tmp, only its owner may."""
     user, found, folder = os.geteuid() if hasattr(os, "geteuid") else 0, path.stat(), path.parent.stat()
     if path.is_dir() and not os.access(path, os.W_OK):
         return False
@@ -136,17 +136,14 @@ def _replaceable(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Cleans up after killed writers: removes their temporary folders, and restores folders that they moved aside.
-
-    Only folders of this user that are closed to others and not locked by a running writer are touched. Symbolic links
-    are not followed.
-    """
+    """Cleans up after killed writers: removes their temporary folders, and restores folders that they moved aside."""
     if fcntl is None:
         return
     with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
         for name in [entry.name for entry in os.scandir(parent) if _WORKSPACE.fullmatch(entry.name)]:
             # `folder` may be from an untrusted archive that contains imitations of such folders
             with suppress(OSError), _opened_folder(name, parent) as space:
+                # folders of running writers are locked
                 if _is_workspace(space) and _lock(space):
                     _restore(space, parent)
                     shutil.rmtree(name, ignore_errors=True, dir_fd=parent)

@@ -46,7 +46,7 @@ class OpenedFile(_NativePath):
     def reader(self) -> BufferedReader | None:
         """Returns a file object to read the open file from its first byte; None if it is not open.
 
-        The caller closes it, and uses only the newest one.
+        The caller closes it. All such objects share one position in the file.
         """
         if self._file is None:
             return None

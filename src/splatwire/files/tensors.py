@@ -145,7 +145,7 @@ def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callabl
 
 
 def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_Storage], bytes]]:
-    """Parses a file from before PyTorch 1.6, with the result of `_read_archive`."""
+    """Parses a file from before PyTorch 1.6; returns the same as `_read_archive`."""
     found = dict[str, bytes]()
     with open_regular(path, error) as file:
         magic, protocol, _, content, keys = (_interpreted(file) for _ in range(_OLD_DESCRIPTIONS))

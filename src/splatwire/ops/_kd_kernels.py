@@ -50,7 +50,7 @@ def _widest(points, order, begin, end):
 @njit()
 @no_type_check
 def _select(points, axis, order, low, high, wanted):
-    """Puts the points before and after `order[wanted]` that belong there in sorted order (quickselect)."""
+    """Partially sorts a range of `order` by one coordinate, until the element at `wanted` is in place (quickselect)."""
     while low < high:
         pivot = _middle_of_three(points, axis, order, low, high)
         left, right = low - 1, high + 1

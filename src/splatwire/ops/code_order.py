@@ -1,4 +1,4 @@
-"""Sorting of more elements than fit in memory with their keys."""
+"""Sorting of elements by integer codes that need not fit in memory."""
 
 import itertools
 from collections.abc import Callable, Iterator

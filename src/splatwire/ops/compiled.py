@@ -34,7 +34,7 @@ def _supports_option(option: str) -> bool:
 
 
 def _skip_scipy_import() -> None:
-    """Prevents numba from importing scipy's linear algebra at start, which is slow."""
+    """Prevents the slow import of scipy's linear algebra by numba at start."""
     with suppress(ImportError, AttributeError):
         # numba only checks at start if scipy is present; it imports it when a kernel has matrix products
         from numba.np import linalg

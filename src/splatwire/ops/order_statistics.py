@@ -44,7 +44,7 @@ def middle_ranks(count: int) -> list[int]:
 
 
 def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray:
-    """Computes quantiles of numbers that are too many for memory, as `np.quantile`.
+    """Computes quantiles as `np.quantile`, of numbers that need not fit in memory.
 
     Args:
         pieces: Function that yields the numbers; called several times.

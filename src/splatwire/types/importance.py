@@ -51,7 +51,7 @@ class Importance:
         return chosen
 
     def tiers(self, fractions: Sequence[float], among: Bool[np.ndarray, "N"] | None = None) -> UInt8[np.ndarray, "N"]:
-        """Divides anchors into importance tiers; tier 0 is the most important, the last contains all others.
+        """Divides anchors into groups (tiers) by importance; tier 0 is the most important.
 
         Args:
             fractions: Share of the anchors in each tier except the last, 0 to 1; (0.05, 0.15) makes three tiers.

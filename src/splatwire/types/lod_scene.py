@@ -25,7 +25,7 @@ class LevelScene(SplatScene):
     __repr__ = summary_repr
 
     def select(self, index: np.ndarray) -> "LevelScene":
-        """Returns the scene with the Gaussians at `index`, which is in ascending order."""
+        """Returns the scene with the Gaussians at the ascending indices `index`."""
         chosen = np.zeros(self.num_elements, np.bool_)
         chosen[index] = True
         left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))

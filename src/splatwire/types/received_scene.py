@@ -21,7 +21,7 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Protocol of predictions for every Gaussian or anchor (element), received or lost, from the side information."""
+    """Protocol of predictions from the side information, for every Gaussian or anchor (element), received or lost."""
 
     @property
     def num_elements(self) -> int:
@@ -170,7 +170,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
-        """Typical size of elements as important as each element; None if it was not sent."""
+        """Typical size in the importance class of each element; None if it was not sent."""
         tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 

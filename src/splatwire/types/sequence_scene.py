@@ -87,7 +87,7 @@ class GroupMotion:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Tracks of a sequence, each of which is one Gaussian over time: first state and lifetime.
+    """First state and lifetime of each track of a sequence; a track is one Gaussian over time.
 
     Attributes:
         splats: State of each track in its first frame (its keyframe Gaussian).

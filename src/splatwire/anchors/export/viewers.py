@@ -1,4 +1,4 @@
-"""Converts Gaussians to the arguments of Python viewers (viser, Rerun), which are no dependencies of this package.
+"""Converts Gaussians to the arguments of the Python viewers viser and Rerun.
 
 server.scene.add_gaussian_splats("/scene", **viser_arguments(splatwire.open_scene("scene.swz")))
 rerun.log("scene", rerun.GaussianSplats3D(**rerun_arguments(splatwire.open_scene("scene.swz"))))

@@ -1,6 +1,6 @@
 """Numba kernels that code the sketch (coarse copies of anchors) with an adaptive binary range coder.
 
-Each kernel encodes the values in its arguments, or decodes values and stores or returns them, depending on its `Coder`.
+Depending on its `Coder`, a kernel encodes or decodes values.
 """
 
 from typing import Any, NamedTuple, no_type_check

@@ -121,7 +121,7 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """A received scene in which copies replace lost anchors, with the inputs of the enlargement around the other ones.
+    """A received scene in which copies replace lost anchors, prepared for enlarging anchors next to other lost ones.
 
     Attributes:
         filled: Scene in which anchors with a copy count as received; at least one anchor is drawn.
@@ -135,7 +135,7 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Prepares the enlargement of anchors next to lost ones; this is the slowest part of the concealer.
+        """Prepares the enlargement of anchors next to lost ones.
 
         Args:
             filled: Received scene in which coarse copies have replaced lost anchors.

@@ -101,9 +101,9 @@ def _query_neighbors(
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns the opacity factor in each frame of lost tracks that may begin in a group of pictures.
+    """Returns opacity factors for lost tracks that may begin in a group of pictures, one for each frame.
 
-    It is the fraction of the received tracks that have begun, as the probability that a lost track has begun.
+    A factor is the fraction of the received tracks that have begun by then.
 
     Args:
         begins: First frame of each received track, from the start of the group.

@@ -51,7 +51,7 @@ def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 
 def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Moves entries of a code book without values to where the quantisation error is largest.
+    """Moves unused entries of a code book to where the quantisation error is largest.
 
     Args:
         ordered: The values, ascending.

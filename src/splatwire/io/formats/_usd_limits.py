@@ -53,7 +53,7 @@ class Limits:
 
     @property
     def memory(self) -> int:
-        """Memory beyond that of the process before, bytes."""
+        """Additional memory that this process may use, bytes."""
         binary = self._bytes + self._most_gaussians  # the previous frame may still be in memory
         return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
 
@@ -85,18 +85,18 @@ class Limits:
         self._set()
 
     def restart(self) -> None:
-        """Starts the limits of time again, such as for the next frame."""
+        """Restarts the time limits, e.g. for the next frame."""
         self._gaussians = 0
         self._since, self._since_clock = time.process_time(), time.monotonic()
         self._set()
 
     def pause(self) -> None:
-        """Stops the limit of time by the clock, until `resume`."""
+        """Pauses the wall-clock limit, until `resume`."""
         faulthandler.cancel_dump_traceback_later()
         self._paused = time.monotonic()
 
     def resume(self) -> None:
-        """Continues the limit of time by the clock after `pause`."""
+        """Continues the wall-clock limit after `pause`."""
         self._since_clock += time.monotonic() - self._paused
         self._set()
 

@@ -1,4 +1,4 @@
-"""Reading of OpenUSD scenes in a process of its own, because usd-core may crash in a damaged file."""
+"""Reading of OpenUSD scenes in a separate process, because usd-core may crash on damaged files."""
 
 import json
 import logging
@@ -28,7 +28,7 @@ _ONE_THREAD = ("PXR_WORK_THREAD_LIMIT", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS
 
 
 def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
-    """Reads a scene in a process of its own, and logs its warnings.
+    """Reads a scene in a separate process, and logs its warnings.
 
     Args:
         task: A task of `_usd_worker`.

@@ -36,7 +36,7 @@ class _Sender(logging.Handler):
         self._sink, self._limits = sink, limits
 
     def send(self, key: str, value: Any, arrays: tuple[np.ndarray, ...] = ()) -> None:
-        """Writes a message, and arrays after it."""
+        """Writes a message, followed by arrays."""
         self._limits.pause()  # the receiver may take any time
         self._sink.write(json.dumps({key: value}).encode() + b"\n")
         for array in arrays:

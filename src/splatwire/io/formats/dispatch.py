@@ -329,7 +329,7 @@ def kept_facts(
     metadata: SceneMetadata = NO_METADATA,
     note: PlyNote | None = None,
 ) -> dict[str, Any]:
-    """Selects the properties of a scene that a file format can store, and logs a warning about each other one.
+    """Selects the properties of a scene that a file format can store, and logs a warning about the others.
 
     Returns:
         The selected properties, as keyword arguments of the format's writer.

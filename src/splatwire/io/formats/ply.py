@@ -248,7 +248,7 @@ def property_names(degree: int) -> list[str]:
 
 
 def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
-    """Returns the header of a PLY file; its length does not depend on the number of Gaussians.
+    """Returns the header of a PLY file, whose length does not depend on the number of Gaussians.
 
     Args:
         count: Number of Gaussians.
