@@ -69,9 +69,8 @@ class Copies(CheckedFields):
     Attributes:
         places: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Strengths chosen by the sender for the concealment of lost Gaussians without a copy: how much the size
-            and the opacity of their neighbours grow, and how much the network of the concealer `scene_free` corrects
-            this.
+        growth: Three strengths of the concealment of lost Gaussians without a copy, chosen by the sender: enlargement
+            of their neighbours, increase of the opacity, and correction by the network of the concealer `scene_free`.
     """
 
     places: Int64[np.ndarray, "C"]

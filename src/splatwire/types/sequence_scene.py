@@ -67,7 +67,7 @@ class GroupMotion:
         ends: Frame after the last frame of each track, from the start of the group, int64 (n).
         at: Function that decodes the changes of the tracks in a frame of the group, float32 (n, C). The channels are:
             position (world units); rotation vector of length `4 * tan(angle / 4)`; natural logarithms of scales
-            (largest first) and opacity; red, green and blue of the constant harmonic.
+            (largest first) and opacity; degree 0 of the spherical harmonics.
         covered: Mask of tracks for which a packet of the group was received, bool (T).
         complete: True if no packet is missing.
         unchanged: True if the group has no motion.

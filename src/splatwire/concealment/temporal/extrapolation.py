@@ -128,7 +128,7 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns how much of a track's deviation from the motion of its neighbours is kept in the next group of pictures.
+    """Returns how much of a track's deviation from its neighbours' motion is kept in the next group of pictures.
 
     Args:
         own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
