@@ -55,6 +55,8 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
         DatasetError: If a file is missing, damaged or of the wrong shape, a network is not finite, or no anchor can
             be rendered. The message names the file.
     """
+    # Positions become the float32 nearest to `index * voxel_size`. The channel-context networks of HAC++'s variant
+    # for Synthetic-NeRF affect only the bit rate, not decoded values.
     # HAC++ writes two kinds of PLY files with the same header. After decoding: linear scalings, and masks of 0 or
     # 1; recognised by masks that are all 0 or 1 and no negative scaling. Before encoding: logarithms and logits,
     # converted by `scaling = exp(value)` and `mask = sigmoid(value) > 0.01`.

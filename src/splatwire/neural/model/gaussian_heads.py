@@ -24,6 +24,8 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
     Returns:
         The Gaussians with positive opacity of all anchors in view, ordered by anchor.
     """
+    # If losses were concealed, the concealer may have hidden anchors and changed sizes and opacities of Gaussians,
+    # but not their positions.
     return generate_spawned(scene, cameras, view).gaussians
 
 

@@ -1,5 +1,8 @@
 """Compiled kernels of the photometric loss."""
 
+# The loops over a row are separate functions so that the compiler vectorises them. The compiler option fast-math is
+# off, so that trainings with the same seed give equal results.
+
 from typing import no_type_check
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Training of the binary hash grid: signs in the forward pass, straight-through gradients (HAC++, hash grid)."""
 
+# Table rows and interpolation weights depend only on the positions, so they are computed once per set of anchors.
+
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,6 +3,11 @@
 The attributes are fixed, and no picture is rendered.
 """
 
+# During training, the attributes change in every iteration, and the rate is estimated from a twentieth of the anchors.
+# Here the networks converge within a minute. The loss is the bits of all attributes under the coder's distributions
+# (HAC++, rate), plus the bits of the hash grid's signs. The rendered scene hardly changes, because quantisation steps
+# hardly change.
+
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

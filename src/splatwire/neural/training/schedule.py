@@ -56,6 +56,7 @@ def second_half(rates: LearningRates) -> LearningRates:
     Args:
         rates: Learning rates of the training.
     """
+    # Only the rate of the masks is used.
     published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)
     halves = {name: LearningRate(math.sqrt(r.initial * r.final), r.final) for name, r in vars(published).items()}
     return LearningRates(**halves)

@@ -133,6 +133,10 @@ class TrainState:
         networks: The networks made of the tensors of `parameters`.
     """
 
+    # The bounds are the corners of the hash grid's bounding box; with the causal model, the middle of the anchors
+    # minus and plus their spread, in voxels. Names of parameters: those of `ANCHOR_PARAMETERS`, `heads.*`,
+    # `grid.*`, `prior.*`, `channel.*`.
+
     iteration: int
     voxels: Int64[Tensor, "N 3"]
     voxel_size: float

@@ -1,5 +1,9 @@
 """Moving, adding and disturbing Gaussians during training (3DGS-MCMC, arXiv 2404.09591)."""
 
+# A nearly transparent Gaussian is useless, so it is moved to the place of a visible one. The visible one and its copies
+# get new opacities and sizes, so that together they look as before. Gaussians are added in the same way, until the
+# budget is reached.
+
 import math
 
 import torch

@@ -81,6 +81,7 @@ def train_gaussians(
         InvalidValueError: If no visible Gaussian is left.
         OSError: If a checkpoint cannot be written.
     """
+    # A fine-tuning that was stopped is repeated from its beginning.
     options, listener = options or RunOptions(), listener or Listener()
     place = training_device(device)
     kernels = choose_kernels(place)
