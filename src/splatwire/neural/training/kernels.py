@@ -91,8 +91,8 @@ class Randomness:
 
     Attributes:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
-        noise: Draws a matrix of uniform random numbers in [0, 1), given numbers of rows and columns.
-        sample: Selects a random subset of a number of anchors; returns indices.
+        noise: Draws a matrix of uniform random numbers in [0, 1), given the number of rows and the numbers of columns.
+        sample: Selects a random subset of anchors, given their number and the share to select; returns indices.
     """
 
     uniform: Uniform

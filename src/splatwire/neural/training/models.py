@@ -20,6 +20,8 @@ class TrainedModel(Protocol):
 
     def begin(self, state: TrainState) -> None:
         """Prepares the model before an iteration."""
+        # An implementation initialises its networks before the first iteration whose loss includes the bit
+        # rate.
 
     def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleBits | None]:
         """Prepares the visible anchors for rendering, and estimates the bits of a random sample of all anchors.
