@@ -112,8 +112,8 @@ class Grow:
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
-        # Otherwise, a few elements next to large holes would cover intact regions; without received neighbours, it
-        # would be infinite.
+        # Without limits, a few elements next to large holes would cover intact regions, and the gain would be infinite
+        # if all neighbours are lost.
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
         return np.maximum(received, received.dtype.type(least))
