@@ -62,17 +62,14 @@ def predict_causal(
 ) -> CausalPrediction:
     """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
 
-    Differentiable if the networks and `join` work on torch tensors.
-
     Args:
         networks: The networks by name.
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features in units of their quantisation steps.
-        form: Logarithms of offset scale and base size, minus `CausalCoding.centres`, in units of their quantisation
-            steps.
-        quantised: Function that rounds attributes as a decoder reconstructs them, given the name of a network, the
-            means that it predicts, and the attributes. None to use `feature` and `form` unchanged.
+        form: Logarithms of the four sizes of an anchor, minus `CausalCoding.centres`, in units of their steps.
+        quantised: Rounds attributes; called with the name of a network, the means that it predicts, and the attributes.
+            None for no rounding.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)

@@ -103,10 +103,10 @@ class SketchMaterial:
 
 
 def num_candidates(most: int) -> int:
-    """Returns the number of most important anchors that are considered for a coarse copy.
+    """Returns how many of the most important anchors may get a coarse copy in the side information.
 
     Args:
-        most: Maximum size of the sketch in bytes.
+        most: Maximum size of all copies in bytes.
     """
     return _CANDIDATES * 8 * most // BITS_OF_COPY
 

@@ -259,22 +259,22 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual of a wide distribution, whose table contains only every `2**k`-th probability interval.
+    """Decodes a residual that lies between two entries of the table of its distribution.
 
     Args:
         coder: Entropy coder.
-        scale: Scale of the context.
-        place: Index of the bound `start` in the table of this distribution.
-        start: Last bound of the table that does not exceed `target`.
-        after: The next bound of the table.
-        target: Position read by the range decoder; it lies in the probability interval of the residual.
+        scale: Scale of the distribution.
+        place: Index of the table entry before the residual.
+        start: Value of this entry.
+        after: Value of the next entry.
+        target: Position read by the range decoder, between both values.
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
         The residual in quantisation steps.
     """
-    # The search begins with linear interpolation between the tabulated bounds, because the density is nearly constant
-    # there.
+    # Tables of wide distributions contain only every `2**k`-th start of a probability interval. The search begins with
+    # linear interpolation between the tabulated starts, because the density is nearly constant there.
     half, shift, mean = coder.windows[scale, HALF], coder.windows[scale, SHIFT], eighths << (MEAN_BITS - EIGHTHS)
     narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))

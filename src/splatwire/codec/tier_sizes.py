@@ -52,7 +52,7 @@ def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, 
 
 
 def read_tier_sizes(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray | None:
-    """Reads the relative sizes of the tiers of a stream's anchors.
+    """Reads the typical size of the anchors in each importance tier, relative to the tier with the largest.
 
     Args:
         sections: Named sections of its side information.

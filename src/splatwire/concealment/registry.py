@@ -82,8 +82,8 @@ def register_concealer(
         name: Name of the concealer.
         needs: Types that the concealer requires: element types (`Anchors`, `Splats`), or types of side information
             (`ReceivedScene.records`). A tuple lists alternatives.
-        option: Name of a required option, such as a weights file; `name:VALUE` sets it.
-        section: Name of the side information section that the concealer reads; required unless the option is given.
+        option: Name of a required option, such as a weights file, which users set by `name:VALUE`.
+        section: Name of the side information section that the concealer reads; it can replace the option.
         shipped: Network weight files of the package that the concealer reads.
         listed: True if `concealer_names` lists it.
         temporal: True for sequences, False for static scenes.

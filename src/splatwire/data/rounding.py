@@ -1,4 +1,4 @@
-"""Conversion of cameras to world coordinates for training."""
+"""Conversion of cameras to world coordinates for training, with a warning if float32 rounds them."""
 
 import logging
 from pathlib import Path

@@ -198,9 +198,9 @@ def file_kind(path: Path) -> Kind:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Path]:
-    """Opens a file once for format detection and all readers; yields a path that refers to the open file.
+    """Opens a file, so that format detection and readers need not open it again; yields its path.
 
-    Never raises and does not block; a path that cannot be opened is yielded too.
+    Never raises and does not block. A path that cannot be opened is yielded too.
     """
     if isinstance(path, OpenedFile) and path.kind is not None:
         yield path

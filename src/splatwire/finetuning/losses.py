@@ -71,9 +71,9 @@ class Reception:
 
 
 def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random.Generator) -> Reception | None:
-    """Simulates the random packet loss of one iteration.
+    """Simulates the random packet loss of one iteration; returns the Gaussians that are received.
 
-    Returns None if all packets are received, or none.
+    Returns None if nothing or everything is lost.
 
     Args:
         division: Packets of the scene.

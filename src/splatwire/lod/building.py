@@ -81,7 +81,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns, for each level of detail (coarsest first), where the original Gaussians of each tile begin."""
+    """Returns, for each level of detail (coarsest first), the index of the first original Gaussian of each tile."""
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
         firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))
@@ -91,11 +91,11 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Divides the Gaussians of the next coarser level among the tiles of a level.
+    """Decides how many Gaussians represent each tile of a level of detail in the next coarser level.
 
     Yields:
-        For each finer tile: index of its coarser tile, its own index, the number of Gaussians that represent it, and
-        the area times opacity of each of its own Gaussians.
+        For each tile: index of the coarser tile that replaces it, its own index, the number of Gaussians that represent
+        it, and the area times opacity of each of its Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

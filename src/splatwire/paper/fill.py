@@ -61,10 +61,10 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups the attributes that were lost for the same anchors.
+    """Groups the attributes that were received for the same anchors.
 
     Returns:
-        Pairs of the mask of anchors that have the attributes, and the attributes.
+        For each group, the mask of the anchors whose attributes were received, and the attributes.
     """
     # Neighbours are searched only once for each group.
     groups: list[tuple[Tensor, list[Attribute]]] = []

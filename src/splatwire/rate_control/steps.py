@@ -1,4 +1,4 @@
-"""Distribution of precision over the attributes of Gaussians, measured for one scene."""
+"""Choice of how finely each attribute of the Gaussians is quantised, by measurements in one scene."""
 
 # The fixed ratios of quantisation steps in `splatwire.codec.gaussians.quality` suit an average scene.
 

@@ -14,7 +14,7 @@ class LiveFrames:
     """Decodes a live stream while it is received, and writes each frame to a file of its own.
 
     Args:
-        path: Output folder; with the suffix of stream files, no frames are written.
+        path: Output folder. No frames are written if it is the path of a stream file.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

@@ -137,7 +137,7 @@ def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
 
 
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Decodes the attributes of the redundant copies to integers, as returned by `empty_rows`."""
+    """Decodes the redundant copies of important Gaussians to integers: attributes, and harmonics."""
     rows, harmonics = empty_rows(count, info.num_harmonics)
     data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(

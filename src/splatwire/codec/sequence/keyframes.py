@@ -219,7 +219,7 @@ def _num_bytes(coded: CodedKeyframes) -> int:
 
 
 def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
-    """Returns the positions of a block's Gaussians in scene coordinates, for the prediction of motion.
+    """Converts the positions of a block's Gaussians to the units of motion.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, COLUMNS), with positions in half lattice units.

@@ -135,7 +135,7 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Prepares the enlargement of anchors next to lost ones.
+        """Prepares the enlargement of anchors next to those that are lost and have no coarse copy.
 
         Args:
             filled: Received scene in which coarse copies have replaced lost anchors.
@@ -205,7 +205,7 @@ def sketched_attributes(
 
 
 def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
-    """Returns the array dimensions of a received scene, for `read_sketch`."""
+    """Returns the numbers of anchors, feature channels and offsets of a received scene."""
     return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
 
 

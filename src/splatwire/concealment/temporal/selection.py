@@ -127,7 +127,7 @@ def _errors(
 
 
 class _Around(NamedTuple):
-    """Colour and opacity that received Gaussians, except the tested ones, produce at t points.
+    """Colour and opacity that some Gaussians produce at t points.
 
     Attributes:
         points: Positions, (t, 3).

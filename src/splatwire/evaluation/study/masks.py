@@ -1,4 +1,4 @@
-"""Losses for other codecs: files that list the lost packets of a stream, and packet loss rates for datagram losses."""
+"""Files of lost packets, for evaluating other codecs under the same losses; and packet loss rates per datagram loss."""
 
 import io
 import statistics

@@ -89,7 +89,7 @@ def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
 
 
 def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
-    """Reads the arrays of Gaussians that follow a message."""
+    """Reads Gaussians that the process for OpenUSD sends."""
     splats = Splats.empty(found["count"], found["degree"])
     for field in fields(splats):
         rest = memoryview(getattr(splats, field.name).reshape(-1).view(np.uint8))

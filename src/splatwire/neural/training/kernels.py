@@ -45,7 +45,7 @@ def noise_from_host(
 
     Args:
         rows: Number of rows.
-        widths: Numbers of columns that are drawn together.
+        widths: Numbers of columns of consecutive groups of columns.
         generator: Random generator, on the CPU.
         device: Device of the result.
     """

@@ -43,7 +43,7 @@ def network_of(address: Hashable) -> Network:
 
 
 def network_text(network: Network) -> str:
-    """Returns the narrowest prefix of a network as text: an IPv4 address, or a /64 prefix of IPv6."""
+    """Returns the network of a client as text: an IPv4 address, or a /64 prefix of IPv6."""
     match network[-1:]:
         case ((int() as bits, int() as prefix),) if len(network) == len(PREFIXES[4]):
             return str(ipaddress.IPv4Address(prefix << (32 - bits)))

@@ -65,7 +65,7 @@ class NackTracker:
         Packets that were requested recently, or too often, are left out.
 
         Args:
-            missing: Indices of the missing packets in sending order, ascending, without the first `exhausted` packets.
+            missing: Indices of the missing packets in sending order, ascending.
             now: Time, seconds.
         """
         out: list[int] = []

@@ -109,8 +109,8 @@ def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.
 
     Args:
         context: Coding context.
-        predicted: Prediction of the anchors.
-        feature: Feature symbols of the anchors, int32 (n, F).
+        predicted: Prediction from the positions of the anchors.
+        feature: Quantised features of the anchors, int32 (n, F).
     """
     # Each group of features is predicted from the groups before it. An encoder knows all features, so that all groups
     # can be predicted at once.

@@ -65,7 +65,7 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
     Args:
         scale: Predicted standard deviations for a sample of anchors, (n, D).
-        step: Quantisation step of the attribute, without the factor of an anchor.
+        step: Base quantisation step of the attribute.
 
     Returns:
         float64 (D).
