@@ -1,8 +1,10 @@
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from splatwire.data import open_dataset
 from splatwire.data.transforms_json import read_transforms
@@ -434,3 +436,43 @@ def test_a_pinhole_camera_with_distortion_is_refused(capture):
     read_transforms(rewritten(path, camera_model="PINHOLE", k1=0))
     with pytest.raises(DatasetError, match="'camera_model' 'PINHOLE' and the distortion of a lens"):
         read_transforms(rewritten(path, camera_model="PINHOLE", k1=0.05))
+
+
+@pytest.fixture
+def halved(capture):
+    """A nerfstudio folder with photos of half the size in `images_2`, and a file without `w`, `h`, `cx` and `cy`."""
+    folder = capture.write_nerfstudio()
+    (folder / "images_2").mkdir()
+    for photo in (folder / "images").iterdir():
+        with Image.open(photo) as image:
+            image.resize((image.width // 2, image.height // 2)).save(folder / "images_2" / photo.name)
+    content = json.loads((folder / "transforms.json").read_text())
+    for key in ("w", "h", "cx", "cy"):
+        del content[key]
+    (folder / "transforms.json").write_text(json.dumps(content))
+    return folder
+
+
+def test_intrinsics_without_a_size_are_those_of_the_photos_that_the_file_names(halved):
+    assert open_dataset(halved).cameras.Ks[0, [0, 1], [0, 1]].tolist() == [33, 35]
+    assert open_dataset(halved, images="images_2").cameras.Ks[0, [0, 1], [0, 1]].tolist() == [16.5, 17.5]
+    shutil.rmtree(halved / "images")
+    with pytest.raises(DatasetError, match=r"'fl_x' for the photo 'images/.*', which is missing, and no 'w' and 'h'"):
+        open_dataset(halved, images="images_2")
+
+
+@pytest.mark.parametrize("names", [("width", "height"), ("image_width", "image_height"), ("img_w", "img_h")])
+def test_the_picture_size_may_have_other_names(names, halved):
+    rewritten(halved / "transforms.json", **dict(zip(names, (80, 48), strict=True)))
+    assert open_dataset(halved).cameras.Ks[0, [0, 1], [0, 1]].tolist() == [16.5, 17.5]
+    rewritten(halved / "transforms.json", w=40, h=24)
+    assert open_dataset(halved).cameras.Ks[0, [0, 1], [0, 1]].tolist() == [33, 35]
+
+
+@pytest.mark.parametrize("key", ["w", "h"])
+def test_half_of_a_picture_size_must_be_that_of_the_photo(key, halved):
+    rewritten(halved / "transforms.json", **{key: {"w": 40, "h": 24}[key]})
+    open_dataset(halved)
+    rewritten(halved / "transforms.json", **{key: 96})
+    with pytest.raises(DatasetError, match=f"'{key}' of 96 without the other side, but its photo is 40 x 24"):
+        open_dataset(halved)

@@ -33,6 +33,8 @@ _LENS_FIELDS = ("frames", *_TERMS, "camera_model", "is_fisheye", "distortion_par
 _MATRIX = re.compile(r"(?:cam(?:era)?[-_]?)?(?:intrinsics?(?:[-_]?matrix)?|K)|cam(?:era)?[-_]?matrix")
 """Names of fields with the intrinsics as a matrix."""
 _ALIASES = {"fx": "fl_x", "fy": "fl_y"}
+_SIZES = (("width", "height"), ("image_width", "image_height"), ("img_w", "img_h"))
+"""Other names of `w` and `h`, which are read if both of a pair are there."""
 _SAME_NUMBER = 1e-3
 """Largest relative difference of two statements of the same intrinsics."""
 _SQUARE = 0.01
@@ -185,7 +187,7 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
     name = _name(frame["file_path"], images)
     own = _with_intrinsics(path, name, frame)
-    values = {**_with_intrinsics(path, name, content), **own}
+    values = _with_size({**_with_intrinsics(path, name, content), **own})
     lens = _lens(path, name, values)
     image_path = _find_image(path, name)
     rows = frame.get("transform_matrix")
@@ -193,7 +195,10 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
         rows = [*rows, [0, 0, 0, 1]]
     pose = matrix(path, name, rows, (4, 4))
     check_rigid(path, name, pose)
-    K, width, height = _intrinsics(path, name, values, image_path)
+    sized_path = image_path
+    if not _has_size(values) and _pixel_fields(values) and name != (full := _name(frame["file_path"], None)):
+        sized_path = _full_photo(path, name, full, values)
+    K, width, height = _intrinsics(path, name, values, sized_path)
     # Focal lengths of one frame may differ from a common angle of view, as in captures with autofocus.
     why = contradicting_angle(own if "fl_x" in own else values, (float(K[0, 0]), float(K[1, 1])), (width, height))
     if why is not None:
@@ -249,6 +254,40 @@ def _has_size(values: dict[str, Any]) -> bool:
     return "w" in values and "h" in values
 
 
+def _with_size(values: dict[str, Any]) -> dict[str, Any]:
+    """Returns the fields of a view with its image size as `w` and `h`, if it is there under other names only."""
+    pair = next((pair for pair in _SIZES if all(type(values.get(key)) in (int, float) for key in pair)), None)
+    if pair is None or "w" in values or "h" in values:
+        return values
+    return values | {"w": values[pair[0]], "h": values[pair[1]]}
+
+
+def _pixel_fields(values: dict[str, Any]) -> list[str]:
+    """Returns the names of intrinsics in pixels, whose values depend on the image size."""
+    return [key for key in ("fl_x", "fl_y", "cx", "cy") if values.get(key) is not None]
+
+
+def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
+    """Returns the photo to which intrinsics refer if other photos are read and the file has no image size.
+
+    Args:
+        path: The file, for the message.
+        name: Name of the view in the folder that is read.
+        full: Its name in the file.
+        values: Fields of the view.
+
+    Raises:
+        DatasetError: If the photo is missing, so that its size is unknown.
+    """
+    try:
+        return _find_image(path, full)
+    except DatasetError as error:
+        raise DatasetError(
+            f"{path}: view '{name}' has '{_pixel_fields(values)[0]}' for the photo '{full}', which is missing, and no "
+            "'w' and 'h': add them"
+        ) from error
+
+
 def _find_mask(path: Path, name: str, frame: dict[str, Any], images: str | None) -> Path | None:
     mask = frame.get("mask_path")
     if mask is None:
@@ -278,6 +317,12 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
         width, height = (round(_number(path, name, values, key, 0.0)) for key in ("w", "h"))
     else:
         width, height = photo_size(image_path)
+        for key, side in (("w", width), ("h", height)):
+            if (stated := _number(path, name, values, key, float(side))) != side:
+                raise DatasetError(
+                    f"{path}: view '{name}' has '{key}' of {stated:g} without the other side, but its photo is "
+                    f"{width} x {height}: add 'w' and 'h'"
+                )
     if min(width, height) < 1:
         raise DatasetError(f"{path}: view '{name}' has an image size of {width} x {height}")
     if "fl_x" in values:

@@ -49,12 +49,22 @@ def test_training_comments_enable_antialiasing(comment: str, tmp_path: Path) -> 
         "SplatRenderMode: default", "SplatRenderMode: classic", "antialiased 0", "antialiased: false",
         "anti-aliased no", "not antialiased", "antialiased pictures of a house", "mipmap 1", "mip 0",
         "trained without antialiasing", "filter: mip", "mode: mips", "commode mip house", "",
+        "filter mode: mip", "texture mode: mip", "commode mip", "MSAA mode: antialiased", "not in mode: mip",
+        "no render mode: mip", "previous mode: mip",
     ],
 )  # fmt: skip
 def test_other_comments_do_not_enable_antialiasing(comment: str, tmp_path: Path) -> None:
     path = commented(tmp_path, comment)
     assert not is_antialiased(path)
     assert not read_content(path).antialiased
+
+
+@pytest.mark.parametrize("comment", ["filter: mip", "texture mode: mip", "renderer='mip'", "kernel mip."])
+def test_other_settings_named_mip_give_a_warning(
+    comment: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    read_content(commented(tmp_path, comment))
+    assert "is not understood: the scene is drawn without antialiasing" in caplog.text
 
 
 def test_last_antialiasing_comment_applies() -> None:
@@ -74,8 +84,10 @@ def test_a_long_comment_takes_little_time(start: str, filling: str, tmp_path: Pa
 
 
 def test_a_shift_late_in_a_long_comment_gives_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    read_content(commented(tmp_path, f"settings {'x' * 5000} shift 100 200 300"))
-    assert "may be a shift of the positions" in caplog.text
+    for place in (5000, *range(975, 996), 1785):
+        caplog.clear()
+        read_content(commented(tmp_path, f"settings {'x' * place} shift 100 200 300"))
+        assert "may be a shift of the positions" in caplog.text, place
 
 
 @pytest.mark.parametrize("newline", ["\r\n", "\r"])

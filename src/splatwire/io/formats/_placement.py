@@ -126,6 +126,8 @@ _MAX_BETWEEN = 4
 """Maximum number of words between a keyword and its number."""
 _PIECE = 1000
 """Number of characters that are searched at once: the time of some patterns grows with the square of this number."""
+_OVERLAP = 200
+"""Number of characters that two pieces share, so that a keyword and its numbers are in one of them."""
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
@@ -215,7 +217,8 @@ def _unapplied_meaning(comment: str) -> str | None:
     """
     if comment.startswith("splatwire") or is_metadata(comment):
         return None
-    pieces = (comment[begin : begin + _PIECE] for begin in range(0, len(comment), _PIECE))
+    begins = range(0, max(len(comment) - _OVERLAP, 1), _PIECE - _OVERLAP)
+    pieces = (comment[begin : begin + _PIECE] for begin in begins)
     return next((meaning for piece in pieces if (meaning := _unapplied_meaning_of_piece(piece)) is not None), None)
 
 

@@ -21,15 +21,23 @@ _SWITCH = re.compile(
 _MODE = re.compile(
     r"(?:splat[-_ ]?)?(?:render(?:ing|er)?|raster(?:i[sz](?:e|er|ation))?)[-_ ]?mode(?:\s*[:=]\s*|\s+)(\S.*)", re.I
 )
-_OTHER_MODE = re.compile(r"[\w. -]*mode(?:\s*[:=]\s*|\s+)(\S.*)", re.I)
-"""Pattern of comments that name any mode, of which only those of antialiasing are known."""
+_OTHER_MODE = re.compile(
+    r"(?:(?:splat|gaussian|3dgs|render(?:ing|er)?|raster(?:i[sz](?:e|er|ation))?|train(?:ed|ing)?|config|pipeline|model"
+    r"|with|using)[-_. ]*)*mode(?:\s*[:=]\s*|\s+)(\S.*)",
+    re.I,
+)
+"""Pattern of comments with a mode of splats under another name, of which only antialiasing is known.
+
+Modes of other things, such as textures, do not match.
+"""
 _YES = frozenset(("", "1", "1.0", "true", "yes", "on", "enabled"))
 _NO = frozenset(("0", "0.0", "false", "no", "off", "none", "disabled"))
 _CLASSIC = re.compile(r"default|classic|normal|standard|vanilla|3dgs|gaussian|none|off|0|false|no", re.I)
 _ABOUT = re.compile(
     r"anti[-_ ]?alias|(?:\b|_)mip[-_ ]?(?:splat|filter)|splat[-_ ]?render[-_ ]?mode|raster\w*[-_ ]?mode"
     r"|\b(?:kernel|filter)[-_ ]?size|\b(?:2d|low[-_ ]?pass|smoothing)[-_ ]?filter|\bfilter[-_ ]?2d|\blow[-_ ]?pass\b"
-    r"|\beps[-_ ]?2d|\bdilation|\bopacity[-_ ]?compensation|\bcompensat",
+    r"|\beps[-_ ]?2d|\bdilation|\bopacity[-_ ]?compensation|\bcompensat"
+    r"|[:=\s][\"']?mip[\"']?\W*$",
     re.I,
 )
 """Pattern of comments that refer to antialiasing."""
