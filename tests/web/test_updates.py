@@ -3,7 +3,9 @@
 import json
 import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,11 +36,14 @@ def test_pages_apply_updates_as_python_does(tmp_path: Path, packetization, degre
     rng = np.random.default_rng(0)
     masks = [rng.random(count) < share for count, share in ((1, 1), (300, 0), (500, 0.1), (5000, 0.5), (256, 1))]
     masks.append(np.repeat(rng.random(40) < 0.3, 100))
-    paths = {}
+    paths: dict[str, Any] = {}
     for kind, streams in (("states", states), ("updates", updates)):
         paths[kind] = [str(tmp_path / f"{kind}{n}.swz") for n in range(len(streams))]
         for path, stream in zip(paths[kind], streams, strict=True):
             write_stream(stream, Path(path))
+    paths["larger"] = str(tmp_path / "larger.swz")
+    larger = replace(splats, means=splats.means * np.float32(4), scales=splats.scales * np.float32(4))
+    write_stream(encode_splats(larger, packetization), Path(paths["larger"]))
     listed = [{"bytes": write_removed(mask).hex(), "count": len(mask), "mask": mask.astype(int).tolist()}
               for mask in masks]  # fmt: skip
     (tmp_path / "chain.json").write_text(json.dumps({**paths, "masks": listed}))

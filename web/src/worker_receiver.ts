@@ -38,6 +38,11 @@ const UPDATE_MS = 1000,
 /** Number of requests without an answer, and of damaged answers, after which the file of the scene is requested. */
 const RELOAD_POLLS = 15,
   MAX_DAMAGED = 3;
+/**
+ * Largest ratio of the sizes of a scene before and after its file was replaced. All states are drawn in units of the
+ * first one, and half floats have few digits for Gaussians that are much smaller.
+ */
+const MAX_SIZE_RATIO = 16;
 
 const sceneOf = ({ decoder, splats }: DecodedStream, manifest: Uint8Array): UpdatedScene => {
   const { info } = decoder.schema as GaussianSchema;
@@ -505,8 +510,9 @@ export class WorkerReceiver implements Receiver {
       received.addPacket(packet);
       await pause();
     }
-    const { intake, schema: other } = received.decoder;
-    if (head.manifest.codec !== "gaussians" || other.size !== schema.size || other.degree !== schema.degree)
+    const { intake, schema: other } = received.decoder,
+      ratio = Math.max(other.size / schema.size, schema.size / other.size);
+    if (head.manifest.codec !== "gaussians" || ratio > MAX_SIZE_RATIO || other.degree !== schema.degree)
       throw new Error("another scene: reload the page");
     if (!intake.complete || (await received.decoder.digest(pause)) !== head.manifest.symbolsDigest)
       throw new Error("the scene is incomplete");

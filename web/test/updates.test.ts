@@ -21,6 +21,7 @@ import { random } from "./vectors.ts";
 interface Chain {
   readonly states: readonly string[];
   readonly updates: readonly string[];
+  readonly larger: string;
   readonly masks: readonly { readonly bytes: string; readonly count: number; readonly mask: readonly number[] }[];
 }
 
@@ -103,9 +104,12 @@ test("gains of the scene before its updates are those of the Gaussians that stay
   assert.deepEqual(compacted.subarray(2 * kept), new Float32Array(2 * added).fill(1));
 });
 
-/** Answers requests for the updates of the scene `states[0]`; counts those for the scene. */
+/**
+ * Answers requests for the updates of the scene `states[0]`; counts those for the scene, whose file is now `replaced`.
+ */
 async function followed(
   answers: (update: Uint8Array, n: number) => Uint8Array,
+  replaced = CHAIN.states[1],
 ): Promise<[readonly FromWorker[], number]> {
   const file = bytesOf(CHAIN.states[0]),
     update = bytesOf(CHAIN.updates[0]),
@@ -117,7 +121,7 @@ async function followed(
     scenes = 0;
   mock.method(globalThis, "fetch", async (url: string) => {
     if (url === URL_) scenes++;
-    if (url === URL_) return new Response(readFileSync(CHAIN.states[1]));
+    if (url === URL_) return new Response(readFileSync(replaced));
     if (url !== name) return new Response(null, { status: 404 });
     return new Response(answers(update, updates++) as Uint8Array<ArrayBuffer>);
   });
@@ -152,6 +156,21 @@ test("a damaged update is requested again, and the whole scene after the third o
     message = others.find(({ kind }) => kind === "update") as FromWorker & { kind: "update" };
   assert.equal(requests, 1);
   assert.equal(message.hidden, null);
+});
+
+test("a scene that has grown, as in a training, replaces the one before in the same unit of length", async () => {
+  const damaged = (update: Uint8Array): Uint8Array => flipped(update, update.length - 9),
+    [said] = await followed(damaged, CHAIN.larger),
+    facts = said.find(({ kind }) => kind === "facts") as FromWorker & { kind: "facts" },
+    { hidden, packed } = said.find(({ kind }) => kind === "update") as FromWorker & { kind: "update" },
+    scene = sceneOf(CHAIN.larger),
+    means = scene.visibleParts().flatMap((part) => [...part.means]);
+  assert.equal(2 ** scene.info.sizeLog, 4 * facts.facts.size);
+  assert.equal(hidden, null);
+  assert.deepEqual(
+    [...packed.centers].filter((_, n) => n % 4 < 3),
+    means.map((value) => Math.fround(value / facts.facts.size)),
+  );
 });
 
 test("simulated losses have an effect after an update, too", async () => {

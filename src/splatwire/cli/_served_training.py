@@ -62,13 +62,15 @@ class ServedTraining:
     @contextmanager
     def _reported(self) -> Iterator[None]:
         """Context that prints a warning instead of raising an error."""
-        # A warning that repeats itself is printed once.
+        # A warning that repeats itself is printed once. Hours of training must not be lost to an unexpected error, such
+        # as a lack of memory in the encoder, which `push` raises, too.
         try:
             yield
-        except SplatwireError as error:
-            if str(error) != self._error:
-                self._error = str(error)
-                print(f"splatwire: warning: the scene is not served: {error}", file=sys.stderr, flush=True)
+        except Exception as error:
+            text = str(error) if isinstance(error, SplatwireError) else repr(error)
+            if text != self._error:
+                self._error = text
+                print(f"splatwire: warning: the scene is not served: {text}", file=sys.stderr, flush=True)
 
 
 def check_serving(command: Train) -> None:

@@ -24,6 +24,7 @@ from splatwire.codec import decode_stream, encode_scene, encode_update
 from splatwire.codec.update.apply import describe_update
 from splatwire.io import open_scene
 from splatwire.neural.training.gaussians import load_gaussian_checkpoint
+from splatwire.rate_control.partial_updates import PartialUpdates
 from splatwire.transport import Receiver, ReceiverOptions
 from splatwire.transport.address import Address
 from splatwire.transport.udp import receive_udp
@@ -192,3 +193,20 @@ def test_a_state_that_cannot_be_served_does_not_end_the_training(capsys: pytest.
         served.finish(scene)
         assert asyncio.run(receive(f"udp://127.0.0.1:{server.port}")).manifest.num_elements == 200
     assert capsys.readouterr().err.count("the scene is not served") == 1
+
+
+def test_an_unexpected_error_of_the_encoder_does_not_end_the_training(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+
+    def exhausted(*_: object) -> None:
+        raise MemoryError("no memory for the blocks")
+
+    monkeypatch.setattr(PartialUpdates, "start", exhausted)
+    scene = SplatScene(ball_of_gaussians())
+    with serve_training() as server:
+        served = ServedTraining(server)
+        served.iterated(lambda: scene)
+        served.finish(scene)
+    assert capsys.readouterr().err.count("not served: MemoryError('no memory for the blocks')") == 1
