@@ -279,6 +279,11 @@ class _Plan:
             encode,
             lambda share: progress("choosing precision", share),
         )
+        if effort == "best":
+            # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which
+            # the measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes
+            # of all Gaussians (guitar 0.26 instead of 0.24).
+            precision = tuple((new + old) / 2 for new, old in zip(precision, quality.precision, strict=True))
         return cls(source, views.measured, search, held_out, measured.classes, curve, source, precision)
 
     def quality(self, level: float) -> Quality:
