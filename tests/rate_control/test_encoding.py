@@ -14,7 +14,7 @@ from random_numbers import Numbers
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError
-from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
+from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled, encoding
 from splatwire.rate_control.encoding import _Plan, _Trials
 from splatwire.render.importance import cameras_around
 from splatwire.types import SplatScene
@@ -238,3 +238,14 @@ def test_a_stream_fine_tuned_for_losses_needs_only_reach_the_target():
     assert _Plan.better_of(tuned, untuned, Target(size=1000), for_loss=True) is tuned
     assert _Plan.better_of(tuned, untuned, Target(size=1000), for_loss=False) is untuned
     assert _Plan.better_of(None, untuned, Target(size=1000), for_loss=True) is untuned
+
+
+def test_best_writes_the_stream_of_default_if_fine_tuning_gains_nothing(monkeypatch, caplog):
+    def darkened(scene: SplatScene, *others: object) -> SplatScene:
+        return replace(scene, splats=replace(scene.splats, sh=scene.splats.sh - 1))
+
+    monkeypatch.setattr(encoding, "tuned_to_pictures", darkened)
+    scene, target = shell(), Target(psnr=40.0)
+    best = encode_controlled(scene, target, encode_plainly, effort="best", tuning=Tuning(1, 12))
+    assert "gains nothing" in caplog.text
+    assert best.stream.packets == encode_controlled(scene, target, encode_plainly).stream.packets

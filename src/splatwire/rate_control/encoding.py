@@ -129,7 +129,8 @@ def encode_controlled(
     if effort == "best":
         check_tunable(source)
     views = ViewSets.of(source, cameras)
-    plan = _Plan.of(source, effort, views, target.quality or Quality(START), encode, progress)
+    quality = target.quality or Quality(START)
+    plan = _Plan.of(source, effort, views, quality, encode, progress)
     if effort != "best":
         return _Trials(plan, encode, progress).reached(target)
 
@@ -138,10 +139,12 @@ def encode_controlled(
 
     # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
-    if untuned is None or target.psnr is None:
+    plan = plan.with_less_change_of_precision(quality)
+    if target.psnr is None:
         start = _Trials(plan.with_more_pruning(), encode, choosing).reached(target)
     else:
-        start = plan.encoded(untuned.quality, encode, plan.share_to_tune(untuned))
+        begun = _Trials(plan, encode, choosing).reached(target)
+        start = plan.encoded(begun.quality, encode, plan.share_to_tune(begun))
     pictures = fitted_pictures(source, cameras, tuning, progress)
     tuned = _prune_and_tune(plan, start, target, encode, pictures, tuning, progress)
     found = _Trials(tuned, encode, progress, start.quality.level).closest(target)
@@ -279,16 +282,23 @@ class _Plan:
             encode,
             lambda share: progress("choosing precision", share),
         )
-        if effort == "best":
-            # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which
-            # the measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes
-            # of all Gaussians (guitar 0.26 instead of 0.24).
-            precision = tuple((new + old) / 2 for new, old in zip(precision, quality.precision, strict=True))
         return cls(source, views.measured, search, held_out, measured.classes, curve, source, precision)
 
     def quality(self, level: float) -> Quality:
         """Returns the quality setting of this scene at a quantisation level."""
         return Quality(level, precision=self.precision)
+
+    def with_less_change_of_precision(self, quality: Quality) -> "_Plan":
+        """Returns a plan for fine-tuning, with half of the measured change of the precision of each attribute.
+
+        Args:
+            quality: Quality setting with which the change was measured.
+        """
+        # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
+        # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
+        # Gaussians (guitar 0.26 instead of 0.24).
+        half = tuple((new + old) / 2 for new, old in zip(self.precision, quality.precision, strict=True))
+        return replace(self, precision=half)
 
     def with_more_pruning(self) -> "_Plan":
         """Returns a plan for fine-tuning, which keeps fewer Gaussians at each level."""
