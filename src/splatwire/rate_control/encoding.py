@@ -139,14 +139,16 @@ def encode_controlled(
 
     # The search without fine-tuning comes first, so that impossible targets are errors before the fine-tuning.
     untuned = None if target.quality is not None else _Trials(plan, encode, choosing).reached(target)
-    plan = plan.with_less_change_of_precision(quality)
+    tunable = plan.with_precision_for_tuning(quality)
     if target.psnr is None:
-        start = _Trials(plan.with_more_pruning(), encode, choosing).reached(target)
+        start = _Trials(tunable.with_more_pruning(), encode, choosing).reached(target)
     else:
-        begun = _Trials(plan, encode, choosing).reached(target)
-        start = plan.encoded(begun.quality, encode, plan.share_to_tune(begun))
+        pruned = untuned
+        if pruned is None or tunable.precision != plan.precision:
+            pruned = _Trials(tunable, encode, choosing).reached(target)
+        start = tunable.encoded(pruned.quality, encode, tunable.share_to_tune(pruned))
     pictures = fitted_pictures(source, cameras, tuning, progress)
-    tuned = _prune_and_tune(plan, start, target, encode, pictures, tuning, progress)
+    tuned = _prune_and_tune(tunable, start, target, encode, pictures, tuning, progress)
     found = _Trials(tuned, encode, progress, start.quality.level).closest(target)
     if found is not None and target.psnr is not None and found.psnr > target.psnr + PSNR_TOLERANCE:
         found = tuned.trimmed(found, target.psnr, encode)
@@ -288,7 +290,7 @@ class _Plan:
         """Returns the quality setting of this scene at a quantisation level."""
         return Quality(level, precision=self.precision)
 
-    def with_less_change_of_precision(self, quality: Quality) -> "_Plan":
+    def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
         """Returns a plan for fine-tuning, with half of the measured change of the precision of each attribute.
 
         Args:
