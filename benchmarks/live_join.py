@@ -25,7 +25,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.sequence import SequenceEncoder, SequenceOptions
 from splatwire.sequence.decoding import decode_frame
 from splatwire.transport import PacketArrived, Receiver, ServerLimits, SideInfoArrived
-from splatwire.transport.protocol.live_session import LiveSession, StreamUpdate
+from splatwire.transport.protocol.live_session import LiveSession, LiveState
 from splatwire.transport.protocol.sender import Server
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
@@ -55,7 +55,7 @@ class Link:
             yield heapq.heappop(self._flying)[2]
 
 
-def program(frames: list[Splats]) -> tuple[StreamUpdate, SceneStream]:
+def program(frames: list[Splats]) -> tuple[LiveState, SceneStream]:
     """Served program after these frames, and its stream."""
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     broadcast = LiveSession(importance=encoder.importance)
@@ -67,7 +67,7 @@ def program(frames: list[Splats]) -> tuple[StreamUpdate, SceneStream]:
 
 
 def arrivals(
-    edition: StreamUpdate, rate: float, delay: float, until: float, given: float | None
+    edition: LiveState, rate: float, delay: float, until: float, given: float | None
 ) -> tuple[float, list[tuple[float, Packet]]]:
     """Time at which a receiver knew the stream, after its request, and arrival of each packet."""
     rng = random.Random(1)

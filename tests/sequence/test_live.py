@@ -26,7 +26,7 @@ from splatwire.sequence.importance import stream_importance
 from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport import Receiver, ServerLimits
-from splatwire.transport.protocol.datagrams import TierHead, Welcome
+from splatwire.transport.protocol.datagrams import ParityRange, Welcome
 from splatwire.transport.protocol.layout import parity_groups
 from splatwire.transport.protocol.live_session import PROTECTION, LiveSession
 from splatwire.transport.protocol.sender import Server
@@ -253,7 +253,7 @@ def test_receiver_waits_while_the_server_is_not_ready():
 
 def test_receiver_accepts_only_growing_welcomes():
     def welcome(session: int, count: int, digest: bytes = b"a" * 32, more: bool = True) -> Welcome:
-        tiers = (TierHead(count, 0, 0),)
+        tiers = (ParityRange(count, 0, 0),)
         return Welcome(5, session, 9, 1000, digest, 256, count, 1150, 0, tiers, is_live=more)
 
     receiver = Receiver(5, 0.0, reliable=True)
@@ -324,7 +324,7 @@ def test_group_code_numbers_are_stable_and_protect_the_most_important_packets(fr
         if not packets:
             continue
         edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
-        groups = parity_groups(edition.tiers)
+        groups = parity_groups(edition.parity_ranges)
         alive = [number for number, group in enumerate(groups) if group.repair]
         assert len(alive) == 1
         assert found is None or alive[0] > found

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from splatwire.transport.protocol.datagrams import Feedback, TierHead
-from splatwire.transport.protocol.live_session import StreamUpdate
+from splatwire.transport.protocol.datagrams import Feedback, ParityRange
+from splatwire.transport.protocol.live_session import LiveState
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.receiver import FEEDBACK_S
 from splatwire.transport.protocol.served_stream import ServedStream, make_served_stream
@@ -227,11 +227,11 @@ class LiveSplatwire(Splatwire):
         told = {
             "packets": packets,
             "schedule": schedule,
-            "tiers": (TierHead(0, 0, 0),),
+            "tiers": (ParityRange(0, 0, 0),),
             "resend": None,
             "is_live": True,
         }
-        return StreamUpdate(**{**fields, **told}, persistent=persistent, newest=first)
+        return LiveState(**{**fields, **told}, persistent=persistent, newest=first)
 
     def _renew(self) -> None:
         self.transfer.update(self._program())

@@ -15,10 +15,10 @@ from splatwire.transport.protocol.datagrams import (
     Feedback,
     Hello,
     Parity,
+    ParityRange,
     Refuse,
     Request,
     Side,
-    TierHead,
     Welcome,
 )
 from splatwire.transport.protocol.wire import VERSION, decode, encode
@@ -95,7 +95,7 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
                         Parity(mine, number(), number() & 0xFFFF, number(), rng.randbytes(rng.randrange(1, 1153))),
                         Feedback(mine, number(), number(), number(), number(), tuple(number() for _ in range(250))),
                         Welcome(number(), mine, number(), number(), bytes(32), 65535, number(), 65535,
-                                number(), (TierHead(number(), 65535, 65535),) * 8, rng.randbytes(number() & 1023)),
+                                number(), (ParityRange(number(), 65535, 65535),) * 8, rng.randbytes(number() & 1023)),
                         Refuse(number(), rng.randrange(256)),
                         Challenge(number(), rng.randbytes(16)),
                         Request(number(), rng.randbytes(16), "scene", rng.choice(["", "ab.cd.ef"])),

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.protocol.datagrams import Feedback, Request, TierHead, Welcome
+from splatwire.transport.protocol.datagrams import Feedback, ParityRange, Request, Welcome
 from splatwire.transport.protocol.wire import DATA, SIDE, WELCOME, encode, encode_data, encode_symbol, kind_of
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
@@ -273,7 +273,7 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
                 session.send(encode_data(1, number, number, bytes(1000)))
             assert len(connection.quic._datagrams_pending) == MOST_PENDING
             head = encode(
-                Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (TierHead(1, 0, 0),), b"", True, False)
+                Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (ParityRange(1, 0, 0),), b"", True, False)
             )
             symbol = encode_symbol(SIDE, 1, 0, 0, 0, bytes(1000))
             session.send(head)

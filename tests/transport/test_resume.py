@@ -10,7 +10,7 @@ import pytest
 from splatwire.bitstream import PacketId, make_packet
 from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamReplaced, make_served_stream
 from splatwire.transport.protocol import nack
-from splatwire.transport.protocol.datagrams import Data, End, Feedback, TierHead, Welcome
+from splatwire.transport.protocol.datagrams import Data, End, Feedback, ParityRange, Welcome
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
 from splatwire.transport.protocol.gap_tracker import MAX_ATTEMPTS, MAX_GAPS, GapTracker
 from splatwire.transport.protocol.protection import Protection
@@ -172,7 +172,7 @@ def test_unreturning_server_ends_the_transfer_with_a_reason():
 
 @pytest.mark.parametrize("is_live", [True, False])
 def test_a_server_that_repeats_itself_without_end_ends_the_transfer(is_live):
-    tiers = (TierHead(60, 0, 0),)
+    tiers = (ParityRange(60, 0, 0),)
     welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers, is_live=is_live)
     receiver, now = Receiver(5, 0.0, reliable=True), 0.1
     receiver.poll(0.0)
@@ -186,7 +186,7 @@ def test_a_server_that_repeats_itself_without_end_ends_the_transfer(is_live):
 
 
 def test_a_live_stream_that_ends_after_a_long_pause_is_received():
-    tiers = (TierHead(60, 0, 0),)
+    tiers = (ParityRange(60, 0, 0),)
     welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers, is_live=True)
     receiver, now = Receiver(5, 0.0, reliable=True), 0.1
     receiver.poll(0.0)
@@ -252,7 +252,7 @@ def test_path_that_passes_only_small_datagrams_gives_a_message():
 
 @pytest.mark.parametrize("is_live", [True, False])
 def test_packets_of_a_live_stream_are_requested_a_limited_number_of_times(is_live):
-    tiers = (TierHead(60, 0, 0),)
+    tiers = (ParityRange(60, 0, 0),)
     welcome = Welcome(5, 1, 9, 1000, b"a" * 32, 256, 60, 1150, 0, tiers, is_live=is_live)
     receiver, requests, now = Receiver(5, 0.0, reliable=True), 0, 0.1
     receiver.poll(0.0)

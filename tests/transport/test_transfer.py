@@ -88,12 +88,12 @@ def test_parity_restores_the_first_tier():
         stream, protection=protection, down=Link(bernoulli(0.2, random.Random(6))), options=ReceiverOptions(nack=False)
     )
     program = make_served_stream(stream, protection)
-    first = set(program.packets[: program.tiers[0].num_packets])
+    first = set(program.packets[: program.parity_ranges[0].num_packets])
     have = result.receiver.collector
-    assert list(have.missing(0, program.tiers[0].num_packets)) == []
+    assert list(have.missing(0, program.parity_ranges[0].num_packets)) == []
     assert have.num_repaired > 0
     assert any(True for _ in have.missing(0, len(program.packets)))
-    assert len(first) == program.tiers[0].num_packets
+    assert len(first) == program.parity_ranges[0].num_packets
     repaired = [event.packet for event in result.events if isinstance(event, PacketArrived) and event.repaired]
     assert 0 < len(repaired) <= have.num_repaired
     assert set(result.receiver.stream().packets) <= set(stream.packets)
@@ -275,7 +275,7 @@ def test_stream_tiers_are_sent_in_order_and_tier_0_survives():
     """Parity for tier 0 restores all of it at 20 % loss; the rest loses a fifth."""
     stream = tiered_stream()
     program = make_served_stream(stream, Protection(tier_repair=(0.9,), parity_until=0.6))
-    assert [(tier.num_packets, tier.groups > 0) for tier in program.tiers] == [(23, True), (204, False)]
+    assert [(tier.num_packets, tier.groups > 0) for tier in program.parity_ranges] == [(23, True), (204, False)]
     tier_of = {p.id: stream.manifest.plan.tier_of(p.id.block) for p in stream.packets}
     kinds = [kind for kind, _, _ in program.schedule]
     sent = [program.packets[n] for kind, _, n in program.schedule if kind == DATA]
@@ -301,7 +301,7 @@ def test_packets_bundled_in_the_init_segment_are_protected_with_it():
     stream = tiered_stream()
     protection = Protection(head_share=23 / 227, tier_repair=(0.0, 0.1))
     program = make_served_stream(stream, protection)
-    assert [tier.num_packets for tier in program.tiers] == [23, 204]
+    assert [tier.num_packets for tier in program.parity_ranges] == [23, 204]
     assert sorted(n for kind, _, n in program.schedule if kind == DATA) == list(range(23, 227))
     assert sum(program.sizes().values()) == model_transfer(StreamLoad.of_stream(stream), protection).num_bytes.sum()
     for seed in range(3):

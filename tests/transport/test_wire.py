@@ -11,8 +11,8 @@ from splatwire.transport.protocol import wire
 from splatwire.transport.protocol.datagrams import (
     MAX_HELD_BYTES,
     MAX_NACKS,
+    MAX_PARITY_RANGES,
     MAX_PREVIEW,
-    MAX_TIERS,
     OTHER_VERSION,
     Bye,
     Challenge,
@@ -22,10 +22,10 @@ from splatwire.transport.protocol.datagrams import (
     Have,
     Hello,
     Parity,
+    ParityRange,
     Refuse,
     Request,
     Side,
-    TierHead,
     View,
     Welcome,
 )
@@ -35,8 +35,8 @@ MOST_TIERS = 10
 u16, u32, u64 = (st.integers(0, (1 << bits) - 1) for bits in (16, 32, 64))
 flag, digests = st.booleans(), st.binary(min_size=32, max_size=32)
 names = st.text("abc-é.", max_size=20)
-tiers = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=MOST_TIERS).map(tuple)
-many = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=MAX_TIERS).map(tuple)
+tiers = st.lists(st.builds(ParityRange, u32, u16, u16), min_size=1, max_size=MOST_TIERS).map(tuple)
+many = st.lists(st.builds(ParityRange, u32, u16, u16), min_size=1, max_size=MAX_PARITY_RANGES).map(tuple)
 previews = st.binary(max_size=MAX_PREVIEW)
 sides = st.integers(1, (1 << 16) - 1)
 asked = st.lists(u32, max_size=MAX_NACKS // 2).map(tuple)
@@ -98,14 +98,14 @@ def test_wire_bytes_are_pinned():
     assert wire.encode(Have(1, 2, 1, 8, b"\x05")).hex() == "4c010000000000000002000000010800000005173f2817"
     feedback = wire.encode(Feedback(1, 2, 3, 4, 5, (6, 7), (8,)))
     assert feedback.hex() == "480100000002000000030000000400000005000000020001000600000007000000080000004b76f37c"
-    welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (TierHead(9, 10, 11),), b"scene", True, True))
+    welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (ParityRange(9, 10, 11),), b"scene", True, True))
     head = "44" + "0100000000000000" + "02000000" + "03000000" + "0400000000000000" + "00" * 32
     rest = "0500" + "06000000" + "0700" + "08000000" + "03" + "01" + "090000000a000b00" + "0500" + b"scene".hex()
     assert welcome.hex() == head + rest + "82668204"
 
 
 def test_welcome_contains_the_preview_length():
-    tiers, most = (TierHead(1, 0, 0),) * MOST_TIERS, bytes(range(256)) * (MAX_PREVIEW // 256)
+    tiers, most = (ParityRange(1, 0, 0),) * MOST_TIERS, bytes(range(256)) * (MAX_PREVIEW // 256)
     largest = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, tiers, most))
     assert len(largest) == 1181 <= wire.MAX_DATAGRAM
     assert wire.decode(largest).preview == most
@@ -147,7 +147,7 @@ def test_refusal_of_another_version_is_readable_by_that_version():
 
 
 def test_unknown_flags_of_a_welcome_are_refused():
-    body = bytearray(wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (TierHead(9, 0, 0),)))[:-4])
+    body = bytearray(wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (ParityRange(9, 0, 0),)))[:-4])
     body[69] = 4
     with pytest.raises(BitstreamError, match="unknown flags 0x4"):
         wire.decode(bytes(body) + zlib.crc32(body).to_bytes(4, "little"))

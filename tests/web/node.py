@@ -26,7 +26,7 @@ from splatwire.concealment import conceal
 from splatwire.concealment.sketch.section import SECTION
 from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.transport.protocol.datagrams import Request, TierHead, Welcome
+from splatwire.transport.protocol.datagrams import ParityRange, Request, Welcome
 from splatwire.transport.protocol.wire import encode
 from splatwire.types import Cameras
 from web.pictures import concealers_of
@@ -85,7 +85,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     shown, _ = preview_gaussians(preview)
     numbers = [*shown.means.ravel(), *shown.scales.ravel(), *shown.opacities, *shown.colors.ravel()]
     digests = {name: hashlib.sha256(",".join(map(str, t.tolist())).encode()).hexdigest() for name, t in tables.items()}
-    welcome = Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (TierHead(1, 0, 0),) * 3, b"preview", viewable=True)
+    welcome = Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (ParityRange(1, 0, 0),) * 3, b"preview", viewable=True)
     return json.dumps({
         "tables": digests,
         "lanes": lanes,

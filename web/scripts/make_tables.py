@@ -57,7 +57,7 @@ WIRE_NAMES = {
         "LIVE", "VIEWABLE", "MAX_DATAGRAM",
     ),
     datagrams: (
-        "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_TIERS", "MAX_DECLARED", "MAX_PREVIEW",
+        "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_PARITY_RANGES", "MAX_DECLARED", "MAX_PREVIEW",
         "MAX_HELD_BYTES",
     ),
 }  # fmt: skip

@@ -6,7 +6,7 @@ from splatwire.bitstream import Packet
 from splatwire.sequence.encoding import SequenceEncoder
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.options import SequenceOptions
-from splatwire.transport.protocol.live_session import PROTECTION, LiveSession, StreamUpdate
+from splatwire.transport.protocol.live_session import PROTECTION, LiveSession, LiveState
 from splatwire.transport.protocol.protection import Protection
 from splatwire.types.splats import Splats
 
@@ -39,7 +39,7 @@ class LiveEncoder:
         self._begin(SequenceEncoder(options, live=True))
         self.num_frames = self._num_served = 0
 
-    def push(self, frame: Frame | Splats) -> StreamUpdate | None:
+    def push(self, frame: Frame | Splats) -> LiveState | None:
         """Adds the next frame; returns an update of the stream if a group of pictures is complete, else None.
 
         Raises:
@@ -62,7 +62,7 @@ class LiveEncoder:
         self.num_frames = self._num_served
         self._begin(self.encoder.restarted(self.num_frames))
 
-    def end(self) -> list[StreamUpdate]:
+    def end(self) -> list[LiveState]:
         """Ends the live stream; returns its last updates."""
         if not self.num_frames:
             return []
@@ -78,7 +78,7 @@ class LiveEncoder:
         self._session = LiveSession(self._protection, encoder.importance)
         self._groups = self._num_bytes = 0
 
-    def _add(self, packets: list[Packet]) -> StreamUpdate:
+    def _add(self, packets: list[Packet]) -> LiveState:
         self._groups += 1
         self._num_bytes += sum(packet.num_bytes for packet in packets)
         return self._session.add(*self.encoder.so_far(self._stream_id), packets)

@@ -12,7 +12,7 @@ from splatwire.errors import MALFORMED, BackendUnavailableError, SplatwireError
 from splatwire.sequence import SequenceOptions, read_frames
 from splatwire.sequence.arriving import LOOK_S, Backlog, FrameSource, Patience, Signature, signature_at
 from splatwire.sequence.frames import Frame
-from splatwire.transport.protocol.live_session import StreamUpdate
+from splatwire.transport.protocol.live_session import LiveState
 from splatwire.types.validity import validity_of_splats
 
 OTHERS = 15
@@ -31,13 +31,13 @@ class GroupEncoder(Protocol):
     def num_frames(self) -> int:
         """Number of encoded frames."""
 
-    def push(self, frame: Frame) -> StreamUpdate | None:
+    def push(self, frame: Frame) -> LiveState | None:
         """Encodes a frame; returns the new state of the stream after the last frame of a group, else None."""
 
     def restart(self) -> None:
         """Discards the frames of the incomplete group; the next frame starts a new stream."""
 
-    def end(self) -> Iterable[StreamUpdate]:
+    def end(self) -> Iterable[LiveState]:
         """Encodes the frames that are left; returns the new states of the stream."""
 
 
@@ -61,7 +61,7 @@ class LiveIngest:
 
     def __init__(
         self, source: FrameSource, encoder: GroupEncoder, options: SequenceOptions,
-        publish: Callable[[StreamUpdate], None], stop: Callable[[], bool], warn: Callable[[str], None],
+        publish: Callable[[LiveState], None], stop: Callable[[], bool], warn: Callable[[str], None],
         *, clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:  # fmt: skip

@@ -15,7 +15,7 @@ import {
   MAX_HELD_BYTES,
   MAX_PACKETS,
   MAX_PREVIEW,
-  MAX_TIERS,
+  MAX_PARITY_RANGES,
   REQUEST,
   VERSION,
   VIEW,
@@ -72,12 +72,12 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
   if (bytes.length < 77) return null;
   const numbers = dataView(bytes),
     flags = bytes[69],
-    tiers = bytes[70],
-    at = 71 + 8 * tiers;
-  if (flags > (LIVE | VIEWABLE) || !(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
+    ranges = bytes[70],
+    at = 71 + 8 * ranges;
+  if (flags > (LIVE | VIEWABLE) || !(ranges >= 1 && ranges <= MAX_PARITY_RANGES) || at + 2 > bytes.length - 4) return null;
   const size = numbers.getUint16(at, true),
     headBytes = Number(numbers.getBigUint64(17, true));
-  if (size > MAX_PREVIEW || size + 8 * tiers > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;
+  if (size > MAX_PREVIEW || size + 8 * ranges > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;
   const welcome = {
     session: numbers.getUint32(9, true),
     streamId: numbers.getUint32(13, true),

@@ -79,7 +79,7 @@ class GaussianDecoder:
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the scene before packets are decoded (see `Decoder.expect`)."""
         self._splats = blank_splats(self._num, self._info.degree)
-        self._levels = np.zeros(self._num, dtype=np.uint8)
+        self._classes = np.zeros(self._num, dtype=np.uint8)
         self._loss_mask = LossMask.of_anchors(np.zeros(self._num, dtype=np.bool_))
 
     def decode(self, run: Run) -> SymbolRows:
@@ -100,7 +100,7 @@ class GaussianDecoder:
             rows = gaps
         store_block(self._splats, places, rows[0], rows[1], received, self._info, run.block)
         if received.any():
-            self._levels[places] = rows[0][:, CLASS].astype(np.uint8)
+            self._classes[places] = rows[0][:, CLASS].astype(np.uint8)
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""
@@ -111,7 +111,7 @@ class GaussianDecoder:
         scene = SplatScene(
             self._splats,
             background=BACKGROUND.read(self.sections),
-            coding=coding_of(self._info, self._levels),
+            coding=coding_of(self._info, self._classes),
             antialiased=ANTIALIASED in self.sections,
             origin=ORIGIN.read(self.sections),
             metadata=read_metadata(self.sections),

@@ -138,17 +138,17 @@ class SourceScene:
         """
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
-            bases, levels = np.array(coding.bases), coding.classes
+            bases, coded = np.array(coding.bases), coding.classes
         else:
             size_log = scene_log(splats)
             splats = within_reach(splats, size_log)
             log_clipped_colours(splats)
             bases = _step_exponents(splats, quality, size_log)
             most = quality.num_classes(splats.degree) - 1
-            levels = levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
-            unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
+            coded = raise_flat(splats, coded_classes(classes, splats.num_gaussians, most), most, bases, size_log)
+            unit = min(_lattice_unit(splats, coded, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means, unit, size_log)
-        centres = _quantised_positions(splats, levels, bases, size_log, unit, coarsest)
+        centres = _quantised_positions(splats, coded, bases, size_log, unit, coarsest)
         order = _input_order(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
@@ -156,7 +156,7 @@ class SourceScene:
             centres,
             order,
             edges,
-            levels,
+            coded,
             size_log,
             unit,
             bases,
@@ -262,7 +262,7 @@ def _input_order(count: int) -> np.ndarray:
     return order
 
 
-def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
+def coded_classes(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
     """Converts precision classes from the numbers that callers use to those in the bitstream.
 
     Args:
@@ -280,18 +280,18 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
         return np.broadcast_to(np.uint8(most), count)
     if np.shape(classes) != (count,):
         raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
-    levels = large_empty((count,), np.uint8)
-    for level, some in zip(runs(levels), runs(np.asarray(classes)), strict=True):
-        level[:] = np.clip(some, -most, 0) + most
-    return levels
+    coded = large_empty((count,), np.uint8)
+    for part, some in zip(runs(coded), runs(np.asarray(classes)), strict=True):
+        part[:] = np.clip(some, -most, 0) + most
+    return coded
 
 
-def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
+def raise_flat(splats: Splats, classes: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
     Args:
         splats: The N Gaussians.
-        levels: uint8 (N), precision classes from `levels_of`.
+        classes: uint8 (N), precision classes from `coded_classes`.
         most: The finest precision class.
         bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
         size_log: log2 of the scene's size.
@@ -303,15 +303,15 @@ def levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndar
     # classes, at most 0.4 %.
     flat = np.concatenate([np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales))])
     if not len(flat):
-        return levels
+        return classes
     logs = to_logs(splats.select(flat), size_log) / (1 << BITS)
     opacity, s0, long = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
     known = np.stack([2 * s0 - long, long, np.zeros(len(flat)), opacity])
     exponents = (COEFFICIENTS[S_SCALE2] @ known + bases[S_SCALE2]) / (1 << STEP_BITS)
     # The margin covers the rounding of the exponent and of its inputs.
     least = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
-    raised = levels.copy()
-    raised[flat] = np.maximum(levels[flat], np.clip(least, 0, most)).astype(np.uint8)
+    raised = classes.copy()
+    raised[flat] = np.maximum(classes[flat], np.clip(least, 0, most)).astype(np.uint8)
     return raised
 
 
@@ -343,7 +343,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
 
 
 def _quantised_positions(
-    splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
+    splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
 ) -> np.ndarray:
     """Returns the positions of the Gaussians as a decoder obtains them, float32 (N, 3).
 
@@ -355,8 +355,8 @@ def _quantised_positions(
     def find(begin: int) -> None:
         some = centres[begin : begin + ROWS]
         part, shifts = splats.run(begin, begin + len(some)), np.empty(len(some), np.int64)
-        classes = levels[begin : begin + len(some)].astype(np.int64)
-        kernels.position_shifts(to_logs(part, size_log), classes, bases, unit, coarsest, thinness, shifts)
+        own = classes[begin : begin + len(some)].astype(np.int64)
+        kernels.position_shifts(to_logs(part, size_log), own, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means
         # Twice: the centre of a cell near float32 precision is rounded, possibly into a neighbouring cell.
         for _ in range(2):
@@ -368,17 +368,17 @@ def _quantised_positions(
     return centres
 
 
-def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
+def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int) -> int:
     """Chooses the spacing of the lattice of positions, as `-log2` relative to the scene's size."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(some: tuple[np.ndarray, np.ndarray]) -> float:
-        scales, level = (values.astype(np.float64) for values in some)
+        scales, own = (values.astype(np.float64) for values in some)
         _, middle, largest = (logs - size_log for logs in sort3(np.log2(scales)))
-        steps = octaves + level + c[0] * (largest + middle) + c[1] * (largest - middle)
+        steps = octaves + own + c[0] * (largest + middle) + c[1] * (largest - middle)
         return float(np.maximum(steps, 1 - middle).max())
 
     # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
-    most = max(share(finest, list(zip(runs(splats.scales), runs(levels), strict=True))), default=-np.inf)
+    most = max(share(finest, list(zip(runs(splats.scales), runs(classes), strict=True))), default=-np.inf)
     far = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
     return int(np.clip(np.ceil(most), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))

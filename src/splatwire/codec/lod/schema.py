@@ -43,7 +43,7 @@ class LevelsDecoder(GaussianDecoder):
         """Returns the scene decoded so far, with the level of detail of each Gaussian (see `Decoder.scene`)."""
         partial = super().scene()
         numbers = np.arange(len(self._sizes) - 1, -1, -1, dtype=np.uint8)
-        levels = Levels(np.repeat(numbers, self._sizes), self._levels)
+        levels = Levels(np.repeat(numbers, self._sizes), self._classes)
         scene = replace(partial.scene, hints=levels.hints, coding=None)
         return replace(partial, scene=scene).with_records(levels)
 

@@ -14,7 +14,7 @@ from splatwire.codec.gaussians.encoder import encode_block, fit_side_info
 from splatwire.codec.gaussians.layout import STEP_BITS
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_blocks, write_side_info
-from splatwire.codec.gaussians.source_scene import SourceScene, levels_of
+from splatwire.codec.gaussians.source_scene import SourceScene, coded_classes
 from splatwire.codec.sequence.layout import MAX_PLACE, MAX_SPACING
 from splatwire.codec.sequence.side_info import Shot, spacing_of
 from splatwire.codec.sequence.steps import motion_shifts
@@ -183,7 +183,7 @@ class KeyframeEncoder:
             level: Median precision class of the first Gaussians that were encoded with these parameters.
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
-        levels = np.full(count, level, np.uint8) if classes is None else levels_of(classes, count, most)
+        levels = np.full(count, level, np.uint8) if classes is None else coded_classes(classes, count, most)
         transform, bases = info.transform, tuple(info.bases.tolist())
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
 

@@ -18,7 +18,7 @@ from splatwire.codec.gaussians.blocks import Boxes
 from splatwire.codec.gaussians.encoder import prepare_splats
 from splatwire.codec.gaussians.outliers import within_reach
 from splatwire.codec.gaussians.side_info import SideInfo, write_side_info
-from splatwire.codec.gaussians.source_scene import levels_of, levels_of_flat
+from splatwire.codec.gaussians.source_scene import coded_classes, raise_flat
 from splatwire.codec.schema import Options
 from splatwire.codec.update.apply import changed_stream, check_base
 from splatwire.codec.update.matching import find_unchanged
@@ -132,7 +132,7 @@ def _encode_new(
     if not new.num_gaussians:
         return _without_gaussians(base, info)
     most = int(coding.classes.max())
-    levels = levels_of_flat(new, levels_of(classes, new.num_gaussians, most), most, info.bases, coding.size_log)
+    levels = raise_flat(new, coded_classes(classes, new.num_gaussians, most), most, info.bases, coding.size_log)
     scene = SplatScene(new, coding=replace(coding, classes=np.array(levels)))
     prepared = prepare_splats(scene, Options(packetization, threads=threads), info)
     return encode_prepared(SCHEMA, prepared, threads, None)

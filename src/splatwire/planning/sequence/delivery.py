@@ -78,9 +78,9 @@ class MotionTransfer:
             found: Sending order of the packets, and their parity.
             protection: Amounts of redundancy.
         """
-        order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.tiers))
+        order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.parity_ranges))
         timing = replace(protection, parity_until=0.0)
-        items = build_send_schedule([], found.tiers, [code.repair for code in codes], timing, [len(order)])
+        items = build_send_schedule([], found.parity_ranges, [code.repair for code in codes], timing, [len(order)])
         table = np.array(items, np.int64).reshape(-1, 3)
         kind, group, symbol = table.T
         size, data = np.full(len(table), load.parity_bytes), kind == DATA
@@ -113,7 +113,9 @@ def model_motion_transfer(load: SequenceLoad, protection: Protection, group: int
     groups = range(len(load.groups)) if group is None else [group]
     found = [arrange([load.groups[number]], importance, protection, number) for number in groups]
     order = tuple(packet for part in found for packet in part.order)
-    return MotionTransfer.of(load, Arranged(order, tuple(tier for part in found for tier in part.tiers)), protection)
+    return MotionTransfer.of(
+        load, Arranged(order, tuple(one for part in found for one in part.parity_ranges)), protection
+    )
 
 
 def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed: int) -> set[PacketId]:

@@ -48,12 +48,12 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
     """
     w = welcome
     total = w.object_bytes + w.num_packets * w.packet_bytes
-    tiers = sum(tier.num_packets for tier in w.tiers)
+    covered = sum(some.num_packets for some in w.parity_ranges)
     groups_fit = all(
-        tier.groups <= tier.num_packets
-        and -(-tier.num_packets // max(tier.groups, 1)) <= (fec.MAX_SYMBOLS if tier.groups else tier.num_packets + 1)
-        and tier.repair <= fec.MAX_REPAIR
-        for tier in w.tiers
+        some.groups <= some.num_packets
+        and -(-some.num_packets // max(some.groups, 1)) <= (fec.MAX_SYMBOLS if some.groups else some.num_packets + 1)
+        and some.repair <= fec.MAX_REPAIR
+        for some in w.parity_ranges
     )
     checks = (
         (0 < w.object_bytes <= limits.head_bytes, f"side information of {w.object_bytes} bytes"),
@@ -65,7 +65,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
             MIN_SYMBOL_BYTES <= w.symbol_bytes <= MAX_DATAGRAM and w.symbol_bytes % fec.ALIGNMENT == 0,
             f"symbols of {w.symbol_bytes} bytes",
         ),
-        (tiers == w.num_packets and groups_fit, "a protection that contradicts itself"),
+        (covered == w.num_packets and groups_fit, "a protection that contradicts itself"),
     )
     return next((f"the server announces {what}" for fine, what in checks if not fine), None)
 
@@ -166,7 +166,7 @@ class PacketCollector:
 
     def __init__(self, welcome: Welcome) -> None:
         self._welcome = welcome
-        self._finder = GroupFinder(welcome.tiers)
+        self._finder = GroupFinder(welcome.parity_ranges)
         self._symbol_bytes = fec.symbol_bytes_for(welcome.packet_bytes)
         self._have = bytearray(welcome.num_packets)
         self._early: dict[int, Packet] = {}
@@ -186,7 +186,7 @@ class PacketCollector:
         Args:
             welcome: Server's response with the new sizes of the stream, already checked.
         """
-        old, self._welcome, self._finder = self._finder, welcome, GroupFinder(welcome.tiers)
+        old, self._welcome, self._finder = self._finder, welcome, GroupFinder(welcome.parity_ranges)
         for number in {*self._members, *self._repair}:
             if number >= self._finder.num_groups or self._finder.group(number) != old.group(number):
                 self._members.pop(number, None)

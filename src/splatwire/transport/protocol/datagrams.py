@@ -5,7 +5,7 @@ from typing import NamedTuple
 MAX_NAME = 64
 MAX_NACKS = 250
 """Maximum number of NACKs in one feedback datagram."""
-MAX_TIERS = 130
+MAX_PARITY_RANGES = 130
 """Maximum number of packet runs; a run is a series of packets in sending order with the same parity. A static scene has
 at most ten runs: eight importance tiers, bundled packets, packets without parity. A sequence has two runs for each
 group of pictures, and no preview, which leaves space for them in the welcome.
@@ -73,7 +73,7 @@ class Request(NamedTuple):
     scene_token: str = ""
 
 
-class TierHead(NamedTuple):
+class ParityRange(NamedTuple):
     """Parity (repair symbols) of a range of consecutive packets.
 
     The range is divided into parity groups, and each group has repair symbols for its packets.
@@ -104,7 +104,7 @@ class Welcome(NamedTuple):
         num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
         packet_bytes: Maximum size of a packet in bytes.
         bundled: Number of packets bundled in the init segment, the first in sending order.
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
         preview: Preview to show until the scene is decoded; empty without a preview.
         is_live: True for a live stream.
         viewable: True if the server can send visible packets first.
@@ -119,7 +119,7 @@ class Welcome(NamedTuple):
     num_packets: int
     packet_bytes: int
     bundled: int
-    tiers: tuple[TierHead, ...]
+    parity_ranges: tuple[ParityRange, ...]
     preview: bytes = b""
     is_live: bool = False
     viewable: bool = False

@@ -11,7 +11,7 @@ from splatwire.bitstream.limits import MAX_MANIFEST_BYTES
 from splatwire.bitstream.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.errors import BitstreamError
 from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
-from splatwire.transport.protocol.datagrams import TierHead
+from splatwire.transport.protocol.datagrams import ParityRange
 
 _HEAD = struct.Struct("<I")
 _CARRIED = struct.Struct("<H")
@@ -123,13 +123,13 @@ class Group(NamedTuple):
         return self.start + symbol * self.step
 
 
-def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
+def parity_groups(parity_ranges: Sequence[ParityRange]) -> list[Group]:
     """Returns the parity groups (packets that share repair symbols) of a stream.
 
     Args:
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
-    finder = GroupFinder(tiers)
+    finder = GroupFinder(parity_ranges)
     return [finder.group(number) for number in range(finder.num_groups)]
 
 
@@ -137,24 +137,24 @@ class GroupFinder:
     """Finds the parity group (packets that share repair symbols) of a packet.
 
     Args:
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
 
-    def __init__(self, tiers: Sequence[TierHead]) -> None:
+    def __init__(self, parity_ranges: Sequence[ParityRange]) -> None:
         # groups are computed from the runs at each call: a table of all groups would need much memory
-        self._tiers = tuple(tiers)
-        self.num_groups = sum(tier.groups for tier in self._tiers)
+        self._ranges = tuple(parity_ranges)
+        self.num_groups = sum(some.groups for some in self._ranges)
 
     def group(self, number: int) -> Group:
         """Returns the parity group with the given index, 0 to `num_groups - 1`."""
         first = 0
-        for tier in self._tiers:
-            if number < tier.groups:
+        for some in self._ranges:
+            if number < some.groups:
                 break
-            first, number = first + tier.num_packets, number - tier.groups
+            first, number = first + some.num_packets, number - some.groups
         else:
             raise IndexError("there is no such parity group")
-        return Group(first + number, tier.groups, -(-(tier.num_packets - number) // tier.groups), tier.repair)
+        return Group(first + number, some.groups, -(-(some.num_packets - number) // some.groups), some.repair)
 
     def find(self, index: int) -> tuple[int, int] | None:
         """Finds the parity group of a packet.
@@ -166,11 +166,11 @@ class GroupFinder:
             Index of the parity group, and index of the packet in the group; None for a packet without parity.
         """
         first = group = 0
-        for tier in self._tiers:
-            if index < first + tier.num_packets:
-                if not tier.groups or not tier.repair:
+        for some in self._ranges:
+            if index < first + some.num_packets:
+                if not some.groups or not some.repair:
                     return None
-                symbol, offset = divmod(index - first, tier.groups)
+                symbol, offset = divmod(index - first, some.groups)
                 return group + offset, symbol
-            first, group = first + tier.num_packets, group + tier.groups
+            first, group = first + some.num_packets, group + some.groups
         return None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from splatwire.bitstream import Manifest, Packet, make_packet
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import MAX_SYMBOLS, symbol_bytes_for
-from splatwire.transport.protocol.datagrams import TierHead
+from splatwire.transport.protocol.datagrams import ParityRange
 from splatwire.transport.protocol.layout import init_segment
 from splatwire.transport.protocol.motion_parity import Arranged, GroupPackets, arrange
 from splatwire.transport.protocol.protection import Protection
@@ -33,7 +33,7 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 
 
 @dataclass(frozen=True, eq=False)
-class StreamUpdate(ServedStream):
+class LiveState(ServedStream):
     """State of a live stream after a new group of pictures, prepared for sending.
 
     Attributes:
@@ -63,11 +63,11 @@ class LiveSession:
         self._packets: list[bytes] = []
         self._persistent = bytearray()
         self._newest = self._groups = self._codes = 0
-        self._runs: tuple[TierHead, ...] = ()
+        self._parity_ranges: tuple[ParityRange, ...] = ()
         self._parity: tuple[tuple[bytes, ...], ...] = ()
         self._fresh: tuple[tuple[int, int, int], ...] = ()
 
-    def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> StreamUpdate:
+    def add(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> LiveState:
         """Adds a group of pictures and returns the new state of the stream.
 
         Args:
@@ -94,10 +94,10 @@ class LiveSession:
             self._persistent.append(plan.persistent(packet.id.block))
         if len(self._packets) != manifest.num_packets:
             raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
-        self._protect(found.tiers)
+        self._protect(found.parity_ranges)
         return self._state(manifest, side_info, more=True)
 
-    def end(self, manifest: Manifest, side_info: bytes) -> StreamUpdate:
+    def end(self, manifest: Manifest, side_info: bytes) -> LiveState:
         """Returns the final state of the stream, from which clients know that it has ended.
 
         Args:
@@ -115,29 +115,29 @@ class LiveSession:
         self._groups += 1
         return arrange([group], importance, self._protection, self._groups - 1)
 
-    def _protect(self, tiers: tuple[TierHead, ...]) -> None:
+    def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
         """Computes the repair symbols and the sending order of the newest group of pictures."""
         # The repair symbols of earlier groups of pictures are dropped.
         before, newest = max(self._codes, -(-self._newest // MAX_SYMBOLS)), self._packets[self._newest :]
-        past = (TierHead(self._newest, before, 0),) if self._newest else ()
+        past = (ParityRange(self._newest, before, 0),) if self._newest else ()
         before = before if past else 0
-        parity = parity_symbols(newest, tiers, symbol_bytes_for(MAX_PACKET_BYTES))
+        parity = parity_symbols(newest, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
         items = build_send_schedule(
-            [], tiers, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(newest)]
+            [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(newest)]
         )
         firsts = {DATA: self._newest, PARITY: 0}
-        self._runs, self._parity = (*past, *tiers), (*((),) * before, *parity)
+        self._parity_ranges, self._parity = (*past, *ranges), (*((),) * before, *parity)
         self._fresh = tuple((kind, group + before * (kind == PARITY), n + firsts[kind]) for kind, group, n in items)
         self._codes = before + len(parity)
 
-    def _state(self, manifest: Manifest, side_info: bytes, *, more: bool) -> StreamUpdate:
+    def _state(self, manifest: Manifest, side_info: bytes, *, more: bool) -> LiveState:
         data = init_segment(manifest, side_info)
         symbol_bytes = side_symbol_bytes(len(data))
         head, scheduled = head_symbols(data, symbol_bytes, self._protection)
         side = [(SIDE, segment, symbol) for segment, count in enumerate(scheduled) for symbol in range(count)]
         keyframes = ((DATA, 0, n) for n in range(self._newest) if self._persistent[n])
-        return StreamUpdate(
+        return LiveState(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, tuple(self._packets),
-            MAX_PACKET_BYTES, 0, self._runs or (TierHead(0, 0, 0),), self._parity,
+            MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
             (*side, *keyframes, *self._fresh), is_live=more, persistent=bytes(self._persistent), newest=self._newest,
         )  # fmt: skip

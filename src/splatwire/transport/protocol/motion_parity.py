@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 from splatwire.bitstream import Packet, PacketPlan
 from splatwire.transport.fec import MAX_REPAIR, MAX_SYMBOLS
-from splatwire.transport.protocol.datagrams import MAX_TIERS, TierHead
+from splatwire.transport.protocol.datagrams import MAX_PARITY_RANGES, ParityRange
 from splatwire.transport.protocol.protection import Protection
 
-MOST_CODES = (MAX_TIERS - 2) // 2
+MOST_CODES = (MAX_PARITY_RANGES - 2) // 2
 """Maximum number of parity settings in a sequence; in longer sequences, neighbouring groups of pictures share one."""
 
 
@@ -18,11 +18,11 @@ class Arranged(NamedTuple):
 
     Attributes:
         order: Indices of the packets, in sending order.
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
     """
 
     order: tuple[int, ...]
-    tiers: tuple[TierHead, ...]
+    parity_ranges: tuple[ParityRange, ...]
 
 
 class GroupPackets(NamedTuple):
@@ -68,7 +68,7 @@ def arrange(
         Sending order of the packets, and their parity.
     """
     together = max(-(-len(groups) // MOST_CODES), 1)
-    order, tiers = list[int](), list[TierHead]()
+    order, ranges = list[int](), list[ParityRange]()
     for begin in range(0, len(groups), together):
         keyframes, coded, others, repair = list[int](), list[int](), list[int](), 0.0
         for number, group in enumerate(groups[begin : begin + together], first + begin):
@@ -81,9 +81,9 @@ def arrange(
         codes = -(-len(coded) // MAX_SYMBOLS)
         symbols = min(_round_up(repair / codes), MAX_REPAIR) if codes else 0
         order += [*keyframes, *coded, *others]
-        tiers += [TierHead(len(keyframes), 0, 0), TierHead(len(coded), codes if symbols else 0, symbols)]
-        tiers.append(TierHead(len(others), 0, 0))
-    return Arranged(tuple(order), _joined(tiers))
+        ranges += [ParityRange(len(keyframes), 0, 0), ParityRange(len(coded), codes if symbols else 0, symbols)]
+        ranges.append(ParityRange(len(others), 0, 0))
+    return Arranged(tuple(order), _joined(ranges))
 
 
 def _round_up(share: float) -> int:
@@ -98,12 +98,12 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
     return set(sorted(motion, key=lambda packet: -importance[packet])[:count])
 
 
-def _joined(tiers: Sequence[TierHead]) -> tuple[TierHead, ...]:
+def _joined(ranges: Sequence[ParityRange]) -> tuple[ParityRange, ...]:
     """Merges adjacent ranges of packets without parity, and removes empty ranges."""
-    out = list[TierHead]()
-    for tier in tiers:
-        if tier.num_packets and out and not (tier.groups or out[-1].groups):
-            out[-1] = TierHead(out[-1].num_packets + tier.num_packets, 0, 0)
-        elif tier.num_packets:
-            out.append(tier)
-    return tuple(out) or (TierHead(0, 0, 0),)
+    out = list[ParityRange]()
+    for one in ranges:
+        if one.num_packets and out and not (one.groups or out[-1].groups):
+            out[-1] = ParityRange(out[-1].num_packets + one.num_packets, 0, 0)
+        elif one.num_packets:
+            out.append(one)
+    return tuple(out) or (ParityRange(0, 0, 0),)

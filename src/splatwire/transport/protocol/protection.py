@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from splatwire.arguments import check_fields
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
-from splatwire.transport.protocol.datagrams import TierHead
+from splatwire.transport.protocol.datagrams import ParityRange
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, SIDE_OVERHEAD
 
 SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
@@ -89,7 +89,7 @@ def num_bundled_packets(num_packets: int, protection: Protection) -> int:
     return round(protection.head_share * num_packets)
 
 
-def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
+def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[ParityRange, ...]:
     """Returns the parity of consecutive ranges of packets, in sending order.
 
     The first range has the packets that are bundled in the init segment. A range for each importance tier with parity
@@ -107,8 +107,8 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
         raise InvalidValueError(
             f"parity for {len(protection.tier_repair)} tiers, and the stream has {present}: encode with --tiers"
         )
-    runs = [(tiers[bundled:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
-    return _tier_heads([(bundled, 0.0), *runs], len(tiers))
+    sizes = [(tiers[bundled:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
+    return _parity_ranges([(bundled, 0.0), *sizes], len(tiers))
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
@@ -127,14 +127,14 @@ def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int,
     return tuple(tiers[bundled:].count(tier) for tier in range(max(tiers, default=0) + 1))
 
 
-def _tier_heads(runs: Sequence[tuple[int, float]], num_packets: int) -> tuple[TierHead, ...]:
-    heads, first = [], 0
-    for size, share in runs:
+def _parity_ranges(sizes: Sequence[tuple[int, float]], num_packets: int) -> tuple[ParityRange, ...]:
+    ranges, first = [], 0
+    for size, share in sizes:
         groups = -(-size // MAX_SYMBOLS) if share else 0
         repair = min(round(share * num_symbols(size, groups)), MAX_REPAIR) if groups else 0
         if size:
-            heads.append(TierHead(size, groups if repair else 0, repair))
+            ranges.append(ParityRange(size, groups if repair else 0, repair))
             first += size
-    if first < num_packets or not heads:
-        heads.append(TierHead(num_packets - first, 0, 0))
-    return tuple(heads)
+    if first < num_packets or not ranges:
+        ranges.append(ParityRange(num_packets - first, 0, 0))
+    return tuple(ranges)

@@ -137,4 +137,4 @@ class ReceiveState:
 def _order_parameters(welcome: Welcome) -> tuple[object, ...]:
     """Returns the parameters of a stream that determine the sending order of its packets."""
     sizes = welcome.object_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.bundled
-    return *sizes, welcome.tiers, welcome.is_live, welcome.viewable
+    return *sizes, welcome.parity_ranges, welcome.is_live, welcome.viewable

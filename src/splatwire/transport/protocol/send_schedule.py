@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 
-from splatwire.transport.protocol.datagrams import TierHead
+from splatwire.transport.protocol.datagrams import ParityRange
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.wire import DATA, PARITY, SIDE
 
 
 def build_send_schedule(
     head: Sequence[int],
-    tiers: Sequence[TierHead],
+    parity_ranges: Sequence[ParityRange],
     parity: Sequence[int],
     protection: Protection,
     present: Sequence[int] = (),
@@ -18,7 +18,7 @@ def build_send_schedule(
 
     Args:
         head: Number of symbols to send of each segment (source block) of the init segment.
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
         present: Number of packets of each importance tier, except bundled packets. Empty without tiers and bundled
@@ -27,22 +27,22 @@ def build_send_schedule(
     Returns:
         Three integers for each datagram, as in `SendSchedule.items`.
     """
-    num_packets = sum(tier.num_packets for tier in tiers)
+    num_packets = sum(some.num_packets for some in parity_ranges)
     head_items = sorted(((n / size, k, n) for k, size in enumerate(head) for n in range(size)))
     due = [((n + 0.5) / len(head_items) * protection.side_lead, SIDE, k, i) for n, (_, k, i) in enumerate(head_items)]
     bundled = num_packets - sum(present or [num_packets])
     times = [0.0] * bundled + _packet_times(present or [num_packets], protection.tier_spread)
     due += [(times[n], DATA, 0, n) for n in range(bundled, num_packets)]
     first = group = 0
-    for tier in tiers:
-        groups = range(group, group + tier.groups)
+    for some in parity_ranges:
+        groups = range(group, group + some.groups)
         items = sorted((n / parity[k], k, n) for k in groups for n in range(parity[k]))
-        last = first + tier.num_packets
+        last = first + some.num_packets
         if items:
-            start, end = sum(times[first:last]) / tier.num_packets, max(times[first:last])
+            start, end = sum(times[first:last]) / some.num_packets, max(times[first:last])
             long = max(end, protection.parity_until) - start
             due += [(start + (n + 0.5) / len(items) * long, PARITY, k, i) for n, (_, k, i) in enumerate(items)]
-        first, group = last, group + tier.groups
+        first, group = last, group + some.groups
     return tuple((kind, group, symbol) for _, kind, group, symbol in sorted(due))
 
 

@@ -15,7 +15,7 @@ from splatwire.bitstream import Packet, PacketId, SceneStream, send_sequence
 from splatwire.bitstream.tiles import Tiles, read_tiles
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
-from splatwire.transport.protocol.datagrams import MAX_PREVIEW, TierHead
+from splatwire.transport.protocol.datagrams import MAX_PREVIEW, ParityRange
 from splatwire.transport.protocol.layout import Group, Segments, init_segment, parity_groups
 from splatwire.transport.protocol.motion_parity import arrange, group_packets
 from splatwire.transport.protocol.protection import (
@@ -76,7 +76,7 @@ class ServedStream:
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
         bundled: Number of packets bundled in the init segment, the first in sending order.
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
         schedule: Datagrams in sending order, as in `SendSchedule.items`.
         preview: Encoded preview, which clients get first; empty without a preview.
@@ -95,7 +95,7 @@ class ServedStream:
     packets: tuple[bytes, ...]
     packet_bytes: int
     bundled: int
-    tiers: tuple[TierHead, ...]
+    parity_ranges: tuple[ParityRange, ...]
     parity: tuple[tuple[bytes, ...], ...]
     schedule: tuple[tuple[int, int, int], ...]
     preview: bytes = b""
@@ -145,7 +145,7 @@ class ServedStream:
 
     @functools.cached_property
     def _groups(self) -> list[Group]:
-        return parity_groups(self.tiers)
+        return parity_groups(self.parity_ranges)
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
@@ -234,7 +234,7 @@ def make_served_stream(
         )
     if len(preview) > MAX_PREVIEW:
         raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
-    ordered, tiers = _packets_in_order(stream, protection, importance)
+    ordered, ranges = _packets_in_order(stream, protection, importance)
     packets = tuple(packet.data for packet in ordered)
     largest = max(map(len, packets), default=0)
     if largest > MAX_PACKET_BYTES:
@@ -247,12 +247,12 @@ def make_served_stream(
     head, scheduled = head_symbols(data, symbol_bytes, protection)
     members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     timing = replace(protection, parity_until=0.0) if protection.motion else protection
-    parity = parity_symbols(packets, tiers, symbol_bytes_for(largest))
+    parity = parity_symbols(packets, ranges, symbol_bytes_for(largest))
     per_tier = packets_in_tiers(members, protection)
-    schedule = build_send_schedule(scheduled, tiers, [*map(len, parity)], timing, per_tier)
+    schedule = build_send_schedule(scheduled, ranges, [*map(len, parity)], timing, per_tier)
     served = ServedStream(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, bundled,
-        tiers, parity, schedule,
+        ranges, parity, schedule,
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
     return served if tiles is None else _with_view_order(served, tiles)
@@ -270,7 +270,7 @@ def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
 
 def _packets_in_order(
     stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
-) -> tuple[list[Packet], tuple[TierHead, ...]]:
+) -> tuple[list[Packet], tuple[ParityRange, ...]]:
     """Sorts the packets of a stream into sending order, and computes their parity."""
     ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
     if not protection.motion:
@@ -279,7 +279,7 @@ def _packets_in_order(
         raise InvalidValueError("parity for the motion of groups of frames is for a clip, and excludes that for tiers")
     costs = None if importance is None else [importance.get(packet.id, 0.0) for packet in ordered]
     found = arrange(group_packets(ordered, plan), costs, protection)
-    return [ordered[number] for number in found.order], found.tiers
+    return [ordered[number] for number in found.order], found.parity_ranges
 
 
 def side_symbol_bytes(num_bytes: int) -> int:
@@ -316,17 +316,17 @@ def head_symbols(
 
 
 def parity_symbols(
-    packets: Sequence[bytes], tiers: Sequence[TierHead], symbol_bytes: int
+    packets: Sequence[bytes], parity_ranges: Sequence[ParityRange], symbol_bytes: int
 ) -> tuple[tuple[bytes, ...], ...]:
     """Computes the repair symbols of each parity group.
 
     Args:
         packets: Packets in sending order.
-        tiers: Parity of consecutive ranges of packets, in sending order.
+        parity_ranges: Parity of consecutive ranges of packets, in sending order.
         symbol_bytes: Size of a symbol in bytes.
     """
     out = []
-    for group in parity_groups(tiers):
+    for group in parity_groups(parity_ranges):
         members = [packets[group.packet_of(n)] for n in range(group.size)]
         out.append(tuple(repair_symbols(framed(members, symbol_bytes), symbol_bytes, group.repair)))
     return tuple(out)

@@ -97,7 +97,7 @@ class ServerTransfer:
         p = self.stream
         head = (self.nonce, self.session, p.stream_id, p.head_bytes, p.head_digest, p.symbol_bytes)
         return encode(
-            Welcome(*head, len(p.packets), p.packet_bytes, p.bundled, p.tiers, p.preview, p.is_live, p.viewable)
+            Welcome(*head, len(p.packets), p.packet_bytes, p.bundled, p.parity_ranges, p.preview, p.is_live, p.viewable)
         )
 
     def update(self, stream: ServedStream) -> None:

@@ -17,9 +17,9 @@ from splatwire.transport.protocol.datagrams import (
     MAX_HELD_BYTES,
     MAX_NACKS,
     MAX_NAME,
+    MAX_PARITY_RANGES,
     MAX_PREVIEW,
     MAX_SCENE_TOKEN,
-    MAX_TIERS,
     OTHER_VERSION,
     TOKEN_BYTES,
     Bye,
@@ -31,10 +31,10 @@ from splatwire.transport.protocol.datagrams import (
     Have,
     Hello,
     Parity,
+    ParityRange,
     Refuse,
     Request,
     Side,
-    TierHead,
     View,
     Welcome,
 )
@@ -65,7 +65,7 @@ _HELLO = struct.Struct("<BQB")
 _CHALLENGE = struct.Struct(f"<BQ{TOKEN_BYTES}s")
 _REQUEST = struct.Struct(f"<BQ{TOKEN_BYTES}sB")
 _WELCOME = struct.Struct(f"<BQIIQ{DIGEST_BYTES}sHIHIBB")
-_TIER = struct.Struct("<IHH")
+_PARITY_RANGE = struct.Struct("<IHH")
 _SIZE = struct.Struct("<H")
 _SIDE = struct.Struct("<BIIHI")
 _DATA = struct.Struct("<BIII")
@@ -128,9 +128,9 @@ def encode(frame: Frame) -> bytes:
             return _closed(head + name + frame.scene_token.encode())
         case Welcome():
             flags = LIVE * frame.is_live | VIEWABLE * frame.viewable
-            head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.tiers))
-            tiers = b"".join(_TIER.pack(*tier) for tier in frame.tiers)
-            return _closed(head + tiers + _SIZE.pack(len(frame.preview)) + frame.preview)
+            head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:9], flags, len(frame.parity_ranges))
+            ranges = b"".join(_PARITY_RANGE.pack(*some) for some in frame.parity_ranges)
+            return _closed(head + ranges + _SIZE.pack(len(frame.preview)) + frame.preview)
         case Feedback():
             asked = (*frame.nacks, *frame.lost_sequences)
             head = _FEEDBACK.pack(VERSION << 4 | FEEDBACK, *frame[:5], len(frame.nacks), len(frame.lost_sequences))
@@ -238,11 +238,11 @@ def _request(body: bytes) -> Request:
 
 def _welcome(body: bytes) -> Welcome:
     *fields, flags, count = _WELCOME.unpack_from(body)
-    end = _WELCOME.size + count * _TIER.size
+    end = _WELCOME.size + count * _PARITY_RANGE.size
     (size,) = _SIZE.unpack_from(body, end)
-    declared = count * _TIER.size + size
+    declared = count * _PARITY_RANGE.size + size
     if (
-        not 1 <= count <= MAX_TIERS
+        not 1 <= count <= MAX_PARITY_RANGES
         or size > MAX_PREVIEW
         or declared > MAX_DECLARED
         or len(body) != end + _SIZE.size + size
@@ -250,8 +250,8 @@ def _welcome(body: bytes) -> Welcome:
         raise BitstreamError("a welcome of inconsistent size")
     if flags & ~(LIVE | VIEWABLE):
         raise BitstreamError(f"a welcome with the unknown flags {flags:#x}")
-    tiers = tuple(TierHead(*tier) for tier in _TIER.iter_unpack(body[_WELCOME.size : end]))
-    return Welcome._make([*fields[1:], tiers, body[end + _SIZE.size :], bool(flags & LIVE), bool(flags & VIEWABLE)])
+    ranges = tuple(ParityRange(*some) for some in _PARITY_RANGE.iter_unpack(body[_WELCOME.size : end]))
+    return Welcome._make([*fields[1:], ranges, body[end + _SIZE.size :], bool(flags & LIVE), bool(flags & VIEWABLE)])
 
 
 def _feedback(body: bytes) -> Feedback:
