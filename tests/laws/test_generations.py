@@ -19,7 +19,7 @@ from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.io import open_scene
 from splatwire.io import save_scene as save_scene_as
-from splatwire.io.formats import PlyNote, write_splats
+from splatwire.io.formats import PlySteps, write_splats
 from splatwire.types import AnchorScene, Copies, SplatScene
 from splatwire.types.splats import Splats
 
@@ -206,7 +206,7 @@ def test_mutated_rounding_records_of_a_ply_are_read_or_refused(tmp_path: Path) -
         content[at] = rng.choice([0, 1, 63, 64, 127, 128, 255])
         if case % 5 == 0:
             marks[rng.integers(400)] = rng.integers(256)
-        write_splats([scene.splats], path, PlyNote(content.tobytes(), marks))
+        write_splats([scene.splats], path, PlySteps(content.tobytes(), marks))
         try:
             found = decode_stream(encode_scene(open_scene(path), PACKETIZATIONS["few"])).scene.elements
         except SplatwireError:

@@ -189,12 +189,12 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
             tests.append(f", test {report.psnr:.2f} dB")
             on_test(report)
 
-        def refining(share: float) -> None:
+        def last_phase(share: float) -> None:
             bars.update(task, description=f"{last_task}, {share:.0%}")
 
         before = signal.signal(signal.SIGINT, interrupted)
         try:
-            yield Listener(progress, tested, lambda: bool(stop), refining)
+            yield Listener(progress, tested, lambda: bool(stop), last_phase)
         finally:
             signal.signal(signal.SIGINT, before)
 

@@ -27,7 +27,7 @@ from splatwire.files.kinds import (
 )
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
-from splatwire.io.formats import find_format, read_content, read_note
+from splatwire.io.formats import find_format, read_content, read_ply_steps
 from splatwire.io.formats.dispatch import read_with
 from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
@@ -173,10 +173,10 @@ def _read(path: Path) -> SceneFile:
 
 def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:
     """Returns the quantisation steps that a PLY of decoded Gaussians stores; None if the file has none."""
-    note = read_note(path) if kind is SPLATS_PLY else None
-    if note is None or len(note.marks) != splats.num_gaussians:
+    steps = read_ply_steps(path) if kind is SPLATS_PLY else None
+    if steps is None or len(steps.classes) != splats.num_gaussians:
         return None
-    return coding_from_bytes(note.content, note.marks, splats.degree)
+    return coding_from_bytes(steps.content, steps.classes, splats.degree)
 
 
 def _has_gaps(path: Path, lost: int, what: str) -> BitstreamError:

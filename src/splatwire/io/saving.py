@@ -14,7 +14,7 @@ from splatwire.concealment import Concealer, conceal
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
-from splatwire.io.formats import PlyNote, write_splats
+from splatwire.io.formats import PlySteps, write_splats
 from splatwire.io.formats.dispatch import format_for, write_with
 from splatwire.io.formats.outliers import DEFAULT, Outliers
 from splatwire.types import LossMask, Prior, ReceivedScene, SplatCoding
@@ -66,7 +66,7 @@ def save_scene(
         write_splats(
             [splats],
             target,
-            _note_of(shown),
+            _ply_steps_of(shown),
             antialiased=antialiased(shown),
             origin=origin_of(shown),
             outliers=outliers,
@@ -107,7 +107,7 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
     return True
 
 
-def _note_of(scene: Scene) -> PlyNote | None:
+def _ply_steps_of(scene: Scene) -> PlySteps | None:
     """Returns the quantisation steps of decoded Gaussians for a PLY; None if they are unknown or no longer apply."""
     coding: SplatCoding | None = getattr(scene, "coding", None)
     if coding is None:
@@ -116,7 +116,7 @@ def _note_of(scene: Scene) -> PlyNote | None:
         if scene.hints.opacity_gain is not None or not bool((scene.hints.size_gain == 1).all()):
             return None
         coding = coding.select(~scene.hints.left_out)
-    return PlyNote(coding_to_bytes(coding), coding.classes)
+    return PlySteps(coding_to_bytes(coding), coding.classes)
 
 
 @checked

@@ -172,7 +172,7 @@ def test_scene_properties_that_a_format_cannot_store_give_a_warning(register, tm
         ({"recognises": None}, "recognises is missing"),
         ({"read": 3}, "read cannot be called"),
         ({"scene_type": "Points"}, "scene_type must be a class, not 'Points'"),
-        ({"keeps": frozenset(("colour",))}, "keeps has colour; known are antialiased, metadata, note, origin, outl"),
+        ({"keeps": frozenset(("colour",))}, "keeps has colour; known are antialiased, metadata, origin, outliers, s"),
         ({"name": "spz"}, "two file formats are called 'spz': splatwire.io.formats"),
     ],
 )

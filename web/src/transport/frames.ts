@@ -14,8 +14,8 @@ import {
   MAX_HEAD_BYTES,
   MAX_HELD_BYTES,
   MAX_PACKETS,
-  MAX_PREVIEW,
   MAX_PARITY_RANGES,
+  MAX_PREVIEW,
   REQUEST,
   VERSION,
   VIEW,
@@ -74,7 +74,8 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     flags = bytes[69],
     ranges = bytes[70],
     at = 71 + 8 * ranges;
-  if (flags > (LIVE | VIEWABLE) || !(ranges >= 1 && ranges <= MAX_PARITY_RANGES) || at + 2 > bytes.length - 4) return null;
+  if (flags > (LIVE | VIEWABLE) || !(ranges >= 1 && ranges <= MAX_PARITY_RANGES) || at + 2 > bytes.length - 4)
+    return null;
   const size = numbers.getUint16(at, true),
     headBytes = Number(numbers.getBigUint64(17, true));
   if (size > MAX_PREVIEW || size + 8 * ranges > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;

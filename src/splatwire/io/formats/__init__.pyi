@@ -11,7 +11,7 @@ from splatwire.io.formats.dispatch import read_splats as read_splats
 from splatwire.io.formats.dispatch import register_format as register_format
 from splatwire.io.formats.dispatch import splats_kind as splats_kind
 from splatwire.io.formats.dispatch import write_splats as write_splats
-from splatwire.io.formats.ply_note import PlyNote as PlyNote
-from splatwire.io.formats.ply_note import read_note as read_note
+from splatwire.io.formats.ply_steps import PlySteps as PlySteps
+from splatwire.io.formats.ply_steps import read_ply_steps as read_ply_steps
 from splatwire.io.formats.splatv import MovingSplats as MovingSplats
 from splatwire.io.formats.splatv import read_splatv as read_splatv

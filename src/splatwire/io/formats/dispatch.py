@@ -45,7 +45,7 @@ from splatwire.io.formats.content import FileContent, warn_of_distant_sites, war
 from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
 from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, warn_of_other_gaussians, write_ply
 from splatwire.io.formats.ply_file import read_ply_elements
-from splatwire.io.formats.ply_note import PlyNote
+from splatwire.io.formats.ply_steps import PlySteps
 from splatwire.plugins import source_of
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
@@ -256,7 +256,7 @@ def format_for(path: str | os.PathLike[str]) -> FileFormat:
 def write_splats(
     parts: Iterable[Splats],
     path: Path,
-    note: PlyNote | None = None,
+    steps: PlySteps | None = None,
     *,
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
@@ -270,7 +270,7 @@ def write_splats(
     Args:
         parts: Batches of Gaussians, all of one degree of spherical harmonics; may be a generator.
         path: Path of the file, written atomically.
-        note: Quantisation steps to store in a PLY.
+        steps: Quantisation steps to store in a PLY.
         antialiased: True if training reduced opacity when Gaussians are widened to a pixel; stored in PLY, SPZ and SOG.
         origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates.
         outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in
@@ -292,7 +292,7 @@ def write_splats(
         held = form.scene_type.__name__
         raise InvalidValueError(f"{path}: {form.what} holds scenes of the type {held}, not explicit Gaussians")
     facts = kept_facts(
-        form, path, antialiased=antialiased, origin=origin, outliers=outliers, metadata=metadata, note=note
+        form, path, antialiased=antialiased, origin=origin, outliers=outliers, metadata=metadata, steps=steps
     )
     return write_with(form, parts, path, **facts)
 
@@ -327,7 +327,7 @@ def kept_facts(
     origin: Origin = NO_ORIGIN,
     outliers: Outliers = DEFAULT,
     metadata: SceneMetadata = NO_METADATA,
-    note: PlyNote | None = None,
+    steps: PlySteps | None = None,
 ) -> dict[str, Any]:
     """Selects the properties of a scene that a file format can store, and logs a warning about the others.
 
@@ -336,8 +336,8 @@ def kept_facts(
     """
     treatment = check_outliers(outliers)
     facts: dict[str, Any] = {"outliers": treatment} if "outliers" in form.keeps else {}
-    if note is not None and "note" in form.keeps:
-        facts["note"] = note
+    if steps is not None and "steps" in form.keeps:
+        facts["steps"] = steps
     if antialiased and "antialiased" in form.keeps:
         facts["antialiased"] = True
     if antialiased and form.name == "glb":
@@ -400,7 +400,7 @@ def _problem(form: FileFormat) -> str:
     return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_FACTS))}" if unknown else ""
 
 
-_FACTS = frozenset(("antialiased", "metadata", "note", "origin", "outliers"))
+_FACTS = frozenset(("antialiased", "metadata", "steps", "origin", "outliers"))
 
 
 def _lazy_import(module: str, name: str) -> Callable[..., Any]:
@@ -421,14 +421,14 @@ _EXPLICIT = (
         kinds=(SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
         keeps=_FACTS - {"outliers"},
     ),
-    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, keeps=_FACTS - {"note"}),
+    FileFormat("compressed.ply", "a compressed PLY", write=write_compressed_ply, keeps=_FACTS - {"steps"}),
     FileFormat(
         "spz",
         "an SPZ file",
         read=_lazy_import("spz", "read_spz"),
         write=_lazy_import("spz_writer", "write_spz"),
         kinds=(SPZ,),
-        keeps=_FACTS - {"note", "origin"},
+        keeps=_FACTS - {"steps", "origin"},
     ),
     FileFormat(
         "sog",
@@ -436,7 +436,7 @@ _EXPLICIT = (
         read=_lazy_import("sog", "read_sog"),
         write=_lazy_import("sog_writer", "write_sog"),
         kinds=(SOG, SOG_FOLDER, SOG_META),
-        keeps=_FACTS - {"note", "origin"},
+        keeps=_FACTS - {"steps", "origin"},
     ),
     FileFormat(
         "streamed sog", "a streamed SOG", read=_lazy_import("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)
@@ -455,7 +455,7 @@ _EXPLICIT = (
         read=_lazy_import("gltf", "read_gltf"),
         write=_lazy_import("gltf_writer", "write_gltf"),
         kinds=(GLB, GLTF),
-        keeps=_FACTS - {"note", "outliers"},
+        keeps=_FACTS - {"steps", "outliers"},
     ),
     *(
         FileFormat(

@@ -31,7 +31,7 @@ from splatwire.io.formats.ply_comments import (
 )
 from splatwire.io.formats.ply_file import PlyElement
 from splatwire.io.formats.ply_metadata import metadata_comments, stated_metadata
-from splatwire.io.formats.ply_note import DIGEST_DIGITS, PlyNote, marked
+from splatwire.io.formats.ply_steps import DIGEST_DIGITS, PlySteps, with_classes
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, degree_of, num_functions
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, describe_origin, misses_positions
@@ -194,7 +194,7 @@ def _expit(logits: np.ndarray) -> np.ndarray:
 def write_ply(
     parts: Iterable[Splats],
     path: Path,
-    note: PlyNote | None = None,
+    steps: PlySteps | None = None,
     *,
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
@@ -208,15 +208,15 @@ def write_ply(
         for part in filled(path, parts):
             if not count:
                 degree = part.degree
-                file.write(_header(0, degree, note, digest.hexdigest(), remarks, origin))
+                file.write(_header(0, degree, steps, digest.hexdigest(), remarks, origin))
             rows, end = _rows(part), count + part.num_gaussians
-            rows = rows if note is None else marked(rows, note.marks[count:end])
+            rows = rows if steps is None else with_classes(rows, steps.classes[count:end])
             data = _record_bytes(rows, origin)
             digest.update(data)
             file.write(data)
             count = end
         file.seek(0)
-        file.write(_header(count, degree, note, digest.hexdigest(), remarks, origin))
+        file.write(_header(count, degree, steps, digest.hexdigest(), remarks, origin))
     return count
 
 
@@ -247,20 +247,20 @@ def property_names(degree: int) -> list[str]:
     ]
 
 
-def _header(count: int, degree: int, note: PlyNote | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
+def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
     """Returns the header of a PLY file, whose length does not depend on the number of Gaussians.
 
     Args:
         count: Number of Gaussians.
         degree: Degree of their spherical harmonics.
-        note: Quantisation steps to store; None for none.
+        steps: Quantisation steps to store; None for none.
         digest: Digest of the vertices, to which the steps apply.
         remarks: Texts of further comments.
         origin: World coordinates of the origin; positions are float64 unless it is (0, 0, 0).
     """
     digits = str(count)
     lines = ["ply", "format binary_little_endian 1.0", "comment splatwire" + "." * (_COUNT_DIGITS - len(digits))]
-    lines += [] if note is None else [note.line(digest[:DIGEST_DIGITS])]
+    lines += [] if steps is None else [steps.line(digest[:DIGEST_DIGITS])]
     lines += [f"comment {remark}" for remark in remarks]
     wide = _AXES if origin != NO_ORIGIN else ()
     types = {name: "double" if name in wide else "float" for name in property_names(degree)}

@@ -63,14 +63,14 @@ class Listener(CheckedFields):
         progress: Called after every iteration with the progress.
         tested: Called after every test with the quality of the test views.
         should_stop: Called after every iteration; True ends the training with a checkpoint.
-        refining: Called during the refinement at the end with the completed share, 0 to 1.
+        last_phase: Called during the refinement at the end with the completed share, 0 to 1.
         iterated: Called after every iteration with a function that returns the present scene, on the CPU.
     """
 
     progress: Callable[[Progress], None] = lambda progress: None
     tested: Callable[[QualityReport], None] = lambda report: None
     should_stop: Callable[[], bool] = lambda: False
-    refining: Callable[[float], None] = lambda share: None
+    last_phase: Callable[[float], None] = lambda share: None
     iterated: Callable[[Callable[[], Any]], None] = lambda scene: None
 
 

@@ -75,21 +75,21 @@ def train_scene(
         OSError: If a checkpoint cannot be written.
     """
     options, listener = options or RunOptions(), listener or Listener()
-    place = training_device(device)
-    kernels = choose_kernels(place)
-    loop = TrainingLoop(options, listener, train, test, place, kernels)
+    torch_device = training_device(device)
+    kernels = choose_kernels(torch_device)
+    loop = TrainingLoop(options, listener, train, test, torch_device, kernels)
     photos = loop.read_photos()
     if state is None:
         state = initial_state(train, config)
-    model = _AnchorTraining(move_state(state, place), config, train.cameras, kernels)
+    model = _AnchorTraining(move_state(state, torch_device), config, train.cameras, kernels)
     stopped = loop.run(model, photos)
     state, report = model.state, None
     if test is not None and not stopped:
-        report = loop.test(model.scene(place), state.iteration, test.num_views)
+        report = loop.test(model.scene(torch_device), state.iteration, test.num_views)
     scene = export_scene(state, config)
     if not stopped:
         started = time.perf_counter()
-        scene = refine_context(scene, config.refine, progress=listener.refining)
+        scene = refine_context(scene, config.refine, progress=listener.last_phase)
         loop.seconds += time.perf_counter() - started
     return TrainResult(scene, state, report, stopped, loop.seconds)
 

@@ -70,7 +70,7 @@ def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
     numbers = torch.bincount(sources, minlength=count) + 1
     targets = torch.cat([dead, torch.arange(count, count + added)])
     split = (numbers > 1).nonzero()[:, 0]
-    place = state.device
+    device = state.device
     for name, values in state.parameters.items():
         rows = torch.cat([values.detach(), values.new_zeros(added, *values.shape[1:])])
         state.parameters[name] = rows
@@ -78,12 +78,12 @@ def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
     shared, factor = shared_appearance(
         opacities[split].clamp(_LEAST_OPACITY, _MOST_OPACITY), numbers[split].clamp(max=MAX_COPIES)
     )
-    parameters["logits"][split.to(place)] = torch.logit(shared.clamp(_LEAST_OPACITY, _MOST_OPACITY)).to(place)
-    parameters["log_scales"][split.to(place)] += factor.log().to(place)[:, None]
+    parameters["logits"][split.to(device)] = torch.logit(shared.clamp(_LEAST_OPACITY, _MOST_OPACITY)).to(device)
+    parameters["log_scales"][split.to(device)] += factor.log().to(device)[:, None]
     for name, values in parameters.items():
-        values[targets.to(place)] = values[sources.to(place)]
+        values[targets.to(device)] = values[sources.to(device)]
         state.parameters[name] = values.requires_grad_()
-    fresh = torch.cat([targets, split]).to(place)
+    fresh = torch.cat([targets, split]).to(device)
     for moments in state.moments.values():
         for part in ("first", "second"):
             old = getattr(moments, part)

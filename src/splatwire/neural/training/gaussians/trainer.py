@@ -83,15 +83,15 @@ def train_gaussians(
     """
     # A fine-tuning that was stopped is repeated from its beginning.
     options, listener = options or RunOptions(), listener or Listener()
-    place = training_device(device)
-    kernels = choose_kernels(place)
-    loop = TrainingLoop(options, listener, train, test, place, kernels)
+    torch_device = training_device(device)
+    kernels = choose_kernels(torch_device)
+    loop = TrainingLoop(options, listener, train, test, torch_device, kernels)
     photos = loop.read_photos()
     if state is None:
         state = initial_gaussians(train, config)
-    model = _GaussianTraining(state.moved(place), config, train.cameras, kernels)
+    model = _GaussianTraining(state.moved(torch_device), config, train.cameras, kernels)
     stopped = loop.run(model, photos)
-    scene = model.scene(place)
+    scene = model.scene(torch_device)
     if config.tuning and not stopped:
         started = time.perf_counter()
         try:
@@ -116,7 +116,7 @@ def _tuned(scene: SplatScene, train: Dataset, config: GaussianConfig, listener: 
     )
 
     def progress(now: TuningProgress) -> None:
-        listener.refining(now.iteration / now.iterations)
+        listener.last_phase(now.iteration / now.iterations)
         if now.iteration < now.iterations and listener.should_stop():
             raise _StoppedError
 

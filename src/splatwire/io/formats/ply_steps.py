@@ -30,16 +30,16 @@ _PROPERTY = re.compile(rb"\nproperty (float|double) (\w+)(?=\n)")
 
 
 @dataclass(frozen=True, eq=False)
-class PlyNote(CheckedFields):
+class PlySteps(CheckedFields):
     """Quantisation steps of decoded Gaussians, encoded for storage in a PLY.
 
     Attributes:
         content: Encoded quantisation steps common to all Gaussians.
-        marks: Precision class of each Gaussian, uint8 (N).
+        classes: Precision class of each Gaussian, uint8 (N).
     """
 
     content: bytes
-    marks: np.ndarray
+    classes: np.ndarray
 
     def line(self, digest: str) -> str:
         """Returns the text of the header comment, given the digest of the vertices."""
@@ -47,7 +47,7 @@ class PlyNote(CheckedFields):
 
 
 @checked
-def read_note(path: Path) -> PlyNote | None:
+def read_ply_steps(path: Path) -> PlySteps | None:
     """Returns the quantisation steps stored in a PLY, or None if it has none or the file was changed since.
 
     Raises:
@@ -76,16 +76,16 @@ def read_note(path: Path) -> PlyNote | None:
     except binascii.Error:
         return None
     with np.errstate(invalid="ignore"):
-        return PlyNote(content, rows[_NORMAL].astype(np.uint8))
+        return PlySteps(content, rows[_NORMAL].astype(np.uint8))
 
 
-def marked(rows: np.ndarray, marks: np.ndarray) -> np.ndarray:
+def with_classes(rows: np.ndarray, classes: np.ndarray) -> np.ndarray:
     """Returns vertices with the precision class of each Gaussian in the first component of its normal.
 
     Args:
         rows: Properties of the vertices in file order, (N, P).
-        marks: Precision class of each Gaussian, uint8 (N).
+        classes: Precision class of each Gaussian, uint8 (N).
     """
     found = rows.copy()
-    found[:, _COLUMN] = marks
+    found[:, _COLUMN] = classes
     return found
