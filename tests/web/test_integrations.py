@@ -9,6 +9,7 @@ import re
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ import pytest
 from PIL import Image
 
 from explicit import encode_splats
+from moving_sequences import moving_frames
+from random_numbers import Numbers
 from scenes import tiny_cameras
 from splatwire.bitstream import SceneStream, stream_to_bytes
 from splatwire.codec import add_concealment, decode_stream
@@ -28,6 +31,8 @@ from splatwire.io.formats.gltf_writer import write_gltf
 from splatwire.io.formats.sog import read_sog
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.render import render_scene
+from splatwire.sequence import SequenceOptions, encode_sequence
+from splatwire.sequence.decoding import decode_frame
 from splatwire.types import Cameras, SplatScene
 from transport.chromium import Browser, executable, isolated_page
 from web.host import hosting
@@ -147,6 +152,33 @@ window.draw = async (pose) => {
 };
 """
 
+PLAYCANVAS_CLIP = PLAYCANVAS.replace(
+    'import { app } from "./example";',
+    """import { play } from "./example";
+import type { Clip } from "splatwire/clip";
+declare global { interface Window { clip: Clip } }
+const app = new pc.Application(document.querySelector("canvas")!);""",
+).replace("app.start();", "app.start();\nwindow.clip = await play(app);")
+THREE_CLIP = """
+import * as THREE from "three";
+import { SparkRenderer } from "@sparkjsdev/spark";
+import type { Clip } from "splatwire/clip";
+import { play } from "./example";
+declare global { interface Window { draw(pose: number[]): Promise<string>; clip: Clip } }
+const width = 240, height = 180, canvas = document.querySelector("canvas")!;
+const renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
+renderer.setClearColor(new THREE.Color().setRGB(0.2, 0.5, 0.8, THREE.SRGBColorSpace));
+const angle = 2 * Math.atan(height / 2 / width) * 180 / Math.PI, scene = new THREE.Scene();
+const camera = new THREE.PerspectiveCamera(angle, width / height, 0.01, 100);
+window.clip = await play(renderer, scene, camera);
+for (const spark of scene.children) if (spark instanceof SparkRenderer) spark.sortRadial = false;
+window.draw = async (pose) => {
+  new THREE.Matrix4().fromArray(pose).decompose(camera.position, camera.quaternion, camera.scale);
+  for (let n = 0; n < 5; n++) await new Promise((resolve) => requestAnimationFrame(resolve));
+  return canvas.toDataURL();
+};
+"""
+
 WHOLE = """
 import {{ SparkRenderer, SplatMesh }} from "@sparkjsdev/spark";
 import {{ loadSplats }} from "splatwire/three";
@@ -178,7 +210,7 @@ def example(word: str) -> str:
     """The block of the package's README that contains a word."""
     blocks = re.findall(r"```ts\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
     [found] = [block for block in blocks if word in block]
-    return found.replace("/scene.swz", "./scene.swz")
+    return found.replace("/scene.swz", "./scene.swz").replace("/clip.swz", "./clip.swz")
 
 
 def added_whole() -> str:
@@ -238,8 +270,9 @@ def draws(
     cameras: Cameras,
     expected: Sequence[np.ndarray],
     decibels: float,
+    frames: Sequence[int] = (),
 ) -> None:
-    """A page of the project renders a scene as expected.
+    """A page of the project renders a scene as expected, or these frames of a clip, which then plays to its end.
 
     Other viewers sort in a worker without a completion event, so pictures are taken until one agrees.
     """  # fmt: skip
@@ -249,10 +282,17 @@ def draws(
         with isolated_page() as page:
             page.open(f"{url}{name}.html")
             page.wait_for("Boolean(window.draw)")
-            for pose, ours in zip(poses_of(cameras), expected, strict=True):
+            for n, (pose, ours) in enumerate(zip(poses_of(cameras), expected, strict=True)):
                 end = time.monotonic() + 60
+                if frames:
+                    page.evaluate(f"clip.pause(), clip.currentTime = {frames[n]} / clip.rate")
                 while (agreement := psnr(ours, taken(page, pose))) <= decibels:
                     assert time.monotonic() < end, f"the last picture agrees by {agreement:.1f} dB only"
+            if frames:
+                page.evaluate("clip.addEventListener('ended', () => window.ended = true), clip.currentTime = 0")
+                page.evaluate("clip.loop = false, clip.play()")
+                page.wait_for("window.ended && clip.ended && clip.paused")
+                assert page.evaluate("clip.currentTime * clip.rate") == pytest.approx(CLIP_FRAMES - 1)
 
     async def work() -> None:
         async with hosting(pages, dict([scene]), scripts) as host:
@@ -282,7 +322,7 @@ def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
     asking = antialiased_stream()
     expected, other = (render_scene(conceal(decode_stream(each), "grow"), cameras) for each in (asking, plain))
     assert all(psnr(*pair) < 34 for pair in zip(expected, other, strict=True))
-    code, scene = example("splatwire/playcanvas"), ("scene.swz", stream_to_bytes(asking))
+    code, scene = example("SwzParser"), ("scene.swz", stream_to_bytes(asking))
     draws(project, "playcanvas", PLAYCANVAS, code, scene, cameras, expected, 36)
 
 
@@ -298,7 +338,7 @@ def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Pat
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-@pytest.mark.parametrize("code", [example('"splatwire/three"'), added_whole()], ids=["as it arrives", "whole"])
+@pytest.mark.parametrize("code", [example("splatsOf"), added_whole()], ids=["as it arrives", "whole"])
 def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream, code: str) -> None:
     """A mesh in front hides Gaussians; one behind shows through them like a background of its colour."""
     cameras = tiny_cameras(2, 240, 180)
@@ -319,6 +359,37 @@ def test_mesh_of_threejs_draws_a_stream(project: Path) -> None:
     expected = render_scene(conceal(decode_stream(asking), "grow"), cameras)
     code, scene = example("splatwire/three-core"), ("scene.swz", stream_to_bytes(asking))
     draws(project, "three-core", THREE_CORE, code, scene, cameras, list(expected), 45)
+
+
+CLIP_FRAMES = 10
+CLIP_PAGES = {
+    "playcanvas": (PLAYCANVAS_CLIP, "ClipEntity(app", 36),
+    "three": (THREE_CLIP, "new ClipMesh", 37),
+}
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+@pytest.mark.parametrize("name", CLIP_PAGES)
+@pytest.mark.parametrize("degree", [0, 3])
+def test_other_renderers_play_clips(project: Path, name: str, degree: int) -> None:
+    """Frames are shown in any order, and the number of Gaussians changes between them."""
+    script, word, decibels = CLIP_PAGES[name]
+    harmonics = Numbers(1).randn(600, (degree + 1) ** 2 - 1, 3) * 0.1
+    moving = [
+        replace(splats, sh=np.concatenate([splats.sh, harmonics], axis=1)) for splats in moving_frames(600, CLIP_FRAMES)
+    ]
+    stream, _ = encode_sequence(moving, SequenceOptions(Fraction(8), 4))
+    scene, numbers = decode_stream(stream).scene, (0, 9, 5)
+    cameras = tiny_cameras(len(numbers), 240, 180)
+    background = np.array([0.2, 0.5, 0.8], np.float32)
+    expected = [
+        render_scene(decode_frame(scene, number).scene, cameras, background=background)[n]
+        for n, number in enumerate(numbers)
+    ]
+    still = render_scene(decode_frame(scene, 0).scene, cameras, background=background)
+    assert all(psnr(still[n], expected[n]) < decibels - 3 for n in (1, 2))
+    clip = ("clip.swz", stream_to_bytes(stream))
+    draws(project, f"{name}-clip", script, example(word), clip, cameras, expected, decibels, numbers)
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")

@@ -159,6 +159,7 @@ export async function modules() {
   };
   const esm = { format: "esm" };
   await make({ decoder: "src/decoder.ts" }, esm);
+  await make({ clip: "src/clip.ts" }, { ...esm, plugins: [worker(false)] });
   const element = async (name, view, engine, strict) => {
     const plugins = [worker(strict), vectors, looks, drawing(`./${engine}.js`, `./${view}.js`)];
     await make({ [name]: "src/index.ts" }, { ...esm, plugins });

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { JitterBuffer } from "../src/page/live_player.ts";
+import { JitterBuffer } from "../src/jitter_buffer.ts";
 
 const RATE = 30,
   GROUP = 15,

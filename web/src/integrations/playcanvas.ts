@@ -6,6 +6,8 @@ import { decode, type Gaussians, type Options, type ReceivedUpdate, receive } fr
 import { plyColumns } from "./columns.ts";
 import { warnOfLosses } from "./losses.ts";
 
+export { ClipEntity } from "./playcanvas_clip.ts";
+
 type LoadCallback = (error: string | null, resource?: GSplatResource | null) => void;
 
 /**

@@ -4,6 +4,9 @@ import { ExtSplats, utils } from "@sparkjsdev/spark";
 
 import { type Gaussians, type ReceiveOptions, receive } from "../decoder.ts";
 import { withoutQuery } from "../transport/http_error.ts";
+import { PLACES } from "./spark_harmonics.ts";
+
+export { ClipMesh } from "./three_clip.ts";
 
 /**
  * Returns Gaussians for Spark: `new SplatMesh({ splats: splatsOf(gaussians) })`. Keeps the axes of the stream, where y
@@ -24,17 +27,13 @@ export function splatsOf(gaussians: Gaussians): ExtSplats {
   return new ExtSplats({ extArrays: arrays, numSplats: count, extra });
 }
 
-/** Returns the blur options of a `SparkRenderer` for these Gaussians. Spark's defaults assume antialiased ones. */
-export const blurOf = ({ antialiased }: Gaussians): { preBlurAmount: number; blurAmount: number } =>
+/** Returns the blur options of a `SparkRenderer` for Gaussians or a clip. Spark's defaults assume antialiased ones. */
+export const blurOf = ({
+  antialiased,
+}: {
+  readonly antialiased: boolean;
+}): { preBlurAmount: number; blurAmount: number } =>
   antialiased ? { preBlurAmount: 0, blurAmount: 0.3 } : { preBlurAmount: 0.3, blurAmount: 0 };
-
-/** Texture and component of coefficients 1 to 15 in Spark's shader. Spark's own encoder misplaces degree 2. */
-const PLACES = [
-  ...[0, 1, 2, 3].map((word) => ["sh1", word] as const),
-  ...[0, 1, 2, 3].map((word) => ["sh2", word] as const),
-  ...[0, 1, 2, 3].map((word) => ["sh3a", word] as const),
-  ...[0, 1, 2].map((word) => ["sh3b", word] as const),
-];
 
 function harmonicsOf({ count, degree, harmonics }: Gaussians, length: number): Record<string, Uint32Array> {
   const number = (degree + 1) ** 2 - 1,

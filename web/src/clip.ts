@@ -1,0 +1,226 @@
+// `splatwire/clip`: plays clips and live clips in other renderers. A worker receives and decodes; the renderer takes
+// the due frame once per picture.
+
+import startReceiver from "worker:receiver";
+import type { Viewpoint } from "./codec/decoder.ts";
+import { ClipClock, type FrameClock, LiveClock } from "./frame_clock.ts";
+import type { Packed } from "./render/packed.ts";
+import { sourceOf } from "./transport/failover.ts";
+import type { Facts, FromWorker, ToWorker } from "./transport/messages.ts";
+import type { Session } from "./transport/webtransport.ts";
+
+export type { Session, Viewpoint };
+
+export interface ClipOptions {
+  /** Concealment of lost motion: `motion` (default), `hold` or `drop`. */
+  readonly concealer?: string;
+  /** WebTransport session of the server. The default is the one that `../streams.json`, relative to the file, names. */
+  readonly session?: Session;
+}
+
+/** A decoded frame, in the layout of GPU textures. */
+export interface ClipFrame {
+  /** Number of the frame, from 0. */
+  readonly number: number;
+  /** Gaussians. Lengths are in units of `Clip.size`. */
+  readonly packed: Packed;
+}
+
+/** Properties of a stream that do not change. */
+type Known = Facts & { readonly sequence: NonNullable<Facts["sequence"]> };
+
+/**
+ * A clip that is being received and played. It starts paused, unless it is live.
+ *
+ * Events: `ended` after the last frame; `lost` after a disconnect, before the next attempt; `error` if the clip cannot
+ * be received. The reason is in `detail`, a string.
+ */
+export class Clip extends EventTarget {
+  /** True if playback continues with the first frame after the last one. Without effect on live clips. */
+  loop = false;
+  readonly #clock: FrameClock;
+  #paused = true;
+  /** Last arrived frame until `update` returns it, and number of the frame that `update` returned last. */
+  #arrived: ClipFrame | null = null;
+  #shown = -1;
+  /** Requested frame that has not arrived; -1 if none. */
+  #requested = -1;
+  /** True if a frame that is requested again has changed, because packets arrived. */
+  #isStale = true;
+
+  private constructor(
+    readonly worker: Worker,
+    readonly facts: Known,
+    readonly concealer: string,
+  ) {
+    super();
+    this.#clock = facts.sequence.live ? new LiveClock(facts.sequence.rate) : new ClipClock(facts.sequence);
+    worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
+    if (facts.sequence.live) this.play();
+  }
+
+  /**
+   * Starts to receive a clip. Resolves once its properties are known.
+   *
+   * Rejects if the stream is no clip, if it cannot be received, or if the policy of the page forbids
+   * `worker-src blob:`.
+   */
+  static async open(url: string | URL, options: ClipOptions = {}): Promise<Clip> {
+    const { concealer = "motion", session = null } = options,
+      source = await sourceOf(new URL(url, globalThis.location?.href), session),
+      worker = startReceiver();
+    try {
+      worker.postMessage({ kind: "open", ...source, bytes: null } satisfies ToWorker);
+      const facts = await firstFacts(worker),
+        { sequence } = facts;
+      if (!sequence) throw new Error("the stream is not a clip: load it as a scene");
+      if (!facts.concealers.includes(concealer))
+        throw new Error(`the stream has no concealer '${concealer}', only ${facts.concealers.join(", ")}`);
+      return new Clip(worker, { ...facts, sequence }, concealer);
+    } catch (error) {
+      worker.terminate();
+      throw error;
+    }
+  }
+
+  /** Frames per second. */
+  get rate(): number {
+    return this.facts.sequence.rate;
+  }
+
+  /** True for live clips, which have no end and do not seek. */
+  get live(): boolean {
+    return this.facts.sequence.live;
+  }
+
+  /** Duration in seconds; infinite for live clips. */
+  get duration(): number {
+    return this.live ? Infinity : this.facts.sequence.numFrames / this.rate;
+  }
+
+  /** Size of the scene, world units. It is the unit of length in frames. */
+  get size(): number {
+    return this.facts.size;
+  }
+
+  /** True if opacity decreases for Gaussians below the size of a pixel (Mip-Splatting), as opposed to 3DGS. */
+  get antialiased(): boolean {
+    return this.facts.antialiased;
+  }
+
+  /** Background colour, RGB, each 0 to 1. */
+  get background(): readonly [number, number, number] {
+    return this.facts.background;
+  }
+
+  /** Initial viewpoint; null if the stream has none. */
+  get viewpoint(): Viewpoint | null {
+    return this.facts.viewpoint;
+  }
+
+  get paused(): boolean {
+    return this.#paused;
+  }
+
+  /** True after the last frame of a clip without `loop`. */
+  get ended(): boolean {
+    return this.#clock.ended;
+  }
+
+  /** Plays from the current time, from the start if the clip has ended, or at the live position. */
+  play(): void {
+    if (this.ended && !this.live) this.#clock.seek(0);
+    this.#paused = false;
+    this.#clock.play(performance.now() / 1000);
+  }
+
+  pause(): void {
+    this.#paused = true;
+    this.#clock.pause(performance.now() / 1000);
+  }
+
+  /** Time of the due frame, seconds. Setting it seeks; live clips ignore this. */
+  get currentTime(): number {
+    return Math.max(this.#clock.due(performance.now() / 1000, this.loop) ?? 0, 0) / this.rate;
+  }
+
+  /** Throws `TypeError` for NaN, as media elements do. */
+  set currentTime(seconds: number) {
+    if (Number.isNaN(seconds)) throw new TypeError("the time of a clip is a number");
+    this.#clock.seek(seconds);
+    if (!this.#paused) this.#clock.play(performance.now() / 1000);
+  }
+
+  /**
+   * Requests the frame that is due, and returns the last one that arrived, or null if nothing changed. Call it once per
+   * picture. Late frames are skipped.
+   */
+  update(): ClipFrame | null {
+    const due = this.#clock.due(performance.now() / 1000, this.loop);
+    if (!this.#paused && this.ended) {
+      this.#paused = true;
+      this.dispatchEvent(new CustomEvent("ended"));
+    }
+    if (due !== null && this.#requested < 0 && (due !== this.#shown || this.#isStale)) this.#request(due);
+    const arrived = this.#arrived;
+    this.#arrived = null;
+    return arrived;
+  }
+
+  /** Ends the transfer and the worker. */
+  close(): void {
+    this.worker.terminate();
+    this.#paused = true;
+  }
+
+  #request(number: number): void {
+    const choice = { concealer: this.concealer, dropped: 0, burst: 1, seed: 0, sent: 1 };
+    this.#requested = number;
+    this.#isStale = false;
+    this.worker.postMessage({ kind: "frame", number, choice } satisfies ToWorker);
+  }
+
+  #onMessage(message: FromWorker): void {
+    switch (message.kind) {
+      case "frame":
+        this.#requested = -1;
+        this.#shown = message.number;
+        if (!message.packed.count) return;
+        this.#clock.start(performance.now() / 1000);
+        this.#arrived = { number: message.number, packed: message.packed };
+        return;
+      case "playable":
+        return this.#clock.playable(message.begin, message.end, performance.now() / 1000);
+      case "counts":
+        this.#isStale = !this.live;
+        return;
+      case "finished":
+        this.#isStale = true;
+        return this.#clock.end();
+      case "lost":
+        this.dispatchEvent(new CustomEvent("lost", { detail: message.reason }));
+        return;
+      case "failed":
+        this.dispatchEvent(new CustomEvent("error", { detail: message.text }));
+        return;
+    }
+  }
+}
+
+/** Resolves with the properties of a stream. Rejects if it cannot be received. */
+function firstFacts(worker: Worker): Promise<Facts> {
+  return new Promise((resolve, reject) => {
+    const done = new AbortController(),
+      { signal } = done;
+    const listen = ({ data }: MessageEvent<FromWorker>): void => {
+      if (data.kind !== "facts" && data.kind !== "failed") return;
+      done.abort();
+      if (data.kind === "facts") resolve(data.facts);
+      else reject(new Error(data.text));
+    };
+    worker.addEventListener("message", listen, { signal });
+    worker.addEventListener("error", ({ message }) => reject(new Error(message || "the worker did not start")), {
+      signal,
+    });
+  });
+}

@@ -1,0 +1,83 @@
+// A clip as an entity of PlayCanvas.
+
+import { type AppBase, Entity } from "playcanvas";
+
+import type { Clip } from "../clip.ts";
+import { GpuGaussians } from "../render/gpu_gaussians.ts";
+import type { Packed } from "../render/packed.ts";
+
+/** Smallest capacity of a set of textures, Gaussians. */
+const MIN_CAPACITY = 4096;
+
+/**
+ * Entity that shows a clip and plays it with the application: `app.root.addChild(new ClipEntity(app, clip))`. Keeps the
+ * axes of the stream. Sets `app.scene.gsplat.antiAlias` if the stream requires it. Throws for devices without WebGL.
+ */
+export class ClipEntity extends Entity {
+  /** Child whose scale is the unit of length of the frames. */
+  readonly #child: Entity;
+  #drawn: GpuGaussians | null = null;
+  /** Gaussians of the frame before, whose memory is reused once the newest frame is sorted. */
+  #previous: GpuGaussians | null = null;
+  /** True if the newest frame is not sorted yet. The one before stays on the screen until then. */
+  #isWaiting = false;
+  readonly #release: () => void;
+
+  constructor(
+    readonly app: AppBase,
+    readonly clip: Clip,
+  ) {
+    super("clip", app);
+    if (!app.graphicsDevice.isWebGL2) throw new Error("clips need a graphics device with WebGL 2");
+    this.#child = new Entity("frame", app);
+    this.#child.setLocalScale(clip.size, clip.size, clip.size);
+    this.addChild(this.#child);
+    // never reset, because other streams of the application may require it
+    if (clip.antialiased) app.scene.gsplat.antiAlias = true;
+    const update = app.on("update", () => this.#update()),
+      sorted = app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) => {
+        if (ready) this.#isWaiting = false;
+      });
+    this.#release = () => {
+      update.off();
+      sorted.off();
+    };
+  }
+
+  /** Releases the textures. The clip stays open. */
+  override destroy(): void {
+    this.#release();
+    super.destroy();
+    this.#drawn?.destroy();
+    this.#previous?.destroy();
+    this.#drawn = this.#previous = null;
+  }
+
+  #update(): void {
+    if (this.#isWaiting) return;
+    const frame = this.clip.update();
+    if (frame) this.#show(frame.packed);
+  }
+
+  #show(packed: Packed): void {
+    const last = this.#drawn,
+      next = this.#roomFor(packed);
+    next.clear();
+    next.append(packed);
+    next.show();
+    if (this.#child.gsplat) this.#child.gsplat.resource = next;
+    else this.#child.addComponent("gsplat", { resource: next });
+    this.#drawn = next;
+    this.#previous = last;
+    this.#isWaiting = true;
+    this.app.renderNextFrame = true;
+  }
+
+  /** Returns textures that are not drawn and have room for a frame. */
+  #roomFor({ count, degree }: Packed): GpuGaussians {
+    const spare = this.#previous;
+    if (spare && spare.capacity >= count) return spare;
+    spare?.destroy();
+    return new GpuGaussians(this.app.graphicsDevice, Math.max(MIN_CAPACITY, 2 ** Math.ceil(Math.log2(count))), degree);
+  }
+}
