@@ -119,7 +119,12 @@ def endless(packet_bytes: int = 1100) -> ServedStream:
     """A program that never ends."""
     short = make_served_stream(datagram_stream(num_anchors=40, side_bytes=600), Protection(side_repair=0.0))
     return dataclasses.replace(
-        short, packets=(bytes(packet_bytes),), schedule=_Endless([(SIDE, 0, 0)]), resend=0.0, parity=(), tiers=()
+        short,
+        packets=(bytes(packet_bytes),),
+        schedule=_Endless([(SIDE, 0, 0)]),
+        resend=0.0,
+        parity=(),
+        parity_ranges=(),
     )
 
 
