@@ -192,7 +192,7 @@ export class Sequence implements SequenceDecoder {
       frames = this.framesOf(group),
       covered = new Uint8Array(bases.count),
       found: DecodedMotion[] = [];
-    let rows = bases.count;
+    let rows = 0;
     this.#check(rows, frames);
     for (const packet of this.#motion[group].filter(shown)) {
       const decoded = this.#decode(group, packet);
@@ -210,11 +210,13 @@ export class Sequence implements SequenceDecoder {
   }
 
   /**
-   * Throws `BitstreamError` if the offsets of `rows` tracks need too much memory, once before and once after
-   * concealment.
+   * Throws `BitstreamError` if the motion of a group needs too much memory: the joined offsets of all tracks, and the
+   * offsets of the decoded packets, which have `rows` tracks, or the estimates of lost tracks.
    */
   #check(rows: number, frames: number): void {
-    checkMemory(rows * frames * NUM_CHANNELS * 8, this.numBytes, `the motion of ${rows} tracks`);
+    const { count } = this.bases,
+      needed = (count + Math.max(count, rows)) * frames * NUM_CHANNELS * Float32Array.BYTES_PER_ELEMENT;
+    checkMemory(needed, this.numBytes, `the motion of ${count} tracks`);
   }
 
   /** Decodes a motion packet. Returns null if one of its bases was not received. */
