@@ -101,3 +101,36 @@ def test_invisible_clip_decodes_no_frames(tmp_path: Path) -> None:
         assert page.evaluate(f"{PLAYER}.querySelector('button').textContent") == "pause", "it goes on where it is seen"
         page.evaluate(f"{ELEMENT}.removeAttribute('style')")
         page.wait_for("window.asked > 2")
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_requests_before_a_clip_arrives_take_effect_when_it_does(tmp_path: Path) -> None:
+    with clip_page(tmp_path, 300) as page:
+        page.evaluate(
+            f"(() => {{ const old = {ELEMENT}, fresh = old.cloneNode(); fresh.pause(); fresh.currentTime = 4 / 8;"
+            "old.replaceWith(fresh); })()"
+        )
+        assert page.evaluate(f"[{ELEMENT}.currentTime, {ELEMENT}.paused]") == [0.5, True]
+        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.duration")
+        assert page.evaluate(f"[{ELEMENT}.currentTime, {ELEMENT}.paused]") == [0.5, True]
+        page.evaluate(
+            f"(() => {{ const old = {ELEMENT}, fresh = old.cloneNode(); fresh.currentTime = 4 / 8; fresh.play();"
+            "old.replaceWith(fresh); })()"
+        )
+        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.duration")
+        assert page.evaluate(f"{ELEMENT}.paused") is False
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+@pytest.mark.parametrize(
+    "call",
+    ["verify()", "picture({viewmat: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]], focal: 60, height: 64})"],
+)
+def test_promises_of_a_removed_element_reject(tmp_path: Path, call: str) -> None:
+    with clip_page(tmp_path, 300) as page:
+        found = page.resolve(
+            f"(() => {{ const old = {ELEMENT}, fresh = old.cloneNode(); old.replaceWith(fresh);"
+            f"const promise = fresh.{call}; fresh.remove();"
+            "return promise.then(() => 'settled', (error) => error.message); })()"
+        )
+        assert "removed" in found

@@ -198,11 +198,11 @@ test("masks of removed Gaussians are those of Python", () => {
     assert.deepEqual([...readRemoved(Buffer.from(bytes, "hex"), count)], mask);
 });
 
-test("updates lie beside the file of their scene", () => {
+test("updates lie beside the file of their scene, with its query", () => {
   const digest = "0123456789abcdef".repeat(4);
   assert.equal(
     updateUrl("https://host/streams/room.swz?tag", digest),
-    "https://host/streams/update.0123456789abcdef.swz",
+    "https://host/streams/update.0123456789abcdef.swz?tag",
   );
 });
 

@@ -23,8 +23,9 @@ import { Milestones } from "./milestones.ts";
 import { showMetadata, showPacketStatistics } from "./packet_statistics.ts";
 import { Panel } from "./panel.ts";
 import { screenshot } from "./screenshot.ts";
-import { SequencePlayback } from "./sequence_playback.ts";
+import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
 import { SessionStatus } from "./session_status.ts";
+import { unlessAborted } from "./settled.ts";
 import { type PictureContent, Stage } from "./stage.ts";
 
 /**
@@ -56,10 +57,7 @@ export class Controller {
   readonly status: Status = newStatus();
   readonly stage: Stage;
   readonly panel: Panel;
-  readonly #playback = new SequencePlayback(
-    () => this.panel,
-    (number) => this.#send({ kind: "frame", number, choice: this.#choice }),
-  );
+  readonly #playback: SequencePlayback;
   readonly #milestones: Milestones;
   readonly #session: SessionStatus;
   readonly #worker: Worker;
@@ -74,6 +72,9 @@ export class Controller {
   #reportedViewpoint = "";
   /** Aborts the listeners when the element is released. */
   readonly #released = new AbortController();
+  /** Aborted with the error when the worker fails, and when the drawing does. */
+  readonly #workerFailed = new AbortController();
+  readonly #drawingFailed = new AbortController();
   /** Aborts the listeners for the window of the element's document. */
   #windowLeft = new AbortController();
   /** Address of the scene's file; empty for a scene inside the page. */
@@ -100,17 +101,31 @@ export class Controller {
     readonly dispatch: Dispatch,
     readonly closed: () => void,
     retry: () => void,
+    wanted: WantedPlayback,
   ) {
+    this.#playback = new SequencePlayback(
+      () => this.panel,
+      (number) => this.#send({ kind: "frame", number, choice: this.#choice }),
+      wanted,
+    );
     this.#worker = startWorker(); // first, because starting a thread takes time
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
     const fail = (error: Error): void => {
       if (!this.#released.signal.aborted) this.#session.fail(error.message);
     };
+    const failWith = (failed: AbortController, error: Error): void => {
+      failed.abort(error);
+      fail(error);
+    };
     this.#worker.addEventListener("error", ({ message }) =>
-      fail(new Error(message || "the worker could not be started")),
+      failWith(this.#workerFailed, new Error(message || "the worker could not be started")),
     );
     const title = titleOf(host);
-    this.stage = new Stage(() => this.#conceal(), fail, title);
+    this.stage = new Stage(
+      () => this.#conceal(),
+      (error) => failWith(this.#drawingFailed, error),
+      title,
+    );
     this.#rotation = new AutoRotation(this.stage.orbit);
     const src = host.getAttribute("src"),
       address = src && addressOf(src, host.baseURI),
@@ -154,7 +169,7 @@ export class Controller {
 
   /** Releases all resources. */
   destroy(): void {
-    this.#released.abort();
+    this.#released.abort(new Error("this <splat-wire> was removed, or begins with a stream again"));
     this.#windowLeft.abort();
     this.#rotation.destroy();
     clearTimeout(this.#idleTimer);
@@ -203,17 +218,33 @@ export class Controller {
   }
 
   verify(): Promise<boolean> {
-    return this.#session.verify(() => this.#send({ kind: "digest" }));
+    const same = this.#session.verify(() => this.#send({ kind: "digest" }));
+    return unlessAborted(same, this.#released.signal, this.#workerFailed.signal);
   }
 
-  async picture(camera: FixedCamera): Promise<string> {
-    const view = await new Promise<View>((resolve) => this.stage.draw(resolve));
-    const { clientWidth, clientHeight } = this.host,
-      width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1));
-    view.fix({ width, ...camera });
-    await view.frame();
-    while (this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false) await delay(50);
-    return this.#comparison.withoutComparison(() => screenshot(view));
+  picture(camera: FixedCamera): Promise<string> {
+    const signals = [this.#released.signal, this.#workerFailed.signal];
+    if (!this.stage.view) signals.push(this.#drawingFailed.signal);
+    return this.#comparison.withoutComparison(() => unlessAborted(this.#picture(camera), ...signals));
+  }
+
+  /** Makes a picture, again if the WebGL context is lost meanwhile. */
+  async #picture(camera: FixedCamera): Promise<string> {
+    for (;;) {
+      const view = await new Promise<View>((resolve) => this.stage.draw(resolve)),
+        { clientWidth, clientHeight } = this.host,
+        width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)),
+        isPending = (): boolean => this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false;
+      view.fix({ width, ...camera });
+      try {
+        await view.frame();
+        while (isPending() && this.stage.view === view) await delay(50);
+        const picture = await screenshot(view);
+        if (this.stage.view === view) return picture;
+      } finally {
+        view.fix(null);
+      }
+    }
   }
 
   #setUp(): void {

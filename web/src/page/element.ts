@@ -9,6 +9,7 @@ import { Controller } from "./controller.ts";
 import { newStatus, type SplatWireEventMap, type Status } from "./events.ts";
 import { viewpointOf } from "./links.ts";
 import type { Panel } from "./panel.ts";
+import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
 
 /** Attributes that identify the stream. Other attributes are applied without restarting it. */
 const SOURCES: readonly string[] = ["src", "session", "fingerprint", "data"];
@@ -30,6 +31,13 @@ export class SplatWire extends Base {
   #controller: Controller | null = null;
   #status = newStatus();
   #restartPending = false;
+  readonly #wanted: WantedPlayback = {};
+  /** Playback while no stream is loaded. */
+  readonly #unloaded = new SequencePlayback(
+    () => this.panel,
+    () => undefined,
+    this.#wanted,
+  );
 
   connectedCallback(): void {
     if (!this.#controller) this.#start();
@@ -69,6 +77,7 @@ export class SplatWire extends Base {
       (name, detail) => this.dispatchEvent(new CustomEvent(name, { detail })),
       () => this.#release(),
       () => this.retry(),
+      this.#wanted,
     );
     this.#status = this.#controller.status;
   }
@@ -184,33 +193,38 @@ export class SplatWire extends Base {
     if (this.isConnected) this.#start();
   }
 
+  /** Playback of the clip; before there is one, it keeps what is requested. */
+  get #playback(): SequencePlayback {
+    return (!this.#restartPending && this.#controller?.playback) || this.#unloaded;
+  }
+
   /** Plays a clip. */
   play(): void {
-    this.#controller?.playback.play(true);
+    this.#playback.play(true);
   }
 
   /** Pauses a clip. */
   pause(): void {
-    this.#controller?.playback.play(false);
+    this.#playback.play(false);
   }
 
   /** True if no clip plays. */
   get paused(): boolean {
-    return this.#controller?.playback.paused ?? true;
+    return this.#playback.paused;
   }
 
   /** Time of a clip's frame on the screen, seconds. Setting it shows that frame and pauses. */
   get currentTime(): number {
-    return this.#controller?.playback.currentTime ?? 0;
+    return this.#playback.currentTime;
   }
 
   set currentTime(seconds: number) {
-    this.#controller?.playback.seek(seconds);
+    this.#playback.seek(Number(seconds));
   }
 
   /** Duration of a clip, seconds; 0 for a still, infinite for a live clip. */
   get duration(): number {
-    return this.#controller?.playback.duration ?? 0;
+    return this.#playback.duration;
   }
 
   /** Returns the current view as a value of the attribute `viewpoint`: eye, target and up direction. */
@@ -248,13 +262,16 @@ export class SplatWire extends Base {
     return this.#running.panel;
   }
 
-  /** Resolves to true if all decoded integers equal the encoded ones. */
-  verify(): Promise<boolean> {
+  /** Resolves to true if all decoded integers equal the encoded ones. Rejects if the element is removed. */
+  async verify(): Promise<boolean> {
     return this.#running.verify();
   }
 
-  /** Resolves to a PNG data URL of the scene as seen by a camera of splatwire, in that camera's size. */
-  picture(camera: FixedCamera): Promise<string> {
+  /**
+   * Resolves to a PNG data URL of the scene as seen by a camera of splatwire, in that camera's size. Rejects if the
+   * element is removed.
+   */
+  async picture(camera: FixedCamera): Promise<string> {
     return this.#running.picture(camera);
   }
 

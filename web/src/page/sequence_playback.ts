@@ -5,24 +5,43 @@ import { LivePlayer } from "./live_player.ts";
 import type { Panel } from "./panel.ts";
 import { Player, type RequestFrame } from "./player.ts";
 
+/** Requests before a clip has arrived, which begins with them: to play or to pause, and a time in seconds. */
+export interface WantedPlayback {
+  playing?: boolean;
+  time?: number;
+}
+
 export class SequencePlayback {
   #player: Player | LivePlayer | null = null;
+  /** True if the stream is a still, which has no time. */
+  #isStill = false;
 
   /** `panel` returns the panel, `requestFrame` requests a frame. */
   constructor(
     readonly panel: () => Panel,
     readonly requestFrame: RequestFrame,
+    readonly wanted: WantedPlayback,
   ) {}
 
-  /** Creates a player for a stream. `seen` is true if the element is visible. */
+  /**
+   * Creates a player for a stream. `seen` is true if the element is visible. A clip that takes the place of another one
+   * plays if that did.
+   */
   begin(sequence: Facts["sequence"], seen: boolean): void {
+    const { wanted } = this,
+      { playing = this.#player?.started, time } = wanted;
+    delete wanted.playing;
+    delete wanted.time;
     this.#player?.destroy();
+    this.#isStill = !sequence;
     this.#player =
       sequence &&
       (sequence.live ? new LivePlayer(sequence.rate, this.requestFrame) : new Player(sequence, this.requestFrame));
     if (!this.#player) return;
     this.panel().add(this.#player.element);
     this.#player.setVisible(seen);
+    if (time !== undefined) this.seek(time);
+    if (playing !== undefined) this.play(playing);
   }
 
   destroy(): void {
@@ -42,9 +61,10 @@ export class SequencePlayback {
     this.#player?.setVisible(seen);
   }
 
-  /** Starts or stops the playback; without effect on a still. */
+  /** Starts or stops the playback, also of a clip that has not arrived; without effect on a still. */
   play(playing: boolean): void {
-    this.#player?.play(playing);
+    if (this.#player) this.#player.play(playing);
+    else if (!this.#isStill) this.wanted.playing = playing;
   }
 
   /** True if the clip does not play. A still does not. */
@@ -54,12 +74,19 @@ export class SequencePlayback {
 
   /** Time of the frame on the screen, seconds; 0 for a still. */
   get currentTime(): number {
-    return this.#player?.time ?? 0;
+    return this.#player?.time ?? this.wanted.time ?? 0;
   }
 
-  /** Shows the frame at a time in seconds and pauses; without effect on stills and live clips. */
+  /**
+   * Shows the frame at a time in seconds and pauses, also of a clip that has not arrived; without effect on stills and
+   * live clips. Throws `TypeError` for NaN, as media elements do.
+   */
   seek(seconds: number): void {
+    if (Number.isNaN(seconds)) throw new TypeError("the time of a clip is a number");
     if (this.#player instanceof Player) this.#player.seek(seconds * this.#player.rate);
+    if (this.#player || this.#isStill) return;
+    this.wanted.time = seconds;
+    if (this.wanted.playing) delete this.wanted.playing;
   }
 
   /** Duration in seconds; 0 for a still, infinite for a live clip. */

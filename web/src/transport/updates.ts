@@ -24,9 +24,9 @@ const manifestEnd = (file: Uint8Array): number =>
 /** Returns the SHA-256 of a manifest, hexadecimal. `file` are the first bytes of a file, up to the end of it. */
 export const manifestDigest = (file: Uint8Array): string => sha256(file.subarray(PREFIX_BYTES));
 
-/** Returns the address of the update of a scene with this digest. */
+/** Returns the address of the update of a scene with this digest. It keeps the query, which may have a token. */
 export const updateUrl = (file: string, digest: string): string =>
-  new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz`, file).href;
+  new URL(`update.${digest.slice(0, NAME_LETTERS)}.swz${new URL(file).search}`, file).href;
 
 /**
  * Returns the content of a file; null if it does not exist, or if it is the stream whose manifest has the digest

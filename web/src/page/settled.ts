@@ -1,0 +1,14 @@
+// Promises that settle even if what they wait for has ended.
+
+/** Settles as `work` does, or rejects with the reason of the first signal that is aborted. */
+export function unlessAborted<T>(work: Promise<T>, ...signals: readonly AbortSignal[]): Promise<T> {
+  const settled = new AbortController();
+  return new Promise<T>((resolve, reject) => {
+    for (const each of signals) {
+      const end = (): void => reject(each.reason);
+      if (each.aborted) end();
+      each.addEventListener("abort", end, { signal: settled.signal });
+    }
+    work.then(resolve, reject);
+  }).finally(() => settled.abort());
+}
