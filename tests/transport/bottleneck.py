@@ -232,7 +232,7 @@ class LiveSplatwire(Splatwire):
         told = {
             "packets": packets,
             "schedule": schedule,
-            "tiers": (ParityRange(0, 0, 0),),
+            "parity_ranges": (ParityRange(0, 0, 0),),
             "resend": None,
             "is_live": True,
         }

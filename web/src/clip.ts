@@ -12,7 +12,7 @@ import type { Session } from "./transport/webtransport.ts";
 export type { Session, Viewpoint };
 
 export interface ClipOptions {
-  /** Concealment of lost motion: `motion` (default), `hold` or `drop`. */
+  /** Name of the concealer: `motion` (default), `hold` or `drop`. */
   readonly concealer?: string;
   /** WebTransport session of the server. The default is the one that `../streams.json`, relative to the file, names. */
   readonly session?: Session;

@@ -99,7 +99,7 @@ export class WorkerReceiver implements Receiver {
   /** Helper threads, and the batches that they decode, in order of arrival. */
   #pool: PacketPool | null = null;
   readonly #batches: Batch[] = [];
-  /** The complete scene, which updates change; null until they are requested. */
+  /** Complete scene to which updates are applied; null until updates are requested. */
   #updated: UpdatedScene | null = null;
   /** Stream of the scene before all updates in `#updated`. */
   #updatedFrom: DecodedStream | null = null;
@@ -562,7 +562,7 @@ export class WorkerReceiver implements Receiver {
     post({ kind: "gains", gains, gainsWithoutCopies: null, shownPackets, requestId }, buffersOfGains(gains));
   }
 
-  /** Stops computing gains, because all packets are there. */
+  /** Stops computing gains, because all packets have arrived. */
   cancelConcealment(): void {
     this.#concealRequest = 0;
   }

@@ -110,7 +110,7 @@ class GroupBuilder:
         return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 
     def group(self) -> TrackGroup:
-        """Returns the group of all frames so far; tracks are extrapolated to frames in which they do not exist."""
+        """Returns the group of all frames so far. Tracks are extrapolated to frames without them."""
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}
         for some in values.values():

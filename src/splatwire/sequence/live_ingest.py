@@ -1,4 +1,4 @@
-"""Live encoding of frames as they appear."""
+"""Live encoding: reads, encodes and serves each new frame."""
 
 import gc
 import os

@@ -231,7 +231,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns 1.5 times the median of some distances, by which they are normalised."""
+    """Returns the divisor that normalises distances: 1.5 times their median."""
     # Above 0 even if all distances are 0, because they are divided by it.
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 

@@ -1,4 +1,4 @@
-"""Extrapolates the motion of Gaussians to frames of a group in which they do not exist."""
+"""Extrapolates the motion of Gaussians that do not exist in all frames of a group."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -35,7 +35,7 @@ class LossMask(CheckedFields):
         return int((~self.known).sum())
 
     def column(self, attribute: Attribute) -> Bool[Any, "N"]:
-        """Mask of anchors whose `attribute` was received."""
+        """Mask of anchors with a received `attribute`."""
         return self.received[:, int(attribute)]
 
     @staticmethod

@@ -60,7 +60,7 @@ export class StreamDecoder {
   #numBytes: number;
   #needed = 0;
 
-  /** `updates` accepts an update, too, whose new Gaussians are decoded. */
+  /** `updates` also accepts updates, and decodes their new Gaussians. */
   constructor(
     public head: Head,
     verify: Verification = null,

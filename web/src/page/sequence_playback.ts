@@ -5,7 +5,7 @@ import { LivePlayer } from "./live_player.ts";
 import type { Panel } from "./panel.ts";
 import { Player, type RequestFrame } from "./player.ts";
 
-/** Requests before a clip has arrived, which begins with them: to play or to pause, and a time in seconds. */
+/** Playback that was requested before a clip has arrived: to play or to pause, and a time in seconds. */
 export interface WantedPlayback {
   playing?: boolean;
   time?: number;
@@ -24,8 +24,8 @@ export class SequencePlayback {
   ) {}
 
   /**
-   * Creates a player for a stream. `seen` is true if the element is visible. A clip that takes the place of another one
-   * plays if that did.
+   * Creates a player for a stream. `seen` is true if the element is visible. A clip that replaces a playing one
+   * plays, too.
    */
   begin(sequence: Facts["sequence"], seen: boolean): void {
     const { wanted } = this,

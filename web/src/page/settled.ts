@@ -1,6 +1,6 @@
-// Promises that settle even if what they wait for has ended.
+// Promises that reject if their source has ended.
 
-/** Settles as `work` does, or rejects with the reason of the first signal that is aborted. */
+/** Returns a promise with the result of `work`. It rejects if a signal is aborted first, with the reason of the signal. */
 export function unlessAborted<T>(work: Promise<T>, ...signals: readonly AbortSignal[]): Promise<T> {
   const settled = new AbortController();
   return new Promise<T>((resolve, reject) => {

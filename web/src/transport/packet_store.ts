@@ -35,7 +35,7 @@ export function isIntact(packet: Uint8Array, head: Head): boolean {
 }
 
 export class PacketStore {
-  /** Manifest and side information; null before they arrive. */
+  /** Manifest and side information; null before their arrival. */
   head: Head | null = null;
   #file: Uint8Array = new Uint8Array();
   #intake: Intake | null = null;

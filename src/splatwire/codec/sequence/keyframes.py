@@ -103,7 +103,7 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information of the first group, in whose lattice units motion is coded."""
+        """Side information of the first group. Its lattice spacing is the unit of motion."""
         return self._infos[0][1][0]
 
     def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:

@@ -119,7 +119,7 @@ def _work_loop(pipe: Connection, root: str) -> None:
             failure = _failure_of(root, unit)
         except KeyboardInterrupt:
             return
-        with contextlib.suppress(BrokenPipeError):  # the parent process is gone
+        with contextlib.suppress(BrokenPipeError):  # the parent process has ended
             pipe.send(failure)
 
 

@@ -104,8 +104,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
     Raises:
         SplatwireError: If a scene cannot be prepared or a task fails; results of finished tasks stay in the store.
     """
-    # The baseline is computed first. The views in which it has the lowest PSNR are those whose images are stored for
-    # all methods.
+    # The baseline is computed first. Images of all methods are stored for the views with the baseline's lowest PSNR.
     with store.locked():
         lpips = lpips_digest()
         scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}

@@ -46,7 +46,7 @@ _PICTURE_BYTES, _SPARE_BYTES = 5, 1 << 16
 _WEBP_HEADER, _LOSSY = 12, b"VP8 "
 """Size of the header of a WebP before its chunks, bytes, and the tag of the chunk with a lossy image."""
 _WITH_ALPHA, _MIN_OPAQUE = ("quats",), 8
-"""Sections whose image needs an alpha channel, and number of Gaussians from which one without it is unlikely."""
+"""Sections whose image needs an alpha channel, and smallest number of Gaussians for a warning if it is missing."""
 _FIRST_CODE = 252
 """Alpha value of rotations whose largest component is the first; the following ones are up to 255."""
 _ROWS = 1 << 16
@@ -278,7 +278,7 @@ class _Sog:
         return bands, int((labels[:, 0] + 256 * labels[:, 1]).max()) + 1
 
     def _palette_codebook(self) -> np.ndarray:
-        """Returns the code book of the palette image: the number for which each pixel value stands, float32 (256)."""
+        """Returns the code book of the palette image: the number that each pixel value encodes, float32 (256)."""
         if not self._first:
             return self._codebook("shN")
         low, high = (self._numbers("shN", side, None, _MAX_CODE) for side in ("mins", "maxs"))

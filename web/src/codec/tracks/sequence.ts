@@ -337,7 +337,7 @@ export class Sequence implements SequenceDecoder {
     return this.bases.slots.filter((slot) => slot >= 0 && rowOf[slot] >= 0).map((slot) => rowOf[slot]);
   }
 
-  /** Returns the gains of size and opacity of drawn tracks, by which they cover hidden ones, shape (rows, 2). */
+  /** Returns factors of size and opacity with which drawn tracks cover hidden ones, shape (rows, 2). */
   #growth({ slots, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
     const { bases } = this,
       { scales, opacities } = bases.splats,
@@ -418,7 +418,7 @@ function joinPackets(found: readonly DecodedMotion[], slotOf: Int32Array, most: 
       if (rows < first + i) all.set(offsets.subarray(i * size, (i + 1) * size), rows * size);
       rows++;
     }
-    all.fill(0, rows * size, (first + count) * size); // what was copied of tracks that occur twice
+    all.fill(0, rows * size, (first + count) * size); // copies of tracks that occur twice
   }
   return {
     slots: slots.subarray(0, rows),

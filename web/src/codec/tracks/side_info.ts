@@ -14,7 +14,7 @@ const VERSION = 1,
   WITH_SHOTS = 2;
 const MAX_OFFSET = 16;
 
-/** Consecutive groups whose bases share a lattice, steps and tables. */
+/** Consecutive groups with the same lattice, steps and tables for their bases. */
 export interface Shot {
   /** First of the shot's blocks among all blocks of bases. */
   readonly firstBlock: number;
