@@ -1,6 +1,6 @@
 // Promises that reject if their source has ended.
 
-/** Returns a promise with the result of `work`. It rejects if a signal is aborted first, with the reason of the signal. */
+/** Settles as `work` does. If a signal is aborted first, it rejects with the reason of the signal. */
 export function unlessAborted<T>(work: Promise<T>, ...signals: readonly AbortSignal[]): Promise<T> {
   const settled = new AbortController();
   return new Promise<T>((resolve, reject) => {

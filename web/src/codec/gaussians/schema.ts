@@ -53,7 +53,7 @@ export class GaussianSchema implements Schema<GaussianPart> {
       fits = fileBytes > 0 && count * splatBytes(this.degree) <= allowedMemory(fileBytes);
     this.#room = fits ? emptySplats(count, this.degree) : null;
     this.#packets = new FastPackets(this.info);
-    if (this.info.sections.has("sketch")) this.#readCopies(); // throws at once if the copies are damaged, as Python does
+    if (this.info.sections.has("sketch")) this.#readCopies(); // throws at once if copies are damaged, as Python does
     const sketch = fromElements((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
     this.concealers = this.info.sections.has("sketch") ? { ...SPLAT_CONCEALERS, sketch } : SPLAT_CONCEALERS;
   }
