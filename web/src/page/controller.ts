@@ -236,14 +236,10 @@ export class Controller {
         width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)),
         isPending = (): boolean => this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false;
       view.fix({ width, ...camera });
-      try {
-        await view.frame();
-        while (isPending() && this.stage.view === view) await delay(50);
-        const picture = await screenshot(view);
-        if (this.stage.view === view) return picture;
-      } finally {
-        view.fix(null);
-      }
+      await view.frame();
+      while (isPending() && this.stage.view === view) await delay(50);
+      const picture = await screenshot(view);
+      if (this.stage.view === view) return picture;
     }
   }
 
