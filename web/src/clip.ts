@@ -40,12 +40,13 @@ export class Clip extends EventTarget {
   loop = false;
   readonly #clock: FrameClock;
   #paused = true;
-  /** Last arrived frame until `update` returns it, and number of the frame that `update` returned last. */
+  /** Last arrived frame, until `update` returns it. */
   #arrived: ClipFrame | null = null;
-  #shown = -1;
+  /** Number of the frame that arrived last, also if it was empty; -1 before the first one. */
+  #received = -1;
   /** Requested frame that has not arrived; -1 if none. */
   #requested = -1;
-  /** True if a frame that is requested again has changed, because packets arrived. */
+  /** True if the frame must be requested again, because packets arrived since its request. */
   #isStale = true;
 
   private constructor(
@@ -56,6 +57,7 @@ export class Clip extends EventTarget {
     super();
     this.#clock = facts.sequence.live ? new LiveClock(facts.sequence.rate) : new ClipClock(facts.sequence);
     worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
+    worker.addEventListener("error", ({ message }) => this.#fail(message || "the worker failed"));
     if (facts.sequence.live) this.play();
   }
 
@@ -135,8 +137,10 @@ export class Clip extends EventTarget {
   }
 
   pause(): void {
+    const now = performance.now() / 1000;
     this.#paused = true;
-    this.#clock.pause(performance.now() / 1000);
+    this.#clock.due(now, this.loop); // brings the time into the present lap
+    this.#clock.pause(now);
   }
 
   /** Time of the due frame, seconds. Setting it seeks; live clips ignore this. */
@@ -152,8 +156,8 @@ export class Clip extends EventTarget {
   }
 
   /**
-   * Requests the frame that is due, and returns the last one that arrived, or null if nothing changed. Call it once per
-   * picture. Late frames are skipped.
+   * Requests the frame that is due. Returns the newest frame that arrived since the last call, or null; it may be an
+   * earlier one than the due frame. Call this once per picture. Late frames are skipped.
    */
   update(): ClipFrame | null {
     const due = this.#clock.due(performance.now() / 1000, this.loop);
@@ -161,7 +165,7 @@ export class Clip extends EventTarget {
       this.#paused = true;
       this.dispatchEvent(new CustomEvent("ended"));
     }
-    if (due !== null && this.#requested < 0 && (due !== this.#shown || this.#isStale)) this.#request(due);
+    if (due !== null && this.#requested < 0 && (due !== this.#received || this.#isStale)) this.#request(due);
     const arrived = this.#arrived;
     this.#arrived = null;
     return arrived;
@@ -169,8 +173,8 @@ export class Clip extends EventTarget {
 
   /** Ends the transfer and the worker. */
   close(): void {
+    this.pause();
     this.worker.terminate();
-    this.#paused = true;
   }
 
   #request(number: number): void {
@@ -180,11 +184,15 @@ export class Clip extends EventTarget {
     this.worker.postMessage({ kind: "frame", number, choice } satisfies ToWorker);
   }
 
+  #fail(reason: string): void {
+    this.dispatchEvent(new CustomEvent("error", { detail: reason }));
+  }
+
   #onMessage(message: FromWorker): void {
     switch (message.kind) {
       case "frame":
         this.#requested = -1;
-        this.#shown = message.number;
+        this.#received = message.number;
         if (!message.packed.count) return;
         this.#clock.start(performance.now() / 1000);
         this.#arrived = { number: message.number, packed: message.packed };
@@ -195,14 +203,13 @@ export class Clip extends EventTarget {
         this.#isStale = !this.live;
         return;
       case "finished":
-        this.#isStale = true;
+        this.#isStale = !this.live;
         return this.#clock.end();
       case "lost":
         this.dispatchEvent(new CustomEvent("lost", { detail: message.reason }));
         return;
       case "failed":
-        this.dispatchEvent(new CustomEvent("error", { detail: message.text }));
-        return;
+        return this.#fail(message.text);
     }
   }
 }

@@ -54,8 +54,14 @@ export class ClipClock implements FrameClock {
 
   due(now: number, loop: boolean): number {
     const { rate, numFrames } = this.timing,
-      frame = Math.floor(this.#timeAt(now) * rate + 1e-6); // a seek to n / rate shows frame n
-    if (frame < numFrames || (loop && this.#playedAt !== null)) return frame % numFrames;
+      time = this.#timeAt(now),
+      frame = Math.floor(time * rate + 1e-6); // a seek to n / rate shows frame n
+    if (frame < numFrames) return frame;
+    if (loop) {
+      this.#time = time % (numFrames / rate);
+      if (this.#playedAt !== null) this.#playedAt = now;
+      return frame % numFrames;
+    }
     this.ended = true;
     this.#time = (numFrames - 1) / rate;
     this.#playedAt = null;

@@ -40,6 +40,15 @@ test("frames follow the time, and a pause keeps the frame", () => {
   assert.equal(clock.due(200.5, false), 30);
 });
 
+test("a pause in a later lap of a loop keeps the frame", () => {
+  const clock = started();
+  clock.play(0);
+  assert.equal(clock.due(1.6, true), 3);
+  clock.pause(1.61);
+  assert.equal(clock.due(99, true), 3);
+  assert.equal(clock.ended, false);
+});
+
 test("a clip ends at its last frame or continues with the first one", () => {
   const clock = started();
   clock.play(0);

@@ -61,7 +61,7 @@ export class SequencePlayback {
     this.#player?.setVisible(seen);
   }
 
-  /** Starts or stops the playback, also of a clip that has not arrived; without effect on a still. */
+  /** Starts or stops the playback. Before a clip arrives, the request is kept. Without effect on a still. */
   play(playing: boolean): void {
     if (this.#player) this.#player.play(playing);
     else if (!this.#isStill) this.wanted.playing = playing;
@@ -78,8 +78,8 @@ export class SequencePlayback {
   }
 
   /**
-   * Shows the frame at a time in seconds and pauses, also of a clip that has not arrived; without effect on stills and
-   * live clips. Throws `TypeError` for NaN, as media elements do.
+   * Shows the frame at a time in seconds and pauses. Before a clip arrives, the request is kept. Without effect on
+   * stills and live clips. Throws `TypeError` for NaN, as media elements do.
    */
   seek(seconds: number): void {
     if (Number.isNaN(seconds)) throw new TypeError("the time of a clip is a number");

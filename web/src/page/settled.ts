@@ -1,6 +1,6 @@
 // Promises that reject if their source has ended.
 
-/** Settles as `work` does. If a signal is aborted first, it rejects with the reason of the signal. */
+/** Settles as `work` does, or rejects with the reason of a signal that is aborted first. */
 export function unlessAborted<T>(work: Promise<T>, ...signals: readonly AbortSignal[]): Promise<T> {
   const settled = new AbortController();
   return new Promise<T>((resolve, reject) => {
