@@ -16,7 +16,7 @@ from splatwire.reprs import summary_repr
 
 
 class Arrangement(NamedTuple):
-    """Elements (anchors or Gaussians) of a stream in groups that share packets, with the received packets of each.
+    """Elements (anchors or Gaussians) of a stream, grouped by packet, with the packets received for each group.
 
     Attributes:
         groups: Indices of the elements in coding order, group after group.

@@ -124,7 +124,7 @@ def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
 
 
 def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: int, intake: PacketIntake) -> None:
-    """Passes each packet of a file to a filter; searches for the next packet after a damaged one."""
+    """Reads the packets of a stream file and passes them to `intake`; skips damaged bytes to the next packet."""
     mark, effort = packet_mark(stream_id), RESYNC_EFFORT * size
     while position < size:
         source, end, num_corrupt = f"byte {position}", _record_end(file, size, position), intake.num_corrupt

@@ -14,7 +14,7 @@ _HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
 
 
 def json_size(head: bytes, name: str) -> int:
-    """Returns how many bytes to read after the first 20 bytes of a binary glTF file, to find its stream.
+    """Returns the number of bytes to read after the first 20 bytes of a binary glTF file to locate its stream.
 
     Args:
         head: The first 20 bytes of the file.

@@ -152,7 +152,7 @@ class PacketIntake:
                 self._problems.append(problem)
 
     def _check(self, packet: Packet) -> None:
-        """Checks that the stream can have a packet with this id and this number of elements.
+        """Checks that the stream may contain a packet with this id and this number of elements.
 
         Raises:
             CorruptPacketError: If the plan has no such packet.
@@ -165,7 +165,7 @@ class PacketIntake:
             self._check_hashed(packet)
 
     def _check_hashed(self, packet: Packet) -> None:
-        """Checks size and elements of a packet of a stream with hashed grouping."""
+        """Checks size and elements of a packet that contains elements in random order (hashed grouping)."""
         if packet.num_bytes > self._plan.packetization.packet_bytes:
             raise CorruptPacketError(
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"

@@ -86,7 +86,7 @@ class PacketPlan:
         return [span.first for span in self.spans]
 
     def persistent(self, block: int) -> bool:
-        """True if a block of a sequence contains keyframe Gaussians, which later groups of pictures also need."""
+        """True if a block of a sequence contains keyframe Gaussians, which later groups of frames also need."""
         return self.tier_of(block) % 2 == 0
 
     def tier_of(self, block: int) -> int:
@@ -135,7 +135,10 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet; with hashed grouping, those of every block."""
+        """Lists the elements of every packet; with hashed grouping, of every block.
+
+        With hashed grouping, the manifest does not determine where packets begin.
+        """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
             edges = np.cumsum([0, *map(len, blocks)])
@@ -192,7 +195,7 @@ class PacketPlan:
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Number of elements of one packet, or its maximum with hashed grouping; 0 if there is no such packet."""
+        """Maximum number of elements of a packet, exact without hashed grouping; 0 if there is no such packet."""
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
             return 0
@@ -233,7 +236,7 @@ class PacketPlan:
             raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
 
     def _lanes_of(self, span: Span) -> np.ndarray:
-        """Returns the index of each element's packet within its block, uint8, for one importance tier."""
+        """Returns for each element of an importance tier the index of its packet within its block, uint8."""
         p = self.packetization
         if p.grouping == "stratified":
             return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)
@@ -242,7 +245,7 @@ class PacketPlan:
         return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
-        """Returns the first element of a packet's block, and the packet of each element of the block, uint8."""
+        """Returns the first element of a packet's block, and the packet of each element in the block, uint8."""
         p = self.packetization
         span = self._span(packet_id.block)
         check_range("lane", packet_id.lane, 0, span.lanes - 1)
@@ -254,7 +257,7 @@ class PacketPlan:
         return start, contiguous_lanes(size, span.lanes)
 
     def _counts(self) -> np.ndarray:
-        """Returns the number of elements of each packet, int64 (S * lanes), in the order of `packet_index_of`."""
+        """Returns the number of elements of each packet of the stream, int64 (packets), block by block."""
         lanes = self.packetization.lanes
         counts = np.zeros((self.num_blocks, lanes), np.int64)
         if self.packetization.grouping == "stratified":
@@ -271,12 +274,12 @@ class PacketPlan:
 
 
 def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
-    """Counts the elements of each packet of an importance tier, if a hash assigns elements to packets.
+    """Counts the elements of every packet of an importance tier, in streams where a hash assigns elements to packets.
 
     Args:
-        span: Blocks of the tier.
+        span: Range of blocks of the tier.
         seed: Seed of the hash.
-        counts: Output: number of elements by block and packet of the block, int64 (blocks, lanes).
+        counts: Output: number of elements of each packet in each block, int64 (blocks, packets per block).
     """
     blocks = max(CHUNK // max(span.block_size, counts.shape[1]), 1)
     for block in range(0, span.num_blocks, blocks):
@@ -289,6 +292,6 @@ def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
 
 @functools.lru_cache(maxsize=2048)
 def _lane_counts(plan: PacketPlan, block: int) -> np.ndarray:
-    """Returns the number of elements in each packet of a block, int64 (lanes)."""
+    """Returns the number of elements in each packet of a block, int64 (packets)."""
     _, lanes = plan._block_lanes(PacketId(block, 0, plan.parts[0]))
     return np.bincount(lanes, minlength=plan.packetization.lanes)

@@ -1,4 +1,4 @@
-"""Named sections of the side information, which are optional."""
+"""Optional parts of the side information, each identified by a name (named sections)."""
 
 import hashlib
 import re
@@ -15,7 +15,7 @@ _NAME = re.compile(f"[a-z][a-z0-9_]{{0,{MAX_SECTION_NAME - 1}}}", re.ASCII)
 
 
 def write_sections(sections: Mapping[str, bytes]) -> bytes:
-    """Serialises named sections of the side information.
+    """Serialises the named sections (optional parts) of side information.
 
     Args:
         sections: Content by name; may be empty.
@@ -33,7 +33,7 @@ def write_sections(sections: Mapping[str, bytes]) -> bytes:
 
 
 def read_sections(data: bytes) -> dict[str, bytes]:
-    """Parses named sections of the side information; returns their content by name.
+    """Parses the named sections (optional parts) of side information; returns their content by name.
 
     Raises:
         BitstreamError: If the bytes are damaged, or a name is duplicated or out of order.
@@ -103,7 +103,7 @@ def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
 
 @checked
 def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
-    """Adds or replaces a named section for a concealer in a stream's side information.
+    """Adds data for a loss concealer to a stream's side information, as a named section; replaces a previous one.
 
     Args:
         stream: The stream, complete or not.
@@ -123,7 +123,7 @@ def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
 
 @checked
 def without_concealment(stream: SceneStream, name: str) -> SceneStream:
-    """Removes a concealer's section from a stream's side information.
+    """Removes the data of a loss concealer from a stream's side information.
 
     Args:
         stream: The stream, complete or not.

@@ -20,7 +20,7 @@ LANE_ELEMENTS = 64
 
 @dataclass(frozen=True)
 class TierShape(CheckedFields):
-    """Size of an importance tier.
+    """Number of elements and of packets per block in one importance tier.
 
     Attributes:
         num_elements: Number of elements.

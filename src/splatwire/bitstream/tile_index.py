@@ -1,4 +1,4 @@
-"""Index of the tiles of a stream with levels of detail, by which readers fetch single tiles of a file over HTTP."""
+"""Index of a stream's tiles (spatial blocks of one level of detail), for fetching single tiles of a file over HTTP."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ SECTION = "tiles"
 
 @dataclass(frozen=True, eq=False)
 class TileIndex:
-    """Index of the tiles of a stream with levels of detail. Tiles are the stream's blocks, in block order.
+    """Index of the tiles of a stream: spatial blocks of one level of detail. Tiles are in the stream's block order.
 
     Attributes:
         packets: Number of packets of each tile, int64 (B).
@@ -62,7 +62,7 @@ def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
 
 
 def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIndex:
-    """Reads the index of a stream's tiles.
+    """Reads the index of a stream's tiles (spatial blocks of one level of detail).
 
     Args:
         manifest: The stream's manifest.

@@ -64,7 +64,7 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns the error in the picture while a tile is missing, for each tile, float64 (B).
+    """Returns for each tile the error of the picture while the tile is missing, float64 (B).
 
     Args:
         tiles: All tiles of the scene.
@@ -130,7 +130,7 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
 
     Args:
         tiles: The tiles.
-        received: True for tiles that were received, bool (B).
+        received: Mask of received tiles, bool (B).
         viewpoint: Viewpoint; None refines the whole scene from coarse to fine.
         budget: Maximum number of Gaussians to draw.
     """

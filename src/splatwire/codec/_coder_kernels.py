@@ -47,7 +47,7 @@ DECODING, ENCODING = np.bool_(True), np.bool_(False)
 
 
 class Coder(NamedTuple):
-    """State of the entropy coder of one packet, and the tables of its stream.
+    """State of the entropy coder of one packet, and the probability tables of its stream.
 
     The context of a prediction residual has three indices: kind of value (`stream`), difference between the neighbours
     (`spread`), and quantisation step or preceding residuals (`second`).
@@ -55,17 +55,18 @@ class Coder(NamedTuple):
     Attributes:
         decoding: True when decoding, False when encoding.
         data: uint8, bytes of the packet, or the output buffer.
-        words: int64, the bytes of the packet as the decoder reads them, from `words_of`.
+        words: int64, the bytes of the packet in the form that the decoder reads, from `words_of`.
         state: int64 (3), state of the range coder.
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
         scales: uint16 (streams * spreads * seconds), index of the distribution of each context.
-        windows: int64 (scales, 6), position of each distribution in the next two tables.
+        windows: int64 (scales, 6), where each distribution is in the next two tables.
         bounds: int32, starts of the probability intervals.
-        guesses: uint16, indices of bounds at which a decoder starts its search.
-        residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest magnitude of a residual with a probability interval, by scale index.
+        guesses: uint16, index in `bounds` at which a decoder starts its search.
+        residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes in each
+            context.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
         normal: Table of the normal cumulative distribution function.
     """
 
@@ -161,13 +162,13 @@ def code_escape(coder, excess):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_value(coder, stream, spread, second, mean, value, shift, absolute):
-    """Encodes or decodes a quantised integer value, given its prediction.
+    """Encodes or decodes a quantised integer, given its prediction.
 
     Args:
         coder: Entropy coder.
-        stream: Kind of value, part of the context (see `Coder`).
-        spread: Part of the context: how much the neighbours differ.
-        second: Part of the context: the step, or the preceding residuals.
+        stream: First index of the context: kind of value.
+        spread: Second index of the context: difference between the neighbours.
+        second: Third index of the context: quantisation step or preceding residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -195,9 +196,9 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 
     Args:
         coder: Entropy coder.
-        stream: Kind of value, part of the context (see `Coder`).
-        spread: Part of the context: how much the neighbours differ.
-        second: Part of the context: the step, or the preceding residuals.
+        stream: First index of the context: kind of value.
+        spread: Second index of the context: difference between the neighbours.
+        second: Third index of the context: quantisation step or preceding residuals.
         q: The residual; only used by an encoder.
         eighths: Mean of the distribution, in eighths of a step, -4 to 3.
 
@@ -239,7 +240,7 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_outside(words, state, half):
-    """Decodes a residual that is too large for the probability tables.
+    """Decodes a residual whose magnitude is too large for the probability tables.
 
     Args:
         words: The bytes of the packet, from `words_of`.
@@ -259,15 +260,15 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual that lies between two entries of the table of its distribution.
+    """Decodes a residual between two entries of a probability table, which omits entries of wide distributions.
 
     Args:
         coder: Entropy coder.
-        scale: Scale of the distribution.
+        scale: Index of the distribution.
         place: Index of the table entry before the residual.
-        start: Value of this entry.
-        after: Value of the next entry.
-        target: Position read by the range decoder, between both values.
+        start: Start of this entry's probability interval.
+        after: Start of the next entry's probability interval.
+        target: Value read by the range decoder, between both starts.
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -294,15 +295,15 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval that is not in the table.
+    """Computes where the probability interval of a residual starts, for residuals that are not in the table.
 
     Args:
         coder: Entropy coder.
         symbol: The residual, from `-half` to `half + 1`.
         half: Largest magnitude of a residual with a probability interval.
-        mean: Common mean of the two normals of the mixture, `MEAN_BITS` fractional bits.
-        narrow: Reciprocal of the standard deviation of the narrower normal.
-        wide: Reciprocal of the standard deviation of the wider normal.
+        mean: Common mean of the mixture's two normals, `MEAN_BITS` fractional bits.
+        narrow: Reciprocal of the smaller standard deviation of the two.
+        wide: Reciprocal of the larger standard deviation.
     """
     # Not inlined, because the callers call it several times.
     return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)
@@ -315,7 +316,7 @@ def _encode_wide(coder, scale, q, eighths):
 
     Args:
         coder: Entropy coder.
-        scale: Scale of the context.
+        scale: Index of the residual's distribution.
         q: The residual in quantisation steps.
         eighths: Mean of the mixture, in eighths of a step.
 

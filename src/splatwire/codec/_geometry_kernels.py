@@ -26,13 +26,13 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the normal distribution for coding how many points of a tree node are in its first half.
+    """Returns the distribution for coding how many points of a tree node are in its first half.
 
     Args:
         n: Number of points of the node.
 
     Returns:
-        Mean (n / 2) with 12 fractional bits; index of the standard deviation (about n / 4) in the scale table.
+        Mean (n / 2) with 12 fractional bits; index of the standard deviation (about n / 4) in the coder's table.
     """
     exponent = 0
     while n >> (exponent + 1):
@@ -43,7 +43,7 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the index at which a node of the position tree is split: that of the first code with a one in `bit`.
+    """Returns the index at which a node of the position tree is split: the first code with a one in `bit`.
 
     Args:
         codes: Sorted Morton codes.
@@ -73,9 +73,9 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         n: Number of points of the node.
         zeros: The number to encode, 0 to `n`.
         bit: Index of the bit.
-        run: Number of consecutive zeros of the codes just above `bit`; part of the context.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        run: Number of consecutive zeros just above `bit` in the codes, which is part of the context.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
     """
     if n == 1:
@@ -112,9 +112,9 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
         bit: Index of the bit.
-        run: Number of consecutive zeros of the codes just above `bit`; part of the context.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        run: Number of consecutive zeros just above `bit` in the codes, which is part of the context.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
     """
     if n == 1:
@@ -144,8 +144,8 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
         codes: Morton codes, ascending, int64 (N).
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 
@@ -181,8 +181,8 @@ def decode_codes(data, count, bits, models, inverses, widths, table, codes):
         count: Number of codes.
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
         codes: Output: the codes, ascending, int64 (`count`).
     """

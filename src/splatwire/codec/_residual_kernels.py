@@ -39,19 +39,15 @@ def residual_windows(scales, inverses, widths, normal):
     Each distribution is a mixture of two normals.
 
     Args:
-        scales: int64 (contexts), scale table index of the narrower normal of each context.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: By scale index, the largest magnitude of a residual with a probability interval.
+        scales: int64 (contexts), index of the smaller standard deviation of each context in the coder's table.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Four tables:
-
-        * Scale of each context, uint16.
-        * For each scale, the largest residual, and the position of its distributions in the next two tables, int64
-          (scales, 6).
-        * Start of each probability interval, in units of 2**-`TOTAL_BITS`, int32.
-        * Interval at which a decoder starts its search, by the highest bits of the value to decode, uint16.
+        Four tables: index of each context's distribution, uint16; for each distribution its largest residual and its
+        position in the next two tables, int64 (scales, 6); starts of the probability intervals in units of
+        2**-`TOTAL_BITS`, int32; and where a decoder starts its search, by the highest bits of the value, uint16.
     """
     # The tables are accessed at random. They are small enough for the processor's caches.
     windows = np.zeros((NUM_SCALES, 6), np.int64)

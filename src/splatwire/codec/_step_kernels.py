@@ -9,12 +9,12 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def step_exponent(bases, which, level, area, long, thin, opacity):
-    """Computes `-log2` of the quantisation step of one attribute of a Gaussian, rounded.
+    """Computes `-log2` of the quantisation step of one attribute of a Gaussian, as an integer.
 
     Args:
-        bases: Results for the lowest precision class, by attribute, `STEP_BITS` fractional bits.
+        bases: Results for precision class 0, by attribute, `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian, 0 for the lowest.
+        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
         area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.
@@ -34,9 +34,9 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
     """Computes the quantisation step of one attribute of a Gaussian, which depends on its size, shape and opacity.
 
     Args:
-        bases: `-log2` of the steps of the lowest precision class, by attribute, `STEP_BITS` fractional bits.
+        bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian, 0 for the lowest.
+        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
         area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.
@@ -55,17 +55,17 @@ def position_shift(bases, level, s0, long, thin, opacity, unit, most):
     """Computes the quantisation step of a Gaussian's position, which depends on its size, shape and precision class.
 
     Args:
-        bases: `-log2` of the steps of the lowest precision class, by attribute, `STEP_BITS` fractional bits.
-        level: Precision class of the Gaussian, 0 for the lowest.
+        bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
+        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
         s0: log2 of the largest scale, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.
         opacity: log2 of the opacity.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         most: Maximum result.
 
     Returns:
-        log2 of the step in lattice units, 0 to `most`.
+        log2 of the step in lattice spacings, 0 to `most`.
     """
     # The step is at most half the second scale.
     e = max(step_exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))

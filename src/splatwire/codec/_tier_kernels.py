@@ -17,12 +17,12 @@ STATES = 4 * COUNTS
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Returns the context of the entropy coder for the bit that says whether an anchor is in an importance tier.
+    """Returns the context of the entropy coder for the bit that is 1 if an anchor is in an importance tier.
 
     Args:
         tier: Index of the tier.
-        count: Decaying share of the preceding anchors that are in this or a more important tier, out of 2**16.
-        recent: Whether each of the last two anchors was in such a tier, as two bits, 0 to 3.
+        count: Share of preceding anchors in this or a more important tier, weighted towards recent ones, out of 2**16.
+        recent: Two bits, 0 to 3: for each of the last two anchors, 1 if it was in such a tier.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4
@@ -35,11 +35,11 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Updates the statistics of one importance tier, from which the bits of later anchors are predicted.
+    """Updates the statistics of one importance tier, which determine the contexts of later anchors.
 
     Args:
-        counts: For each tier, decaying share of anchors in it or a more important tier, out of 2**16; changed in place.
-        recents: For each tier, whether each of the last two anchors was in such a tier, as two bits; changed in place.
+        counts: For each tier, share of anchors in it or a more important one, see `tier_context`; changed in place.
+        recents: For each tier, membership of the last two anchors as two bits, see `tier_context`; changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """

@@ -51,7 +51,7 @@ class Arrivals:
             return SceneStream(self.manifest, self._side_info, self._intake.packets)
 
     def take(self, packets: Iterable[Packet]) -> list[Packet]:
-        """Adds received packets, except for invalid packets and duplicates; returns the added packets, for decoding."""
+        """Adds received packets; returns the added ones, without invalid packets and duplicates."""
         with self.lock:
             return [packet for packet in packets if self._takes(packet)]
 

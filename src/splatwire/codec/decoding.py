@@ -89,13 +89,13 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
 
 
 def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Yields groups of packets (runs) that a decoder decodes in one call, in the order of the packet plan.
+    """Yields groups of packets (runs) that a decoder decodes in one call, in the order of the elements.
 
     Args:
         decoder: The stream's decoder, which determines the size of runs.
         manifest: The stream's manifest.
         packets: Received packets, in any order.
-        gaps: Also yield an empty run for each lost block, if the decoder decodes whole blocks.
+        gaps: True to also yield an empty run for each lost block, if the decoder decodes whole blocks.
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.

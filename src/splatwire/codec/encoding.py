@@ -100,7 +100,7 @@ def repack(
 
     Args:
         stream: The complete stream; its tiers and named sections are kept.
-        packetization: New split into packets.
+        packetization: Parameters of the new division into packets.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
 
@@ -181,7 +181,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
     """Checks that no packet exceeds the size limit of the packetization.
 
     Args:
-        packetization: Parameters of the split into packets, with the limit.
+        packetization: Parameters of the division into packets, with the limit.
         packets: All packets of the stream.
         elements: Name of the elements in the error message, e.g. "anchors".
     """

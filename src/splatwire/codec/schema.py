@@ -53,7 +53,7 @@ class Prepared:
     Attributes:
         encoder: Encoder of the scene's elements.
         side_info: Side information of the stream.
-        plan: Packet plan.
+        plan: Packet plan: assignment of elements to packets.
         manifest_fields: Further fields of the manifest, by name.
     """
 

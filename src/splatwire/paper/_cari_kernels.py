@@ -62,16 +62,16 @@ def _insert(index, strength, candidate, u):
 @njit()
 @no_type_check
 def _score_query(context, signature, reliability, query, candidates, distance, exponents, index, strength):
-    """Scores the candidates of one lost anchor (query); keeps the best ones for each attribute group.
+    """Scores the candidate neighbours of one lost anchor (query), and keeps the best ones for each attribute group.
 
     Args:
         context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
-        signature: Residual signature of each anchor, a unit vector, float32 (N, S).
-        reliability: Factor of the score that depends on the candidate and the attribute group only, float32 (N, G).
+        signature: Normalised mean residuals of each anchor (its signature), float32 (N, S).
+        reliability: Factor of the score that depends only on the candidate and the attribute group, float32 (N, G).
         query: Index of the lost anchor.
         candidates: Indices of its candidate anchors, int64 (L).
         distance: Distances of the candidates, float32 (L).
-        exponents: Three exponents of the score and epsilon.
+        exponents: Exponents of distance, context similarity and signature similarity, then epsilon, float32 (4).
         index: Output: indices of the best candidates, int64 (G, keep).
         strength: Output: their scores, float32 (G, keep).
     """
@@ -117,7 +117,7 @@ def score_and_keep(
 
     Args:
         context: Hash-grid feature of each anchor, a unit vector, float32 (N, H).
-        signature: Residual signature of each anchor, a unit vector, float32 (N, S).
+        signature: Normalised mean residuals of each anchor (its signature), float32 (N, S).
         reliability: Factor of the score that depends only on the candidate and the attribute group, float32 (N, G).
         queries: Indices of the lost anchors, int64 (Q).
         candidates: Indices of the candidate anchors of each query, int64 (Q, L).

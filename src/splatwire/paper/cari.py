@@ -35,24 +35,27 @@ _CHUNK = 1 << 13
 @register_concealer("cari", needs=[Prior])
 @dataclass(frozen=True)
 class Cari:
-    """Conceals an anchor with the prior's mean plus a weighted mean of the neighbours' residuals.
+    """Estimates lost attributes of anchors by interpolating the residuals of neighbours (paper, Section 3.3).
 
-    The `candidates` nearest anchors of each lost anchor are scored by distance, similarity of hash-grid features,
-    uncertainty of the prior, confidence, and similarity of residual signatures. The `neighbors` with the highest scores
-    are used for the interpolation. All defaults are the paper's constants.
+    A residual is the difference between an attribute and its mean as predicted by the hash grid (the prior). A lost
+    attribute is estimated as the predicted mean plus a weighted mean of the neighbours' residuals.
+
+    The `candidates` nearest anchors are scored by distance, similarity of hash-grid features, uncertainty of the prior,
+    similarity of residuals, and whether they were received. The `neighbors` anchors with the highest scores are used.
+    All defaults are the paper's constants.
 
     Attributes:
-        candidates: Number of nearest anchors that are scored, L.
-        neighbors: Number of neighbours used for the interpolation, K.
-        distance_exponent: alpha, of the distance.
-        context_exponent: beta, of the hash-context similarity.
-        uncertainty_exponent: gamma, of the prior's scale.
-        signature_exponent: delta, of the similarity of residual signatures.
-        epsilon: Added to distances, uncertainties and the sum of scores.
-        recovered_confidence: Confidence of anchors concealed in a previous pass.
-        passes: Number of passes.
-        ridge: Strength of the ridge refinement of features; None to disable it.
-        vote: Rule that determines the mask.
+        candidates: Number of nearest anchors that are scored, L in the paper.
+        neighbors: Number of neighbours used for the interpolation, K in the paper.
+        distance_exponent: Exponent of the distance in the score, alpha.
+        context_exponent: Exponent of the similarity of hash-grid features, beta.
+        uncertainty_exponent: Exponent of the prior's standard deviation, gamma.
+        signature_exponent: Exponent of the similarity of residuals, delta.
+        epsilon: Small number added to distances, uncertainties and sums of scores, to avoid division by zero.
+        recovered_confidence: Factor on the score of anchors that were concealed in a previous pass.
+        passes: Number of passes over the lost anchors; later passes also use anchors concealed before.
+        ridge: Penalty of a local linear model that corrects interpolated features; None to disable the correction.
+        vote: Rule that determines which offsets of a lost anchor exist (its mask).
         backend: `numba` (compiled), or `torch` (reference).
     """
 
@@ -110,7 +113,7 @@ class Cari:
         return "cari"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with estimates of the lost attributes."""
+        """Returns the scene with the lost attributes estimated."""
         context = to_tensors(context)
         fixed = _prepare(context, self)
         estimate = _Estimate(
@@ -137,9 +140,9 @@ class _ConstantData:
         context: The received scene.
         groups: Groups of attribute channels that are interpolated with the same neighbours and weights.
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
-        certainty: Factor of each anchor's score per attribute group, lower for an uncertain prior (`w_unc` in the
+        certainty: Factor of each anchor's score per attribute group, lower if the prior is uncertain (`w_unc` in the
             paper).
-        everyone: Search tree of all anchors.
+        everyone: Search tree over the positions of all anchors.
     """
 
     # The first pass uses received anchors as neighbours only, later passes use concealed ones, too.
@@ -153,10 +156,10 @@ class _ConstantData:
 
 @dataclass(frozen=True, eq=False)
 class _Estimate:
-    """Attributes of all anchors as estimated so far by CARI.
+    """Residuals and offset masks of all anchors, as estimated by CARI so far.
 
     Attributes:
-        residuals: Differences of all attributes from the prior's mean.
+        residuals: Differences of all attributes from the means predicted by the prior.
         mask: Offset masks of all anchors.
     """
 
@@ -178,13 +181,13 @@ def _prepare(context: ReceivedScene, settings: Cari) -> _ConstantData:
 
 
 def _refine(settings: Cari, fixed: _ConstantData, old: _Estimate, *, first: bool) -> _Estimate:
-    """Performs one pass of CARI: interpolates all lost attributes from neighbours, and returns the new estimate.
+    """Performs one pass of CARI: estimates all lost attributes from neighbours, and returns the new estimates.
 
     Args:
         settings: Settings of the concealer.
         fixed: Data that does not change between the passes.
-        old: Estimate before this pass.
-        first: True in the first pass, in which only received anchors are neighbours.
+        old: Estimates before this pass.
+        first: True in the first pass, which uses only received anchors as neighbours.
     """
     # The values of neighbours are taken from `old`, so that the order in which anchors are processed has no
     # influence.
@@ -223,7 +226,7 @@ def _exponents(settings: Cari) -> ScoreExponents:
 def _candidates(
     settings: Cari, fixed: _ConstantData, received: Bool[Tensor, "N"], *, first: bool
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
-    """Finds the nearest anchors of each lost anchor (query), from which its neighbours are chosen.
+    """Yields the nearest anchors of each lost anchor (query), as candidates for its neighbours.
 
     Args:
         settings: Settings of the concealer.
@@ -255,7 +258,7 @@ class _Neighbors:
 
 
 def _estimate_masks(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
-    """Estimates the offset masks of lost anchors (queries) by a weighted vote of their neighbours."""
+    """Estimates which offsets of lost anchors (queries) exist, by a weighted vote of their neighbours."""
     total = near.weight.sum(dim=1, keepdim=True)
     votes = weighted_mean(mask.to(total.dtype), near.index, near.weight)
     return settings.vote(votes / total.clamp(min=torch.finfo(total.dtype).tiny), total[:, 0] > 0)
@@ -264,12 +267,12 @@ def _estimate_masks(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors)
 def _interpolate(
     settings: Cari, fixed: _ConstantData, group: AttributeGroup, residuals: Residuals, near: _Neighbors
 ) -> Float[Tensor, "Q D"]:
-    """Estimates residuals of lost anchors as weighted sums of their neighbours' residuals, for one attribute group.
+    """Estimates residuals of lost anchors as weighted sums of their neighbours' residuals.
 
     Args:
         settings: Settings of the concealer.
         fixed: Data that does not change between the passes.
-        group: The attribute group.
+        group: The attribute channels to estimate.
         residuals: Residuals of all anchors.
         near: Neighbours of the lost anchors, with weights.
     """
@@ -286,7 +289,7 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of the offsets with a known residual, which the next pass can use.
+    """Returns the mask of offsets whose residual is known, received or estimated.
 
     Args:
         context: The received scene.

@@ -84,7 +84,7 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
 def weighted_mean(
     values: Float[Tensor, "N D"], index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]
 ) -> Float[Tensor, "Q D"]:
-    """Returns the weighted sum of the neighbours' values for each lost anchor."""
+    """Returns for each lost anchor the weighted sum of its neighbours' values."""
     # embedding_bag reads the neighbours' values in place: three times faster than first copying all Q k D values
     return torch.nn.functional.embedding_bag(
         index.contiguous(), values, mode="sum", per_sample_weights=weight.contiguous()

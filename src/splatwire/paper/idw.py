@@ -23,13 +23,13 @@ _CHUNK = 1 << 14
 @register_concealer("idw", needs=[Prior])
 @dataclass(frozen=True)
 class Idw:
-    """Conceals an anchor with the weighted mean of the nearest received anchors, weights `1 / distance ** power`.
+    """Estimates a lost anchor by inverse distance weighting of the nearest received anchors, `1 / distance ** power`.
 
     Attributes:
         neighbors: Number of neighbours, k.
         power: Exponent of the distance.
         metric: `euclidean`, or `mahalanobis` with the neighbour's covariance `diag(scaling[:3] ** 2)`.
-        vote: Rule that determines the mask.
+        vote: Rule that determines which offsets of a lost anchor exist (its mask).
     """
 
     # An offset is averaged over the neighbours that have it. Without received anchors, the result is the prior's
@@ -119,7 +119,7 @@ def fill_from_neighbors(
         queries: Indices of the anchors to fill.
         index: Anchor indices of the neighbours of each query.
         weight: Weights of the neighbours, with sum 1 per query.
-        vote: Rule that determines the mask.
+        vote: Rule that determines which offsets of a lost anchor exist (its mask).
     """
     # An offset that exists in no neighbour is not changed.
     if Attribute.FEATURE in attributes:
@@ -139,11 +139,11 @@ def fill_from_neighbors(
 @register_concealer("prior", needs=[Prior])
 @dataclass(frozen=True)
 class PriorMean:
-    """Conceals an anchor with the mean predicted by the hash grid (the paper's prior prediction, no residual).
+    """Replaces a lost anchor by the mean that the hash grid predicts (the paper's prior prediction, without residual).
 
     Attributes:
-        neighbors: Number of neighbours that vote.
-        vote: Rule that determines the mask.
+        neighbors: Number of neighbours that vote on which offsets exist.
+        vote: Rule that determines which offsets of a lost anchor exist (its mask).
     """
 
     # The prior does not predict masks. The nearest received anchors vote on them, weighted by inverse distance.

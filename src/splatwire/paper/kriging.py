@@ -59,7 +59,7 @@ class Kriging:
             `regression`: a linear function of the anchor's prior means, fitted to the received anchors.
         sample: Number of received anchors to which correlations are fitted.
         seed: Seed of the sample.
-        vote: Rule that determines the mask.
+        vote: Rule that determines which offsets of a lost anchor exist (its mask).
     """
 
     # Each attribute has its own `Correlogram` (correlation as a function of distance): the one with the smallest
@@ -289,7 +289,7 @@ def _neighborhoods(
 
 
 def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
-    """Raises estimated scalings of lost anchors to at least the smallest received scaling."""
+    """Raises estimated scalings of lost anchors that are below the smallest received scaling to that value."""
     # They may be negative.
     missing = ~context.loss_mask.column(Attribute.SCALING)[:, None]
     return torch.where(missing, plausible_scalings(context.scene.anchors, context.loss_mask, scalings), scalings)

@@ -65,7 +65,7 @@ class MahalanobisSearch:
         return torch.from_numpy(index), torch.from_numpy(np.sqrt(squared)).to(queries.dtype)
 
     def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
-        """Returns for each query a squared Mahalanobis distance within which its `kept` nearest neighbours must be.
+        """Returns an upper bound of the squared Mahalanobis distance of each query to its `kept`-th nearest point.
 
         Args:
             queries: Query positions.
@@ -83,7 +83,7 @@ class MahalanobisSearch:
 
 
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
-    """Returns an order of the points in which neighbours in the list are near in space and of similar size."""
+    """Sorts points so that consecutive ones are close in space and of similar size; returns their indices."""
     # The nearest-neighbour search divides the points into blocks in this order. The points of a block are similar,
     # so that it can skip most blocks as a whole.
     # Sorted by the largest extent, rounded down to a power of two, then along the Z-order curve.

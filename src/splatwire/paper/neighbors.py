@@ -18,7 +18,7 @@ class TensorTree:
         self.tree = NeighborTree(support)
 
     def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-        """Returns the indices and distances of the `kept = min(k, S)` points nearest to each query, nearest first."""
+        """Returns the nearest `k` points of each query, or all points if there are fewer: indices and distances."""
         index, distance = self.tree.query(queries, k)
         return torch.from_numpy(index).to(queries.device), torch.from_numpy(distance).to(queries.device)
 

@@ -25,7 +25,7 @@ class AttributeGroup:
 
 
 def attribute_groups(layout: AnchorLayout) -> tuple[AttributeGroup, ...]:
-    """Returns an anchor's attribute groups: the paper's groups (feature groups, scaling, offsets), then the mask."""
+    """Returns the attribute groups of an anchor: one for each feature group, then scalings, offsets and mask."""
     features = [Attribute.FEATURE] * len(layout.feature_groups)
     attributes = [*features, Attribute.SCALING, Attribute.OFFSET, Attribute.MASK]
     return tuple(AttributeGroup(attribute, part) for part, attribute in enumerate(attributes))
@@ -69,10 +69,7 @@ def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
 
 
 def uncertainties(prior: Prior, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
-    """Returns the paper's uncertainty `sigma` of each anchor, one number per attribute group.
-
-    It is the mean of the prior's standard deviations over the channels of the group.
-    """
+    """Returns the paper's signature `g` of each anchor, which is the mean residual of each of its attribute groups."""
     # The mask, which has no prior, has the uncertainty of the offsets.
     columns = [part.mean(dim=1) for part in prior.feature.scale.split(layout.feature_groups, dim=1)]
     offset = prior.offset.scale.mean(dim=1)

@@ -42,7 +42,7 @@ class CausalConfig(CheckedFields):
         return len(self.layout.feature_groups) + 3
 
     def shapes(self) -> dict[str, tuple[int, int]]:
-        """Returns the input and output size of every network by name, in evaluation order."""
+        """Returns the numbers of inputs and outputs of every network by name, in evaluation order."""
         features, offsets, c = self.layout.feature_dim, self.layout.num_offsets, self.context_dim
         shapes, before = {"position": (3 * (1 + OCTAVES), c)}, 0
         for group, size in enumerate(self.layout.feature_groups):

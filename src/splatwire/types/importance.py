@@ -38,7 +38,10 @@ class Importance:
         return Importance(share.astype(footprint.dtype))
 
     def top(self, fraction: float) -> Bool[np.ndarray, "N"]:
-        """Returns the mask of the most important anchors: `fraction` of all, rounded.
+        """Returns the mask of the most important anchors.
+
+        Args:
+            fraction: Share of all anchors to select, 0 to 1; their number is rounded.
 
         Raises:
             ValueError: If the fraction is not in [0, 1].

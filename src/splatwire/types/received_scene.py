@@ -21,7 +21,7 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Protocol of predictions from the side information, for every Gaussian or anchor (element), received or lost."""
+    """Protocol of values that the side information predicts for all elements (Gaussians or anchors)."""
 
     @property
     def num_elements(self) -> int:
@@ -51,7 +51,7 @@ class ExpectedPlaces(CheckedFields):
 class TierSizes(CheckedFields):
     """Approximate size of every element (Gaussian or anchor), received or lost, for the concealment of losses.
 
-    The encoder sends one typical size for each group of elements of similar importance (tier).
+    The encoder sends one typical size for each importance tier, a group of elements of similar importance.
 
     Attributes:
         sizes: Typical size in the tier of each element, above 0, in an arbitrary unit.
@@ -169,7 +169,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
-        """Typical size in the importance class of each element; None if it was not sent."""
+        """Typical size in the importance tier of each element; None if it was not sent."""
         tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 
@@ -194,7 +194,7 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the element counts of the given side information; more than one if it is for different scenes."""
+    """Returns the numbers of elements to which the records of side information belong; one if they agree."""
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

@@ -34,7 +34,7 @@ class RenderHints(CheckedFields):
 
 @dataclass(frozen=True)
 class Coverage(CheckedFields):
-    """How strongly the concealer `grow` enlarges received elements next to lost ones, for one type of scene.
+    """Strength with which the concealer `grow` enlarges received elements next to lost ones, for one type of scene.
 
     If the share r of an element's neighbours was received, its size is multiplied by `r ** -(exponent * size)`. Its
     opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`, with the concealer's parameter `exponent`.

@@ -191,7 +191,7 @@ class SequenceScene:
         )
 
     def select(self, index: np.ndarray) -> "SequenceScene":
-        """Returns the sequence unchanged, because its tracks cannot be selected."""
+        """Returns the sequence itself, because its tracks cannot be selected."""
         # Motion refers to tracks by index.
         return self
 

@@ -8,9 +8,7 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """Content of an update of a stream: the new Gaussians, and the mask of the removed ones.
-
-    As a scene, it has the new Gaussians only.
+    """Content of an update of a stream: new Gaussians, which this scene contains, and a mask of removed ones.
 
     Attributes:
         base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.

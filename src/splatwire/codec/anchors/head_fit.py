@@ -1,4 +1,4 @@
-"""Quantises the rendering networks of anchors; shared by all anchor schemas."""
+"""Quantises the networks with which anchors are rendered; shared by all anchor schemas."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Order of anchors in packets, and base classes of the encoders and decoders of both anchor schemas."""
+"""Coding order of anchors, and base classes of the encoders and decoders of both kinds of anchors."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -57,7 +57,7 @@ def prepare_anchors(scene: AnchorScene, options: Options, coder: Coder, manifest
     Args:
         scene: The scene; all of its anchors are drawable.
         options: Encoding options; the default packetization is `spread_packetization`.
-        coder: Function that fits the side information; returns the anchor coder and the side information.
+        coder: Function that fits the side information; returns the encoder of the anchors and the side information.
         manifest_fields: Further fields of the manifest.
 
     Raises:
@@ -89,7 +89,7 @@ def prepare_anchor_repack(
     Args:
         stream: The complete stream.
         scene: The scene decoded from it.
-        packetization: New split into packets.
+        packetization: Parameters of the new division into packets.
         coder: Function that returns the encoder of the anchors, and the side information of the new stream.
         manifest_fields: Further fields of the new manifest.
         *own: Names of the sections of side information that `coder` computes again.
@@ -150,9 +150,9 @@ class AnchorEncoder:
     """Encodes the anchors of a scene, many packets at once.
 
     Args:
-        coder: Anchor coder.
-        plan: Packet plan.
-        tier_of: Tier of each anchor in coding order, uint8 (N).
+        coder: Encoder of groups of anchors.
+        plan: Packet plan: assignment of elements to packets.
+        tier_of: Importance tier of each anchor in coding order, uint8 (N).
     """
 
     def __init__(self, coder: AnchorCoder, plan: PacketPlan, tier_of: np.ndarray) -> None:
@@ -172,7 +172,7 @@ class AnchorEncoder:
 
 
 def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
-    """Divides packets into chunks of consecutive packets with about `most` anchors.
+    """Yields slices of consecutive packets, each with about `most` anchors.
 
     Args:
         sizes: Number of anchors of each packet.
@@ -221,7 +221,7 @@ class AnchorDecoder:
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates arrays for all anchors and predicts every anchor from the side information."""
+        """Allocates arrays for all anchors, and predicts every anchor from the side information."""
         # Anchors whose packets are lost keep the predicted values.
         self.allocate()
 

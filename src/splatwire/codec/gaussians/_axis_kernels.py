@@ -103,7 +103,7 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (COLUMNS); the axis is written.
+        row: Decoded integers of the Gaussian, int64 (columns); the axis is written.
         primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
         source: The exact axis; only used by an encoder.
         shift: log2 of the quantisation step.

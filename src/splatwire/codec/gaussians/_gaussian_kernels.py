@@ -109,13 +109,13 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (COLUMNS); opacity and scales are written.
+        row: Decoded integers of the Gaussian, int64 (columns); opacity and scales are written.
         source: Logarithms of opacity and scales, int64 (4); only used by an encoder.
-        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        level: Precision class of the Gaussian.
+        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
         near: Means and deviations of its neighbours.
         count: Number of its neighbours.
-        thinness: Table from `thinness_table`.
+        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
@@ -168,10 +168,10 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (COLUMNS); the colour is written.
+        row: Decoded integers of the Gaussian, int64 (columns); the colour is written.
         source: The exact colour, int64 (3); only used by an encoder.
-        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        level: Precision class of the Gaussian.
+        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
         near: Means and deviations of its neighbours.
         count: Number of its neighbours.
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
@@ -194,12 +194,12 @@ def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
 
     Args:
         logs: Logarithms of opacity and scales, int64 (n, 4).
-        levels: Precision classes, int64 (n).
-        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table from `thinness_table`.
-        shifts: Output: log2 of the steps, in lattice units, int64 (n).
+        levels: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
+        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
+        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
+        shifts: Output: log2 of the steps, in lattice spacings, int64 (n).
     """
     for i in range(len(logs)):
         level, source = levels[i], logs[i]

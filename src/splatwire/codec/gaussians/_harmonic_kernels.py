@@ -33,8 +33,8 @@ def code_harmonics(coder, values, i, source, bases, level):
         values: Decoded harmonics of the packet's Gaussians, int32 (n, harmonics); row `i` is written.
         i: Index of the Gaussian in the packet.
         source: Harmonics before quantisation, int64 (n, harmonics); only used by an encoder.
-        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        level: Precision class of the Gaussian.
+        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
     """
     # The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. The context of a harmonic is
     # the magnitude of the harmonics coded before it for the same Gaussian.

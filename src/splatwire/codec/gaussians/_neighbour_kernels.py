@@ -176,7 +176,7 @@ def predict(near, count, defaults):
         near: Arrays of the packet, with the neighbours of this Gaussian; `near.means` and `near.deviations` are
             written.
         count: Number of neighbours.
-        defaults: Mean attributes of the block, int64 (7), used if there are no neighbours.
+        defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
     Returns:
         Context of the entropy coder for the Gaussian's precision class.
@@ -224,7 +224,7 @@ def remember(near, row, i):
 
     Args:
         near: Arrays of the packet, changed in place.
-        row: Decoded integers of the Gaussian, int64 (COLUMNS).
+        row: Decoded integers of the Gaussian, int64 (columns).
         i: Index of the Gaussian in the packet.
     """
     values = near.values

@@ -120,11 +120,12 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (COLUMNS); the position is written, in half lattice units.
+        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in halves of the lattice
+            spacing.
         cell: Grid cell of the Gaussian, int64 (3).
-        place: Position relative to the block's bounding box, in lattice units; only used by an encoder.
-        cells_at: log2 of the cell size of the packet's grid, in lattice units.
-        shift: log2 of the quantisation step of the position, in lattice units.
+        place: Position relative to the block's bounding box, in lattice spacings; only used by an encoder.
+        cells_at: log2 of the cell size of the packet's grid, in lattice spacings.
+        shift: log2 of the quantisation step of the position, in lattice spacings.
         absolute: False for streams of version 2, which round positions differently.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
@@ -145,7 +146,7 @@ def _code_spin(coder, row, axes, primary, bits):
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (COLUMNS); the rotation is written.
+        row: Decoded integers of the Gaussian, int64 (columns); the rotation is written.
         axes: Exact principal axes as columns, float64 (3, 3); only used by an encoder.
         primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
         bits: Number of bits of the rotation.
@@ -162,7 +163,7 @@ def spin_angle(row, axes, primary):
     """Returns the rotation of a Gaussian about its primary axis, in radians, -pi to pi.
 
     Args:
-        row: Decoded integers of the Gaussian, int64 (COLUMNS), with the primary axis.
+        row: Decoded integers of the Gaussian, int64 (columns), with the primary axis.
         axes: Exact principal axes as columns, float64 (3, 3).
         primary: Index of the primary axis.
     """
@@ -195,9 +196,9 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
         coder: Entropy coder.
         stream: Constants of the stream, from `SideInfo.kernel_stream`.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        defaults: Mean attributes of the block, int64 (7).
+        defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: Fields of a `BlockSource` of the packet's Gaussians; ignored by a decoder.
-        rows: Output: decoded integers, int64 (n, COLUMNS).
+        rows: Output: decoded integers, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
@@ -289,11 +290,11 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
         models: Initial adaptive bit models of every packet, int64 (contexts, 2).
         statistics: Counters from `empty_statistics`, increased by each coded symbol.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        defaults: Mean attributes of the block, int64 (7).
+        defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, a `BlockSource`.
         sizes: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
-        rows: Output: decoded integers, int64 (n, COLUMNS).
+        rows: Output: decoded integers, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         ends: Output: end of each payload in the buffer, int64 (packets).
     """
@@ -321,11 +322,11 @@ def encode_cut(
         models: Initial adaptive bit models of every packet, int64 (contexts, 2).
         statistics: Counters from `empty_statistics`, increased by each coded symbol.
         box_bits: Number of bits of a coordinate within the block's bounding box.
-        defaults: Mean attributes of the block, int64 (7).
+        defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, a `BlockSource`.
         most: Maximum size of a payload, bytes.
         buffer: Output: the payloads one after another, uint8.
-        rows: Output: decoded integers, int64 (n, COLUMNS).
+        rows: Output: decoded integers, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         sizes: Output: number of Gaussians in each packet, int64 (n).
         ends: Output: end of each payload in the buffer, int64 (n).
@@ -379,8 +380,8 @@ def decode_packets(tables, stream, models, data, ends, starts, box_bits, default
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the Gaussians `starts[p]` to `starts[p + 1]` (exclusive).
         box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
-        defaults: Mean attributes of each packet's block, int64 (P, 7).
-        rows: Output: decoded integers, int64 (n, COLUMNS).
+        defaults: Mean opacity, scales and colour of each packet's block, int64 (P, 7).
+        rows: Output: decoded integers, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)

@@ -51,13 +51,13 @@ def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinn
         logs: Logarithms of opacity and scales, int64 (n, 4).
         axes: Principal axes, float64 (n, 3, 3).
         colours: Base colours, int64 (n, 3).
-        levels: Precision classes, int64 (n).
-        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        coarsest: log2 of the largest position cell, in lattice units.
-        thinness: Table from `thinness_table`.
+        levels: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
+        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
+        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.
-        rows: Output: decoded integers, int64 (n, COLUMNS), with positions relative to the origin of the lattice.
+        rows: Output: decoded integers, int64 (n, columns), with positions relative to the origin of the lattice.
     """
     axis = np.zeros(3, np.int64)
     for i in range(len(rows)):

@@ -33,12 +33,12 @@ def convert(
     """Converts decoded integers of Gaussians to floats, and writes them to the scene.
 
     Args:
-        rows: Decoded integers, int64 (n, COLUMNS).
+        rows: Decoded integers, int64 (n, columns).
         places: Index of each Gaussian in the outputs, int64 (n).
-        origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice units, int64 (n, 3).
-        size_log: log2 of the scene's size.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        thinness: Table from `thinness_table`.
+        origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
+        size_log: log2 of the scene's size in world units.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         powers: Table from `exponentials`.
         colours: Transform from RGB to Y Co Cg divided by the harmonic of degree 0, float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
@@ -75,7 +75,7 @@ def _rotation(row, axes, quat):
     """Computes a Gaussian's rotation as a quaternion, from its primary axis and the angle about this axis.
 
     Args:
-        row: Decoded integers of the Gaussian, int64 (COLUMNS).
+        row: Decoded integers of the Gaussian, int64 (columns).
         axes: Working array for the three axes, float64 (9).
         quat: Output, float32 (4).
     """

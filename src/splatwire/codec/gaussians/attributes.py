@@ -69,7 +69,7 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size, from `scene_log`.
+        size_log: log2 of the scene's size in world units, from `scene_log`.
     """
     order = np.argsort(-splats.scales, axis=1, kind="stable")
     axes = np.take_along_axis(matrices_of(splats.quats.astype(np.float64)), order[:, None, :], axis=2)
@@ -152,11 +152,11 @@ def to_splats(
     """Converts decoded integers to Gaussians with float attributes.
 
     Args:
-        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics.
+        rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
-        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice units.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """
     count = len(rows)
@@ -175,11 +175,11 @@ def write_splats(
     Args:
         splats: All Gaussians of the scene, changed in place.
         places: int64 (n), indices of the converted Gaussians in `splats`.
-        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except the harmonics.
+        rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
-        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice units.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        size_log: log2 of the scene's size in world units.
         transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """
     from splatwire.codec.gaussians import _splat_kernels as kernels
@@ -207,7 +207,7 @@ def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
         num_harmonics: Number of integers of the spherical harmonics of each Gaussian.
 
     Returns:
-        int64 (count, COLUMNS) for all attributes except harmonics, and int32 (count, num_harmonics) for the harmonics.
+        int64 (count, columns) for all attributes except harmonics, and int32 (count, num_harmonics) for the harmonics.
     """
     return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonics), dtype=np.int32)
 

@@ -35,7 +35,7 @@ class Boxes:
     """Bounding boxes of B blocks on the lattice of positions. The corners of each box lie on a coarser grid.
 
     Attributes:
-        shifts: int64 (B), log2 of the spacing of each box's grid, in lattice units.
+        shifts: int64 (B), log2 of the spacing of each box's grid, in lattice spacings.
         origins: int64 (B, 3), lower corner of each box, as coordinates on the grid of this box.
         extents: int64 (B, 3), sides of each box in spacings of its grid, minus one.
     """
@@ -53,7 +53,7 @@ class Boxes:
 
     @functools.cached_property
     def corners(self) -> np.ndarray:
-        """Lower corners of the boxes in lattice units, int64 (B, 3)."""
+        """Lower corners of the boxes in lattice spacings, int64 (B, 3)."""
         return self.origins << self.shifts[:, None]
 
 
@@ -103,7 +103,7 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Chooses the cell size of the coarse grid for coding a block's positions; returns its log2 in lattice units.
+    """Chooses the cell size of the coarse grid for coding a block's positions; returns its log2 in lattice spacings.
 
     Args:
         places: int64 (n, 3), lattice positions relative to the corner of the block's box.
@@ -146,8 +146,8 @@ def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
     Args:
         low: int64 (B, 3), smallest lattice coordinates of each block.
         high: int64 (B, 3), largest lattice coordinates of each block.
-        coarsest: log2 of the side of the largest position cell, in lattice units. Box corners are multiples of this
-            side.
+        coarsest: log2 of the largest quantisation step of positions, in lattice spacings. Box corners are multiples of
+            this side.
     """
     # Corners are multiples of the largest position cell, so that position cells are the same in every box.
     shifts = np.array(
@@ -172,11 +172,11 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        size_log: log2 of the scene's size in world units.
 
     Returns:
-        log2 of the cell size, in lattice units.
+        log2 of the cell size, in lattice spacings.
     """
     some = means[:: -(-len(means) // TYPICAL_SAMPLE)]
     order = gaussian_order(some, None)
@@ -192,8 +192,8 @@ def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
 
     Args:
         means: float64 (N, 3), positions.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        size_log: log2 of the scene's size in world units.
 
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.

@@ -18,7 +18,7 @@ def coding_from_bytes(data: bytes, classes: np.ndarray, degree: int) -> SplatCod
 
     Args:
         data: Bytes from `coding_to_bytes`.
-        classes: Precision class of each Gaussian, uint8 (N).
+        classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
         degree: Degree of the scene's spherical harmonics.
 
     Raises:

@@ -124,7 +124,7 @@ def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
 
     Args:
         info: The stream's side information.
-        classes: Precision class of each Gaussian, uint8 (N).
+        classes: Precision class of each Gaussian, which selects its quantisation steps, uint8 (N).
 
     Returns:
         The parameters; None for streams of version 2.
@@ -165,8 +165,8 @@ def decode_packets(
         payloads: Content of each packet without its header.
 
     Returns:
-        Decoded integers of all Gaussians, packet by packet: int64 (n, COLUMNS) for all attributes except harmonics, and
-            int32 (n, harmonics) for the spherical harmonics.
+        Decoded integers of all Gaussians, packet by packet: int64 (n, columns) for all attributes except harmonics, and
+        int32 (n, harmonics) for the spherical harmonics.
     """
     assert max(counts, default=0) <= MAX_BLOCK_SIZE, "one of more places than there are intervals has none"
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
@@ -201,7 +201,7 @@ def store_block(
     Args:
         splats: All Gaussians of the scene, changed in place.
         places: int64 (n), indices of the block's Gaussians in `splats`.
-        rows: int64 (n, COLUMNS), decoded integers of each Gaussian except harmonics.
+        rows: int64 (n, columns), decoded integers of each Gaussian except harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics, 0 for lost Gaussians.
         received: Mask of received Gaussians, bool (n).
         info: The stream's side information.

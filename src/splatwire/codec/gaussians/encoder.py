@@ -145,7 +145,7 @@ class CodedBlock:
     Attributes:
         sizes: int64 (P), number of Gaussians in each packet.
         payloads: Content of each packet without its header.
-        rows: int64 (n, COLUMNS), integers of each Gaussian except harmonics, as a decoder obtains them.
+        rows: int64 (n, columns), integers of each Gaussian except harmonics, as a decoder obtains them.
         harmonics: int32 (n, harmonics), integers of the spherical harmonics, as a decoder obtains them.
         statistics: Counts of coded bits and residuals by context, see `empty_statistics`.
     """
@@ -190,7 +190,7 @@ class GaussianEncoder:
 
     Args:
         scene: The Gaussians, sorted into blocks.
-        plan: Packet plan.
+        plan: Packet plan: assignment of elements to packets.
         info: Side information, as a decoder reads it after quantisation.
     """
 

@@ -31,7 +31,7 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size.
+        size_log: log2 of the scene's size in world units.
 
     Returns:
         All Gaussians in the same order; `splats` itself if none was moved.

@@ -28,7 +28,7 @@ def divide_into_packets(scene: SplatScene, packetization: Packetization) -> Pack
 
     Args:
         scene: The Gaussians; each must have a visible effect.
-        packetization: Parameters of the split into packets.
+        packetization: Parameters of the division into packets.
 
     Raises:
         InvalidValueError: If the packetization does not apply to explicit Gaussians.

@@ -61,10 +61,10 @@ class BlockSource(NamedTuple):
     """Input of the encoding kernels: n Gaussians of one block, sorted for the division into packets.
 
     Attributes:
-        cells_at: log2 of the cell size of the coarse grid of positions, in lattice units.
+        cells_at: log2 of the cell size of the coarse grid of positions, in lattice spacings.
         spread: 1 if each packet is spread over the block, 0 if a packet contains adjacent Gaussians.
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
-        places: int64 (n, 3), positions relative to the corner of the block's bounding box, in lattice units.
+        places: int64 (n, 3), positions relative to the corner of the block's bounding box, in lattice spacings.
         classes: int64 (n), precision classes, 0 for the lowest.
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
@@ -93,10 +93,10 @@ class SourceScene:
         order: Integers (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         classes: uint8 (N), precision classes in input order, 0 for the lowest.
-        size_log: log2 of the scene's size.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        bases: int64 (steps), `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        coarsest: log2 of the largest position cell, in lattice units.
+        size_log: log2 of the scene's size in world units.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        bases: int64 (steps), `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         contiguous: True if a packet contains adjacent Gaussians, False if it is spread over its block.
     """
 
@@ -128,8 +128,8 @@ class SourceScene:
         Args:
             splats: The Gaussians.
             plan: Packet plan with the size of each block.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes; None for the
-                finest.
+            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
+                coarser; None for the finest.
             tiers: Tier of each Gaussian, 0 for the most important; None for one tier.
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
@@ -266,7 +266,8 @@ def coded_classes(classes: np.ndarray | None, count: int, most: int) -> np.ndarr
     """Converts precision classes from the numbers that callers use to those in the bitstream.
 
     Args:
-        classes: Precision class of each Gaussian, (N), 0 for the finest, negative for coarser; None for the finest.
+        classes: Precision class of each Gaussian (its set of quantisation steps), (N), 0 for the finest, negative for
+            coarser; None for the finest.
         count: Number of Gaussians, N.
         most: Finest precision class in the bitstream, in which 0 is the coarsest.
 
@@ -293,8 +294,8 @@ def raise_flat(splats: Splats, classes: np.ndarray, most: int, bases: np.ndarray
         splats: The N Gaussians.
         classes: uint8 (N), precision classes from `coded_classes`.
         most: The finest precision class.
-        bases: `-log2` of the quantisation steps of the lowest precision class, in fixed point.
-        size_log: log2 of the scene's size.
+        bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        size_log: log2 of the scene's size in world units.
 
     Returns:
         The changed precision classes, uint8 (N).

@@ -52,10 +52,10 @@ def _code_headers(coder, headers, n, frames, first_new):
 
     Args:
         coder: Entropy coder.
-        headers: Headers, int64 (n, HEAD), ascending by track number; filled by a decoder.
+        headers: Headers, int64 (n, fields), ascending by track index; filled by a decoder.
         n: Number of tracks in the packet.
         frames: Number of frames in the group.
-        first_new: Number of the first track that begins in the group.
+        first_new: Index of the first track that begins in the group, among all tracks of the stream.
 
     Returns:
         Number of headers found.
@@ -219,13 +219,14 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
 
     Args:
         coder: Entropy coder of the packet.
-        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number; filled by a decoder.
+        headers: Headers of the tracks, int64 (n, fields), ascending by track index; filled by a decoder.
         n: Number of tracks in the packet.
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); filled by a decoder.
+        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds); filled
+            by a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
             zero before.
         frames: Number of frames in the group, F.
-        first_new: Number of the first track that begins in the group.
+        first_new: Index of the first track that begins in the group, among all tracks of the stream.
     """
     if coder.decoding:
         headers[:] = -1

@@ -80,8 +80,8 @@ def _trim(quantised, orders):
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds); reduced in
-            place.
+        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds);
+            reduced in place.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
@@ -170,10 +170,10 @@ def encode_cut(
         models: Initial adaptive bit models of every packet, int64 (contexts, 2).
         counts: Number of zeros and ones coded with each model, int64 (contexts, 2), increased by the final packets.
         frames: Number of frames in the group, F.
-        first_new: Number of the first track that begins in the group.
+        first_new: Index of the first track that begins in the group, among all tracks of the stream.
         dead: Widening of the quantiser's dead zone, in 64ths of a step.
-        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number.
-        places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
+        headers: Headers of the tracks, int64 (n, fields), ascending by track index.
+        places: Positions of the tracks' keyframe Gaussians, in halves of the lattice spacing, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
@@ -227,11 +227,11 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
     Args:
         models: Initial adaptive bit models of every packet, int64 (contexts, 2).
         frames: Number of frames in the group, F.
-        first_new: Number of the first track that begins in the group.
+        first_new: Index of the first track that begins in the group, among all tracks of the stream.
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
-        headers: Output: headers of the tracks, int64 (n, HEAD), zero before.
+        headers: Output: headers of the tracks, int64 (n, fields), zero before.
         orders: Output: number of coefficients per channel, by kind of channel, int64 (P, kinds), zero before.
         quantised: Output: residuals of coefficients, int32 (n, channels, frames), zero before.
     """

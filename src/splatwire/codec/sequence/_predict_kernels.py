@@ -236,7 +236,7 @@ def _unpack_coefficients(flat, orders, rows):
 
     Args:
         flat: The coded coefficients, (M, U) for U coded coefficients per track.
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames).
     """
     for i in range(len(rows)):
@@ -256,7 +256,7 @@ def pack_coefficients(values, rows, states, orders, flat):
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
         flat: Output: packed coefficients, (M, U) for U coded coefficients per track.
     """
     for i in range(len(rows)):
@@ -275,10 +275,11 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
     """Encodes or decodes the motion of each track of a packet as the difference from a prediction by its neighbours.
 
     Args:
-        places: Positions of the keyframe Gaussians of the packet's M tracks, in half lattice units, int64 (M, 3).
+        places: Positions of the keyframe Gaussians of the packet's M tracks, in halves of the lattice spacing, int64
+            (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
         wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
         dead: Widening of the encoder's dead zone, in 64ths of a quantisation step.

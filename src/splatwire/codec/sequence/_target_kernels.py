@@ -131,7 +131,7 @@ def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets
         keyframes: T keyframe Gaussians: means, quaternions, scales, opacities and colours, float32 (T, 1, ...).
         numbers: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
             skipped.
-        unit: Units of the position channels per scene unit (half lattice units).
+        unit: Units of the position channels per scene unit (halves of the lattice spacing).
         luma: Matrix from colours to Y Co Cg, float64 (3, 3).
         table: Basis polynomials, float64 (F, F).
         begin: First frame of this call.

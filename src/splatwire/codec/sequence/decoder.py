@@ -251,7 +251,7 @@ def _combine_packets(
     """Combines the motion that was decoded from the packets of a group of frames.
 
     Args:
-        headers: Headers of the tracks of all packets, int64 (n, HEAD).
+        headers: Headers of the tracks of all packets, int64 (n, fields).
         offsets: Motion of the moving tracks of all packets.
         covered: Mask of tracks in the number range of a received packet, bool (T).
         complete: True if all motion packets of the group were received.

@@ -112,7 +112,8 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            classes: Precision class of each track, 0 for the finest and negative for coarser; None for a default.
+            classes: Precision class of each track (its set of quantisation steps), 0 for the finest and negative for
+                coarser; None for a default.
             cut: True if the group shows another scene than the group before.
 
         Returns:

@@ -38,8 +38,8 @@ class CodedKeyframes:
 
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
-        rows: Decoded integers of the keyframe Gaussians, int64 (n, COLUMNS), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in half lattice units of motion, int64 (n, 3).
+        rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
+        places: Positions relative to the scene's origin, in halves of the lattice spacing for motion, int64 (n, 3).
         digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
@@ -116,7 +116,8 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians, at least one; each must have a visible effect.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for a default.
+            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
+                coarser; None for a default.
             group: Index of the group of frames.
             cut: True if the group shows another scene than the group before.
 
@@ -163,7 +164,8 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for the finest.
+            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
+                coarser; None for the finest.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
             like: Side information with context tables to use; None to fit new tables.
@@ -178,7 +180,8 @@ class KeyframeEncoder:
 
         Args:
             splats: The Gaussians to encode.
-            classes: Precision class of each Gaussian, 0 for the finest and negative for coarser; None for `level`.
+            classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
+                coarser; None for `level`.
             info: Current side information.
             level: Median precision class of the first Gaussians that were encoded with these parameters.
         """
@@ -222,13 +225,14 @@ def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> 
     """Converts the positions of a block's Gaussians to the units of motion.
 
     Args:
-        rows: Decoded integers of a block's Gaussians, int64 (n, COLUMNS), with positions in half lattice units.
+        rows: Decoded integers of a block's Gaussians, int64 (n, columns), with positions in halves of the lattice
+            spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
         spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
 
     Returns:
-        Positions in half lattice units of motion, int64 (n, 3).
+        Positions in halves of the lattice spacing for motion, int64 (n, 3).
     """
     places = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = places << spacing if spacing > 0 else places >> -spacing

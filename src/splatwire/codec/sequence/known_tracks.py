@@ -18,7 +18,7 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Track numbers sorted by key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        places: Decoded position of each keyframe Gaussian in half lattice units of motion, int64 (T, 3).
+        places: Decoded position of each keyframe Gaussian in halves of the lattice spacing for motion, int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
         weights: Visible weight of each track (squared opacity times area), float64 (T).
         alive: Numbers of the tracks present at the end of the last group, ascending, int64.

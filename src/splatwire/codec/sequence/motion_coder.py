@@ -54,7 +54,7 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
     """True if no track of a group moves, begins or ends.
 
     Args:
-        headers: Headers of the tracks, int64 (n, HEAD).
+        headers: Headers of the tracks, int64 (n, fields).
         frames: Number of frames in the group.
     """
     return bool(((headers[:, STATE] == STILL) & (headers[:, BEGINS] == 0) & (headers[:, ENDS] == frames)).all())
@@ -65,12 +65,12 @@ class MotionCoder:
     """Encodes the motion of the n tracks of a group of F frames, block by block, in packets of limited size.
 
     Attributes:
-        headers: Headers of the tracks, int64 (n, HEAD), ascending by track number.
-        places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
+        headers: Headers of the tracks, int64 (n, fields), ascending by track index.
+        places: Positions of the tracks' keyframe Gaussians, in halves of the lattice spacing, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames), in any order.
         rows: Index in `targets` of each track, int64 (n).
-        first_new: Number of the first track that begins in the group.
+        first_new: Index of the first track that begins in the group, among all tracks of the stream.
         most: Maximum size of a packet's payload, bytes.
         costs: Expected number of bytes for each track, float64 (n).
     """
@@ -91,7 +91,7 @@ class MotionCoder:
         Args:
             count: Number of tracks, n.
             targets: Motion coefficients before quantisation, float64 (N, channels, frames).
-            first_new: Number of the first track that begins in the group.
+            first_new: Index of the first track that begins in the group, among all tracks of the stream.
             most: Maximum size of a packet's payload, bytes.
         """
         headers, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)

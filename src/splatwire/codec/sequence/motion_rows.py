@@ -18,7 +18,7 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
         frames: Number of frames in the group, F.
 
     Returns:
-        Headers int64 (count, HEAD), and prediction residuals of motion coefficients int32 (count, channels * frames).
+        Headers int64 (count, fields), and prediction residuals of motion coefficients int32 (count, channels * frames).
     """
     return np.zeros((count, HEAD), np.int64), np.zeros((count, NUM_CHANNELS * frames), np.int32)
 
@@ -44,10 +44,10 @@ def decode_motion(
         group: Index of the group.
         counts: Number of tracks in each packet, int64 (packets).
         payloads: Content of each packet without its header.
-        first_new: Number of the first track that begins in the group.
+        first_new: Index of the first track that begins in the group, among all tracks of the stream.
 
     Returns:
-        Headers int64 (n, HEAD) and prediction residuals int32 (n, channels * frames) of all tracks; and the number of
+        Headers int64 (n, fields) and prediction residuals int32 (n, channels * frames) of all tracks; and the number of
         coefficients per channel in each packet, by kind of channel, int64 (packets, kinds).
     """
     frames = len(info.timeline.frames_of(group))
@@ -69,10 +69,10 @@ def coefficients_of(
     """Reconstructs the motion coefficients of the moving tracks of one packet from prediction residuals.
 
     Args:
-        headers: Headers of the n tracks of the packet, int64 (n, HEAD).
+        headers: Headers of the n tracks of the packet, int64 (n, fields).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
-        orders: Number of coded coefficients per channel, by kind of channel, int64 (kinds).
-        places: Positions of the tracks' keyframe Gaussians, in half lattice units, int64 (n, 3).
+        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
+        places: Positions of the tracks' keyframe Gaussians, in halves of the lattice spacing, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:

@@ -15,7 +15,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     """Returns the quantisation steps of the motion of tracks.
 
     Args:
-        rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, COLUMNS).
+        rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
         coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, by kind of
             channel, int64 (kinds).

@@ -112,8 +112,8 @@ def add_frames(
             are skipped.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        size_log: log2 of the scene's size in world units.
         threads: Number of threads; None for one per processor.
     """
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
@@ -155,8 +155,8 @@ class Offsets:
     Args:
         moves: Decoded motion of the moving tracks of each packet.
         frames: Number of frames in the group.
-        unit: `-log2` of the lattice spacing, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        size_log: log2 of the scene's size in world units.
     """
 
     moves: Sequence[PacketMoves]

@@ -210,7 +210,7 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """Returns True if the training is over."""
+        """True if the training is over."""
         # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
         # `CalibrationConfig.patience` validations without improvement. If weights are quantised
         # (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
@@ -262,7 +262,7 @@ def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: Repa
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Draws the lost anchors (queries) of a training step, in groups of neighbours; returns their indices.
+    """Draws the lost anchors (queries) of a training step at random, in groups of neighbours; returns their indices.
 
     Args:
         count: Number of queries to draw from.

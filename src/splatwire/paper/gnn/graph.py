@@ -74,7 +74,7 @@ def build_graph(context: ReceivedScene, settings: GnnSettings, filled: Anchors |
 
 
 def _graph_idw(settings: GnnSettings) -> Idw:
-    """Returns the concealer `idw` that interpolates each lost anchor from its neighbours in the graph."""
+    """Returns the concealer `idw` (inverse distance weighting) over the neighbours in the graph."""
     return Idw(neighbors=settings.neighbors, metric=settings.metric)
 
 

@@ -102,7 +102,7 @@ def _encode_packet(
     begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
     out, state,
 ):  # fmt: skip
-    """Encodes the anchors `begin` to `end` (exclusive) as one packet into `out`; returns the number of bytes."""
+    """Encodes a range of anchors as one packet into `out`; returns the number of bytes."""
     last = len(firsts) - 2
     encoder_start(state)
     for n in range(begin, end):
@@ -142,12 +142,12 @@ def encode_packets(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
-        scales: Scale table index of each symbol.
-        firsts: First column in `symbols` of each stage (attributes predicted together), and the end of the last.
-        form: Index of the stage before which the masks are coded.
+        scales: Index of each symbol's standard deviation in the coder's table.
+        firsts: First column in `symbols` of each group of attributes predicted together, and the end of the last.
+        form: Index of the group of attributes before which the masks are coded.
         weights: Table of probabilities by logit, see `offset_probability`.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
@@ -167,7 +167,7 @@ def anchor_bits(
 ):
     """Estimates how many bits each anchor takes in a packet, and writes the numbers to `bits`.
 
-    `offsets` is the first column of `symbols` that contains offsets. The other arguments are those of `encode_packets`.
+    Arguments are those of `encode_packets`; `offsets` is the first column of `symbols` with offsets.
     """
     for n in range(masks.shape[0]):
         total = position_bits(codes[n], unknown[n], chances)
@@ -230,17 +230,17 @@ def decode_masks(data, ends, starts, states, logits, weights, masks):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, table, symbols):
-    """Decodes attributes that are predicted together (a stage) for the anchors of all packets.
+    """Decodes a group of attributes that are predicted together, for the anchors of all packets.
 
     Args:
         data: Bytes of all packets.
         ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
-        scales: Scale table index of each symbol.
+        scales: Index of each symbol's standard deviation in the coder's table.
         coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
         symbols: Output: symbols; 0 for symbols that are not coded.
     """

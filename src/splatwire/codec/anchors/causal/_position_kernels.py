@@ -148,11 +148,11 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def center_of_part(i, n, bits):
-    """Estimates the low bits of an anchor's position, which are unknown until its packet is decoded.
+    """Estimates the low bits of an anchor's position, which only the anchor's packet contains.
 
     Args:
-        i: Index of the Morton code in the leaf, in ascending order.
-        n: Number of Morton codes in the leaf.
+        i: Index of the anchor among those of its tree leaf, in Morton order.
+        n: Number of anchors in the leaf.
         bits: Number of unknown low bits.
     """
     # The n anchors of a leaf of the position tree are assumed to be evenly spaced in it.
@@ -173,7 +173,7 @@ def encode_position(out, state, code, unknown, chances):
         state: State of the range encoder, changed in place.
         code: Morton code of the anchor's position.
         unknown: Number of low bits to encode.
-        chances: Table of probabilities, see `SharedPositions.chances`.
+        chances: Probabilities of these bits, see `SharedPositions.chances`.
     """
     rest, triples = code & ((ONE << unknown) - 1), (unknown + 2) // 3
     level = np.int64(0)
@@ -203,7 +203,7 @@ def decode_position(data, end, state, code, unknown, chances):
         state: State of the range decoder, changed in place.
         code: Morton code with estimated low bits, which are replaced.
         unknown: Number of low bits to decode.
-        chances: Table of probabilities, see `SharedPositions.chances`.
+        chances: Probabilities of these bits, see `SharedPositions.chances`.
     """
     triples, level = (unknown + 2) // 3, np.int64(0)
     while level < triples:
@@ -231,7 +231,7 @@ def position_bits(code, unknown, chances):
     Args:
         code: Morton code of the anchor's position.
         unknown: Number of low bits of the Morton code that the packet contains.
-        chances: Table of probabilities, see `SharedPositions.chances`.
+        chances: Probabilities of these bits, see `SharedPositions.chances`.
     """
     rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
     for level in range(triples):
@@ -256,7 +256,7 @@ def decode_positions(data, ends, starts, states, codes, unknown, chances):
         states: State of the range decoder of each packet, changed in place.
         codes: Morton codes of all anchors; estimated low bits are replaced by the decoded bits.
         unknown: Number of low bits to decode for each anchor.
-        chances: Table of probabilities, see `SharedPositions.chances`.
+        chances: Probabilities of these bits, see `SharedPositions.chances`.
     """
     for p in range(states.shape[0]):
         for n in range(starts[p], starts[p + 1]):

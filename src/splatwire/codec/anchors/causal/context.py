@@ -1,6 +1,6 @@
 """Causal model in integer arithmetic: predicts the distribution of each attribute of an anchor for entropy coding.
 
-The networks predict the attributes in stages, from the position of the anchor and its attributes decoded before.
+Groups of attributes are predicted one after another, from the anchor's position and the attributes decoded before.
 """
 # Networks never use other anchors. Everything is integer arithmetic, so encoder and decoder agree on every machine;
 # matrix products use float64, which represents every partial sum exactly. `tests/reference/causal_packets.py` is an
@@ -48,7 +48,10 @@ class Stage:
 
 
 def stages(config: CausalConfig) -> tuple[Stage, ...]:
-    """Returns the stages of an anchor in coding order: feature groups, logarithms of scale and size, offsets."""
+    """Returns the groups of attributes that are predicted together, in coding order.
+
+    The order is: feature groups, logarithms of scale and size, offsets.
+    """
     found, first = [], 0
     for group, size in enumerate(config.layout.feature_groups):
         found.append(Stage(f"feature{group}", first, size))
@@ -66,7 +69,7 @@ class CodingContext:
     """Networks and constants for prediction, shared by encoder and decoder.
 
     Attributes:
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
         middle: int64 (3), centre of the scene, voxels.
         spread: int64 (3), extent of the scene, voxels.
         networks: Networks by name.
@@ -87,11 +90,11 @@ class CodingContext:
 
     @functools.cached_property
     def stages(self) -> tuple[Stage, ...]:
-        """Stages (attributes predicted together) in coding order."""
+        """Groups of attributes that are predicted together, in coding order."""
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Starts the prediction of anchors with the network that depends on their positions only.
+        """Starts to predict anchors, with the network that depends on their positions only.
 
         Args:
             voxels: Positions of the anchors, voxels, int64 (n, 3).
@@ -103,10 +106,10 @@ class CodingContext:
 
 
 class Chain:
-    """Predicts the attributes of n anchors for entropy coding, in stages; each stage uses attributes of earlier ones.
+    """Predicts the attributes of n anchors for entropy coding, group by group; later groups use earlier ones.
 
     Args:
-        context: The coding context, which contains one network per stage.
+        context: The stream's networks and constants, with one network per group of attributes (`Stage`).
         place: Outputs of the position network, int32 (n, context).
     """
 
@@ -119,16 +122,16 @@ class Chain:
         self._known[:, : config.context_dim] = self.place
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:
-        """Yields each stage (group of attributes) in coding order with the outputs of its network, int32.
+        """Yields each group of attributes in coding order, with the outputs of the network that predicts it, int32.
 
-        The caller must pass the attributes of a stage to `add_numbers` before the next stage is requested.
+        The caller must pass the group's decoded attributes to `add_numbers` before it requests the next group.
         """
         for stage in self._context.stages:
             network = self._context.networks[stage.name]
             yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
 
     def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
-        """Adds the quantised attributes of a stage, int32 (n, size), to the network inputs of later stages."""
+        """Adds decoded attributes of a group, int32 (n, size), to the network inputs for later groups."""
         # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:
@@ -136,7 +139,7 @@ class Chain:
 
 
 def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """Computes the inputs of the position network: contracted coordinates, and a positional encoding of these.
+    """Computes the inputs of the position network: contracted coordinates and their positional encoding.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).
@@ -158,10 +161,10 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndar
 
 
 def scale_indices(spreads: np.ndarray) -> np.ndarray:
-    """Converts binary logarithms of standard deviations (in quantisation steps) to scale table indices, int16.
+    """Converts binary logarithms of standard deviations to indices in the coder's table, int16.
 
     Args:
-        spreads: int32, `OUTPUT_BITS` fractional bits.
+        spreads: Logarithms of the standard deviations in quantisation steps, int32, `OUTPUT_BITS` fractional bits.
     """
     indices = np.empty(spreads.shape, dtype=np.int16)
     kernels.scale_indices(spreads, exp2_table(8, 20), indices)

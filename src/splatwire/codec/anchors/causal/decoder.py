@@ -38,12 +38,12 @@ PLACE_BYTES = 32
 
 
 def _num_values(config: CausalConfig) -> int:
-    """Returns the number of attribute values of an anchor."""
+    """Returns the number of coded values of an anchor."""
     return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
 
 
 def _anchor_bytes(info: SideInfo) -> int:
-    """Returns the working memory for one anchor during decoding, bytes."""
+    """Returns the working memory that decoding needs for each anchor, bytes."""
     # It holds the activations of the largest network and the quantised attributes.
     hidden = max(len(network.hidden.symbols) for network in info.networks.values())
     outputs = max(len(network.output.symbols) for network in info.networks.values())

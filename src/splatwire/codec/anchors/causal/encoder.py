@@ -36,7 +36,7 @@ def causal_encoder(
 
     Args:
         scene: The scene, with anchors in coding order.
-        packetization: Parameters of the split into packets.
+        packetization: Parameters of the division into packets.
         sections: Named sections of the side information.
         noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
             for the default.
@@ -81,15 +81,15 @@ def _check_common(packetization: Packetization) -> None:
 
 
 def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPositions:
-    """Chooses which bits of the anchors' positions are sent in side information, and which in packets.
+    """Divides the bits of the anchors' positions between the side information and the packets.
 
     Args:
-        info: Side information with nearly all position bits.
+        info: Side information that contains nearly all position bits.
         voxels: Positions of the anchors, voxels, int64 (N, 3).
         packet_bytes: Expected bytes of all packets.
 
     Returns:
-        The division of the position bits.
+        The high bits for the side information, and how to code the low bits in packets.
     """
     # Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
     # moving low bits to the packets.
@@ -104,7 +104,7 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
 
 
 def _with_sizes(anchors: Anchors) -> Anchors:
-    """Replaces scalings of 0 by the smallest positive scaling, because the logarithms of scalings are coded."""
+    """Replaces scalings of 0 by the smallest positive scaling, because logarithms of scalings are coded."""
     there = anchors.scalings > 0
     if bool(there.all()):
         return anchors

@@ -25,7 +25,7 @@ class Quantised:
         masks: 1 for offsets that exist, uint8 (n, K).
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
-        scales: Scale table index of each symbol, int16 (n, attributes).
+        scales: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
         numbers: Decoded attributes (features, four logarithms, offsets) in quantisation steps with 16 fractional bits,
             int32 (n, attributes).
     """
@@ -40,12 +40,12 @@ class Quantised:
     numbers: np.ndarray
 
     def rows(self) -> np.ndarray:
-        """All integers of each anchor, int32 (n, 3 + K + attributes): position, masks, quantised attributes."""
+        """All integers of each anchor: position, mask and quantised attributes, int32 (n, 3 + K + attributes)."""
         return anchor_rows(self.positions.codes, self.masks, self.numbers)
 
 
 def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Returns all integers of each anchor: position relative to the origin, masks and quantised attributes."""
+    """Returns all integers of each anchor: position relative to the origin, offset mask and quantised attributes."""
     return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), numbers], axis=1)
 
 
@@ -68,7 +68,7 @@ def quantise(
     """Quantises the attributes of anchors: predicts each one, and rounds its difference from the prediction.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
@@ -102,8 +102,8 @@ def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray)
     """Encodes the anchors of all packets; returns one payload per packet.
 
     Args:
-        context: Coding context.
-        found: The anchors of all packets, packet by packet.
+        context: The stream's networks and constants.
+        found: The quantised anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -135,7 +135,7 @@ def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, pa
     """Divides blocks into packets of limited size, each with as many anchors as fit.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         found: The anchors of all blocks, block by block.
         counts: Number of anchors in each block, int64 (blocks).
         payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
@@ -165,7 +165,7 @@ def decode_packets(
     """Decodes packets; any bytes decode without an error.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         positions: Positions of the anchors of all packets, packet by packet, as known from side information.
         counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
@@ -205,7 +205,7 @@ def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[
     """Predicts the distributions of all attributes of lost anchors, from the positions of the anchors alone.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         voxels: Positions of the anchors, voxels, int64 (n, 3).
 
     Returns:

@@ -41,7 +41,7 @@ class AnchorPositions:
 
 @dataclass(frozen=True, eq=False)
 class SharedPositions:
-    """High bits of the positions of all anchors, which the side information contains; low bits are in packets.
+    """High bits of the positions of all anchors, which are in the side information; packets contain the low bits.
 
     Attributes:
         section: Bytes of the section of the side information.
@@ -115,16 +115,16 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds the lowest non-zero triple of bits in each anchor's Morton code, for statistics of positions.
+    """Finds the lowest group of position bits in which an anchor's Morton code is not 0, for statistics.
 
-    A triple contains one bit per axis. Only bits that packets contain are considered.
+    A group has one bit per axis. Only bits that packets contain are considered.
 
     Args:
         codes: int64 (N), the exact codes.
         unknown: int64 (N), number of low bits of each code that the packets contain.
 
     Returns:
-        Number of triples of each code in packets, and index of the lowest one that is not 0, int64 (N) each.
+        Number of such groups in each code, and index of the lowest one that is not 0, int64 (N) each.
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.

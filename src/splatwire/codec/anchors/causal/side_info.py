@@ -36,7 +36,7 @@ class SideInfo:
     """Side information of a stream of anchors with the causal model: data shared by all packets.
 
     Attributes:
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
         voxel_size: World units per voxel.
         positions: The high bits of all anchors' positions. The packets contain the low bits.
         middle: int64 (3), centre of the scene, voxels.

@@ -44,7 +44,7 @@ def scale_index(scale):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def step_index(q):
-    """Returns the index in the table of step factors for a network output.
+    """Converts a network output to an index in the table of factors on quantisation steps.
 
     Args:
         q: Network output with 16 fractional bits.
@@ -61,10 +61,10 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
         outputs: Outputs of the prior network, 16 fractional bits.
         mean_column: First column of the attribute's means.
         scale_column: First column of the attribute's standard deviations.
-        q_column: Column that determines the quantisation step (`step_index`).
+        q_column: Column that determines the quantisation step.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means in quantisation steps, 12 fractional bits.
-        scales: Output: scale table indices.
+        scales: Output: indices of the standard deviations in the coder's table.
     """
     count = means.shape[1]
     for n in range(means.shape[0]):
@@ -79,7 +79,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts network outputs to the second component of the mixture distributions of one feature group.
+    """Computes the second component of the mixture distributions of one feature group from network outputs.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
@@ -89,7 +89,7 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
         q_column: Column in `prior_outputs` that determines the quantisation step.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means of the second normal in quantisation steps, 12 fractional bits.
-        scales: Output: scale table indices of the second normal.
+        scales: Output: indices of the second normal's standard deviations in the coder's table.
         weights: Output: indices into the table of mixture weights.
     """
     size = means.shape[1]
@@ -106,7 +106,7 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_context(offset, ones):
-    """Returns the context of the entropy coder for the bit that says whether an offset exists."""
+    """Returns the context of the entropy coder for the bit that is 1 if an offset exists."""
     # The context consists of the index of the offset and the number of the anchor's earlier offsets that exist.
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
@@ -126,20 +126,20 @@ def encode_packets(
         features: Features in quantisation steps.
         scalings: Scalings in quantisation steps.
         offsets: Offsets in quantisation steps.
-        mask_model: Initial state of the adaptive models of mask bits, for each packet.
+        mask_model: Adaptive models of mask bits, in their state at the start of every packet.
         mean0: Means of the first mixture component of the features.
-        scale0: Scale table indices of the first mixture component.
+        scale0: Indices of the first component's standard deviations in the coder's table.
         mean1: Means of the second mixture component of the features.
-        scale1: Scale table indices of the second mixture component.
+        scale1: Indices of the second component's standard deviations in the coder's table.
         weight: Index into `weights` of the weight of the first mixture component.
         scaling_mean: Means of the scalings.
-        scaling_scale: Scale table indices of the scalings.
+        scaling_scale: Indices of the standard deviations of the scalings in the coder's table.
         offset_mean: Means of the offsets.
-        offset_scale: Scale table indices of the offsets.
+        offset_scale: Indices of the standard deviations of the offsets in the coder's table.
         group_starts: First channel of each feature group, and the end of the last.
         weights: Table of mixture weights.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
         lengths: Output: size of each packet in bytes.
@@ -193,12 +193,12 @@ def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, tabl
     Args:
         symbol: The symbol.
         mean0: Mean of the first component, see `entropy.coder.Mixtures`.
-        scale0: Standard deviation of the first component, an index into the scale table.
+        scale0: Standard deviation of the first component, as an index into the coder's table.
         mean1: Mean of the second component.
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
     """
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
@@ -249,7 +249,7 @@ def cut(masks, bits, mask_model, budget, counts):
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
         bits: Bits of each anchor without its mask, from `anchor_bits`.
-        mask_model: Initial state of the adaptive models of mask bits, for each packet.
+        mask_model: Adaptive models of mask bits, in their state at the start of every packet.
         budget: Maximum size of a packet in bits.
         counts: Output: number of anchors of each packet.
 
@@ -290,7 +290,7 @@ def decode_masks(data, ends, starts, mask_model, states, masks):
         data: Bytes of all packets.
         ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
-        mask_model: Initial state of the adaptive models of mask bits, for each packet.
+        mask_model: Adaptive models of mask bits, in their state at the start of every packet.
         states: Output: state of the range decoder of each packet.
         masks: Output: 1 for offsets that exist, else 0.
     """
@@ -321,13 +321,14 @@ def decode_group(
         states: State of the range decoder of each packet, changed in place.
         first: First column of the group in `features`.
         mean0: Means of the first mixture component, for the channels of all groups.
-        scale0: Scale table indices of the first mixture component, for the channels of all groups.
+        scale0: Indices of the first component's standard deviations in the coder's table, for the channels of all
+            groups.
         mean1: Means of the second mixture component, for the channels of this group only.
-        scale1: Scale table indices of the second mixture component, for this group only.
+        scale1: Indices of the second component's standard deviations in the coder's table, for this group only.
         weight: Index into `weights` of the weight of the first mixture component, for this group only.
         weights: Table of mixture weights.
-        inverses: Reciprocals of the standard deviations, by scale index.
-        widths: Largest distance from the mean without an escape code, by scale index.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
         features: Output: feature symbols.
     """
@@ -346,7 +347,7 @@ def decode_rest(
     data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
     inverses, widths, table, scalings, offsets,
 ):  # fmt: skip
-    """Decodes the scalings and the existing offsets of all packets' anchors, after masks and features.
+    """Decodes the scalings and the existing offsets of the anchors of all packets, after masks and features.
 
     Results are written to `scalings` and `offsets`.
     """

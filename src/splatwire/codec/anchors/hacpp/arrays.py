@@ -87,7 +87,7 @@ def store_symbols(
         ranks: Indices of the anchors in coding order, int64 (n).
         symbols: Quantised attributes of the anchors.
         factors: Factors on the quantisation steps of the anchors' feature, scaling and offset, int64 (n, 3).
-        context: Coding context.
+        context: The stream's networks and constants.
         received: Mask of received attributes, bool (n, 4); True for all.
     """
     arrays.received[ranks] = received

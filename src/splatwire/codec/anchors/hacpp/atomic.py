@@ -24,7 +24,7 @@ class Symbols:
     """Quantised attributes of N anchors.
 
     Attributes:
-        mask: 1 for offsets that exist, uint8 (N, K).
+        mask: 1 for offsets that exist (mask), uint8 (N, K).
         feature: Feature channels in quantisation steps, int32 (N, F).
         scaling: Scalings in quantisation steps, int32 (N, 6).
         offset: Offsets in quantisation steps, int32 (N, 3 K); zero for offsets that do not exist.
@@ -59,7 +59,7 @@ class Predictions:
         outputs: Outputs of the prior network, int32 (n, outputs).
         factors: Factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).
         feature: First normal distribution of each feature, as two arrays (n, F): means in quantisation steps with 12
-            fractional bits, int32; and scale table indices of the standard deviations, int16.
+            fractional bits, int32; and indices of the standard deviations in the coder's table, int16.
         scaling: The same two arrays for the scalings, (n, 6).
         offset: The same two arrays for the offsets, (n, 3 K).
     """
@@ -77,7 +77,7 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
     """Converts outputs of the prior network to probability distributions for the entropy coder.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         outputs: int32 (n, prior outputs).
     """
     config, columns = context.config, prior_columns(context.config)
@@ -95,7 +95,7 @@ class Mixture:
 
     Attributes:
         mean: Means in quantisation steps with 12 fractional bits, int32 (n, F).
-        scale: Scale table indices, int16 (n, F).
+        scale: Indices of the standard deviations in the coder's table, int16 (n, F).
         weight: Index of the first component's weight in the weight table, uint8 (n, F).
     """
 
@@ -105,11 +105,11 @@ class Mixture:
 
 
 def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
-    """Predicts the second component of each feature's mixture distribution, for an encoder.
+    """Computes the second component of each feature's mixture distribution, for an encoder.
 
     Args:
-        context: Coding context.
-        predicted: Prediction from the positions of the anchors.
+        context: The stream's networks and constants.
+        predicted: Distributions predicted from the positions of the anchors.
         feature: Quantised features of the anchors, int32 (n, F).
     """
     # Each group of features is predicted from the groups before it. An encoder knows all features, so that all groups
@@ -137,7 +137,7 @@ def cut_packets(
     """Divides blocks into packets of limited size, each with as many anchors as fit.
 
     Args:
-        predicted: Prediction of the anchors of all blocks, block by block.
+        predicted: Predicted distributions of the anchors of all blocks, block by block.
         mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each block, int64 (blocks).
         symbols: The anchors' symbols.
@@ -174,8 +174,8 @@ def encode_packets(
     """Encodes the anchors of all packets; returns one payload per packet.
 
     Args:
-        context: Coding context.
-        predicted: Prediction of the anchors of all packets, packet by packet.
+        context: The stream's networks and constants.
+        predicted: Predicted distributions of the anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
         symbols: The anchors' symbols.
         mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
@@ -209,7 +209,7 @@ def decode_packets(
     """Decodes packets; any bytes decode without an error.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         outputs: int32 (n, prior outputs) of the anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
@@ -260,7 +260,7 @@ def predict_group(
     """Predicts the second component of the mixture distributions of one feature group, for n anchors.
 
     Args:
-        context: Coding context, which contains the networks.
+        context: The stream's networks and constants.
         group: Index of the feature group.
         shared: Result of `CodingContext.shared_sums` for the group, float64 (n, hidden).
         activations: Decoded features of the groups before, from `CodingContext.feature_activations`, float64 (n,
@@ -268,8 +268,8 @@ def predict_group(
         outputs: Outputs of the prior network, int32 (n, prior outputs).
 
     Returns:
-        Three arrays (n, channels of the group): means in quantisation steps, scale table indices and weight table
-        indices.
+        Three arrays (n, channels of the group): means in quantisation steps, indices of the standard deviations and
+        indices of the weights in the coder's tables.
     """
     # The channel network of the group makes the prediction, from the outputs of the prior network and the decoded
     # features of the groups before.

@@ -18,7 +18,7 @@ from splatwire.types.anchor_config import ModelConfig
 
 @dataclass(frozen=True)
 class PriorColumns:
-    """Index of the first column of each predicted quantity in the prior network's outputs (HAC++).
+    """Index of the first column of each kind of prediction in the outputs of the prior network (HAC++).
 
     Attributes:
         feature_mean: Means of the F feature channels.
@@ -42,7 +42,7 @@ class PriorColumns:
 
 
 def prior_columns(config: ModelConfig) -> PriorColumns:
-    """Returns the first column of each predicted quantity in the prior network's outputs."""
+    """Returns the first column of each kind of prediction in the outputs of the prior network."""
     f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
     return PriorColumns(0, f, 2 * f, 3 * f, 3 * f + 6, 3 * f + 12, 3 * f + 12 + o, 3 * f + 12 + 2 * o)
 
@@ -76,7 +76,7 @@ def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
 
     Args:
         outputs: int32 (N, prior outputs), `OUTPUT_BITS` fractional bits.
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
 
     Returns:
         int64 (N, 3).
@@ -124,7 +124,7 @@ class CodingContext:
     """Networks and constants for prediction, shared by encoder and decoder.
 
     Attributes:
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
         voxel_size: World units per voxel.
         bounds_min: Lower corner of the hash grid's bounding box, world units, float32 (3).
         bounds_max: Upper corner of the bounding box, world units, float32 (3).
@@ -160,7 +160,7 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """Part of the first-layer weights of all channel networks that is multiplied by the prior network's outputs."""
+        """First-layer weights of all channel networks that are multiplied by the outputs of the prior network."""
         # float64 (3 F, total of hidden units)
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
@@ -168,7 +168,7 @@ class CodingContext:
         )
 
     def shared_sums(self, outputs: np.ndarray) -> list[np.ndarray]:
-        """Multiplies the outputs of the prior network by the first-layer weights of all channel networks.
+        """Computes the part of the channel networks' first layer that depends on the prior network only.
 
         Args:
             outputs: Outputs of the prior network for N anchors, int32 (N, prior outputs).

@@ -33,7 +33,7 @@ def hacpp_encoder(
 
     Args:
         scene: The scene, with anchors in coding order.
-        packetization: Parameters of the split into packets.
+        packetization: Parameters of the division into packets.
         sections: Named sections of the side information.
         noise: Tolerated error of the quantised networks' outputs, relative to the predicted standard deviation; None
             for the default.
@@ -104,7 +104,7 @@ class HacppEncoder:
 
 
 class SymbolSource:
-    """Quantises the attributes of a scene's anchors on demand.
+    """Quantises attributes of a scene's anchors on demand.
 
     Args:
         scene: The scene, with anchors in coding order.

@@ -81,7 +81,7 @@ def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelCo
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
         columns: First column of each predicted quantity in `outputs`.
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
     """
     # Errors of these sizes cost about the same number of bits in every output. For the mean and the standard deviation
     # of a channel, this is the channel's typical standard deviation.
@@ -115,7 +115,7 @@ def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, no
 
 
 def _fit_masks(mask: np.ndarray) -> np.ndarray:
-    """Returns the initial probability of a 0 in each adaptive model of the offset masks, in units of 2**-8."""
+    """Returns the initial probability of a 0 for each adaptive model of mask bits, in units of 2**-8."""
     # It is the frequency of such bits in the whole scene.
     ones = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
     zero = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)

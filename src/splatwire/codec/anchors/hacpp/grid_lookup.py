@@ -90,7 +90,7 @@ def lookup(units: np.ndarray, signs: np.ndarray, config: HashGridConfig) -> np.n
     Args:
         units: int64 (N, 3) from `unit_coordinates`.
         signs: int8 (rows, D), all levels.
-        config: Shape of the grid.
+        config: Resolutions and table sizes of the hash grid.
 
     Returns:
         float64 (N, H) whole numbers, `ACTIVATION_BITS` fractional bits.
@@ -106,7 +106,7 @@ def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
 
     Args:
         units: int64 (N, 3) from `unit_coordinates`.
-        config: Shape of the grid.
+        config: Resolutions and table sizes of the hash grid.
 
     Returns:
         bool (rows).

@@ -14,7 +14,7 @@ def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig)
     Args:
         signs: int8 (rows, D), -1 or +1, all levels.
         touched: Mask of these rows, bool (rows).
-        config: Shape of the grid.
+        config: Resolutions and table sizes of the hash grid.
     """
     # The decoder derives `touched` from the positions.
     level_of, models = _levels(config)
@@ -29,7 +29,7 @@ def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np
     Args:
         data: Bytes written by `encode_signs`.
         touched: Mask of these rows, bool (rows).
-        config: Shape of the grid.
+        config: Resolutions and table sizes of the hash grid.
 
     Returns:
         int8 (rows, D); untouched rows are +1.

@@ -40,7 +40,7 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
 
 
 def decode_masks(info: SideInfo) -> np.ndarray:
-    """Decodes the offset masks of all anchors of a stream with separated packets.
+    """Decodes the offset masks of all anchors from the side information of a stream with separated packets.
 
     Returns:
         Masks of the anchors in coding order, uint8 (N, K).
@@ -65,7 +65,7 @@ def encode_parts(
     """Encodes groups of anchors with a separate packet for each attribute, as HAC++ does.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         predicted: Prediction of the anchors, group by group.
         mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each group, int64 (groups).
@@ -114,7 +114,7 @@ def decode_parts(
     """Decodes the received attributes of one group of anchors; any bytes decode without an error.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         outputs: int32 (n, prior outputs) of the anchors.
         mask: Mask of the offsets that exist, uint8 (n, K).
         payloads: Payloads of the received packets, by attribute (`PacketId.part`).
@@ -146,7 +146,7 @@ def _decode_features(
     """Decodes the feature groups of some anchors in order, up to the first group that was not received.
 
     Args:
-        context: Coding context.
+        context: The stream's networks and constants.
         predicted: Prediction of the anchors.
         feature: Output: features in quantisation steps, int32 (n, F).
         payloads: Payloads of the received packets, by attribute (`PacketId.part`).
@@ -177,7 +177,7 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
     Args:
         pair: Means and scale indices of all anchors, (n, D) each.
         rows: Range of the anchors.
-        keep: Mask of the values that packets contain, bool (anchors, D); None for all.
+        keep: Mask of the values that packets contain, bool (anchors, D); None if packets contain all.
     """
     mean, scale = (values[rows] if keep is None else values[rows][keep] for values in pair)
     return Mixtures.normals(mean.ravel(), scale.ravel())
@@ -186,14 +186,14 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
 def _feature_mixtures(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
-    """Returns the probability distributions of the features of one group, for some anchors.
+    """Returns the mixture distributions of one feature group, for some anchors.
 
     Args:
         predicted: Prediction of all anchors, which contains the first normal distribution.
         rows: Range of the anchors.
         columns: Range of the group's channels.
         mean: Means of the second normal distribution for these anchors and channels.
-        scale: Scale table indices of the second normal distribution.
+        scale: Indices of the second distribution's standard deviations in the coder's table.
         weight: Weight of the first distribution, as indices in the weight table.
     """
     first = (values[rows, columns] for values in predicted.feature)

@@ -33,14 +33,14 @@ class SideInfo:
     """Side information of a stream of HAC++ anchors: data shared by all packets.
 
     Attributes:
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
         voxel_size: World units per voxel.
         bounds_min: float32 (3), lower corner of the grid's box.
         bounds_max: float32 (3), upper corner.
         voxels: int64 (N, 3), voxel indices of all anchors; in coding order after reading.
         signs: int8 (rows, D), hash grid.
         prior: Prior network.
-        channel: Channel-context networks, one per feature group.
+        channel: Networks of the channel context, one per feature group.
         heads: Rendering networks: opacity, covariance, colour.
         mask_zero: Initial probability of a 0 in each adaptive model of offset masks, out of 2**8, int64 (contexts).
         sections: Optional named sections, content by name.
@@ -188,7 +188,7 @@ def _check_config(config: ModelConfig, error: type[BitstreamError] | type[Invali
     """Checks that the sizes of a model are within the format's limits.
 
     Args:
-        config: Shape of the model.
+        config: Sizes of the model's networks and tables.
         error: Type of the exception to raise: `BitstreamError` when reading, `InvalidValueError` when writing.
     """
     grid, layout = config.grid, config.layout
