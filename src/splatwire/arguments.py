@@ -24,15 +24,15 @@ _VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorates a public function: checks and converts its arguments by their annotations.
+    """Decorator of public functions that checks and converts their arguments by the type annotations.
 
-    Where the annotation requires it, NumPy integers become `int`, text becomes `Path`, and lists become tuples.
+    Where an annotation requires it, NumPy integers become `int`, text becomes `Path`, and lists become tuples.
     """
     return checked_except()(function)
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator that checks arguments as `checked` does, except those of the named parameters."""
+    """Returns a decorator like `checked` that skips the named parameters, which the function checks itself."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         return _checking(function, own)
@@ -43,7 +43,7 @@ def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
-        """Returns the parameter names of the decorated function, and the check of each value by name."""
+        """Returns the parameter names of the decorated function, and by name the check of each."""
         # Built at the first call, because annotations may name classes that are defined later.
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]

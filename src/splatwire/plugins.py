@@ -59,7 +59,7 @@ class Registry(Generic[Entry]):
         self._entries[name], self._sources[name] = entry, source
 
     def check_free(self, name: str, other: str, source: str) -> None:
-        """Checks that a new entry may replace the existing entry of a name.
+        """Checks that a name is free, or that its entry may be replaced by a new one.
 
         Args:
             name: The name.
@@ -125,13 +125,13 @@ class Registry(Generic[Entry]):
         return {*self._entries, *(point.name for point in self._announced())}
 
     def packages(self, name: str) -> tuple[str, ...]:
-        """Returns the package of an entry with its version, such as `name 1.0`; empty for splatwire's entries."""
+        """Returns the package and version that an entry is from, such as `name 1.0`; empty for splatwire's entries."""
         points = [point for point in self._announced() if point.name == name and not _is_own(point)]
         points = [point for point in points if name not in self._entries or self._brought_by(point)]
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns the words ` of PACKAGE`, for messages about an entry; empty for entries of splatwire."""
+        """Returns ` of PACKAGE` for messages about an entry; empty for entries of splatwire."""
         return "".join(f" of {package}" for package in self.packages(name)[:1])
 
     def _announced(self) -> Iterator["EntryPoint"]:

@@ -81,7 +81,7 @@ def _arrays(values: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
 
 
 def _packed(heads: GaussianHeads, num_inputs: int, num_offsets: int) -> tuple[object, ...]:
-    """Converts the networks to the memory layout of the kernel.
+    """Arranges the weights of the networks as the compiled kernel reads them.
 
     Returns:
         Hidden width, layers of the opacity network, layers of the other networks, and slopes of the ReLUs.
@@ -118,7 +118,7 @@ def _packed_layer(layer: Linear) -> np.ndarray:
 
 
 def _by_offset(shape: Mlp, color: Mlp) -> np.ndarray:
-    """Combines the output layers for shape and for colour, offset by offset, in the memory layout of the kernel."""
+    """Combines the output layers for shape and for colour as the compiled kernel reads them, offset by offset."""
     from splatwire.anchors._heads_kernels import COLOR, LANES
 
     num_offsets, num_hidden = color.output.bias.shape[0] // 3, color.hidden.bias.shape[0]

@@ -74,7 +74,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
 
 
 async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields the updates of a scene, each when it has arrived, until the server has no next one.
+    """Yields each update of a scene when it has arrived, until the server has no further one.
 
     Args:
         fetch: Receives the stream of a given name.

@@ -184,7 +184,7 @@ class TrainingServer:
         self._serving.join()
 
     def _check_process(self) -> None:
-        """Raises an error in a forked process, which lacks the threads of the server."""
+        """Raises an error in a forked process, where the threads of the server do not run."""
         if os.getpid() != self._process:
             raise InvalidValueError("push: the server belongs to another process, from which this one was forked")
 
@@ -295,7 +295,7 @@ def _check_share(share: float | None) -> None:
 
 
 def _floats(value: Any, name: str, shape: tuple[int | str, ...]) -> np.ndarray:
-    """Converts an array or a tensor, also of a type that numpy lacks (bfloat16)."""
+    """Converts an array or a tensor to float32; also accepts bfloat16, which numpy lacks."""
     if hasattr(value, "detach"):
         value = value.detach().float()
     return array_of(value, name, shape)

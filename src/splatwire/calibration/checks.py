@@ -7,13 +7,13 @@ from splatwire.errors import InvalidValueError
 
 
 def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: bool) -> None:
-    """Checks the fields of a settings dataclass.
+    """Checks the fields of a settings object.
 
     Args:
         settings: A dataclass instance.
         what: Name of the operation that the settings are for, used in the error message.
-        counts: Names of the fields that must be 1 or more.
-        **sensible: Whether the value of each field, by its name, is valid.
+        counts: Names of the fields that must be at least 1.
+        **sensible: For each further field, by name, True if its value is valid.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

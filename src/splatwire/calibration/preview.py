@@ -319,7 +319,7 @@ class _DifferentiablePicture:
         self.image, self._left_over = self._picture.draw(background)
 
     def gradients(self, d_image: np.ndarray) -> tuple[list[np.ndarray], Float[np.ndarray, "3"]]:
-        """Returns the gradients of the Gaussians' parameters and of the background, given the gradient of the image.
+        """Computes gradients with respect to the Gaussians and the background, given the gradient of the image.
 
         Args:
             d_image: Gradient of a loss with respect to the pixels.

@@ -50,7 +50,7 @@ class CalibrationData:
 def calibration_data(
     stream: SceneStream, complete: ReceivedScene[AnchorScene], cameras: Cameras | None = None
 ) -> CalibrationData:
-    """Prepares a scene and its division into packets, so that a calibration can simulate packet losses.
+    """Prepares a scene for a calibration with simulated packet losses.
 
     Args:
         stream: The complete stream.

@@ -170,7 +170,7 @@ class _Scores:
         self._seeds = np.random.SeedSequence(config.seed).generate_state(number).tolist()
 
     def best_growth(self, sketch: Sketch, show: Progress) -> Sketch:
-        """Returns the sketch with the best parameters for enlarging received elements next to lost ones.
+        """Chooses the parameters for enlarging received elements that give the highest PSNR under simulated losses.
 
         Args:
             sketch: Sketch with the coarse copies, and any parameters.

@@ -53,14 +53,13 @@ class SketchFit(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class SketchMaterial:
-    """Scene data for the choice of the anchors that get a coarse copy, and of the precision of each copy.
+    """Data of a scene from which the anchors with a coarse copy, and the precision of each copy, are chosen.
 
     M anchors may get a copy (candidates). A cost is a squared error in the rendered pictures.
 
     Attributes:
         candidates: Indices of the candidates, ascending, int64 (M).
-        channels: Features of the candidates, and logarithms of the ratio of scalings to their predicted values, float64
-            (M, D).
+        channels: Features of the candidates, and logarithms of scalings relative to their prediction, float64 (M, D).
         mean: Mean of the channels over the most important anchors, float64 (D).
         forward: Decorrelating transform of the channels to coefficients, by descending variance, float64 (D, D).
         backward: Inverse of `forward`, float64 (D, D).
@@ -69,7 +68,7 @@ class SketchMaterial:
         offset_weight: Cost of an error of 1 in a coordinate of each offset, float64 (M, K).
         removal: Cost of the loss of each candidate, float64 (M).
         offset_removal: Cost of the loss of each Gaussian of a candidate, float64 (M, K).
-        offsets: Offsets from the position that a receiver assumes for the lost anchor, float64 (M, 3 K).
+        offsets: Offsets of the candidates, relative to where a receiver draws a lost anchor, float64 (M, 3 K).
         mask: Mask of the offsets that exist, bool (M, K).
         num_anchors: Number of anchors of the scene, N.
     """
@@ -91,7 +90,7 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the price of a bit (squared error per bit) at which about `count` anchors get a coarse copy.
+        """Returns the Lagrange multiplier (squared error per bit) with which about `count` anchors get a copy.
 
         Args:
             count: Number of anchors to copy.
@@ -146,13 +145,13 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets that the coarse copies of anchors contain, in units of the anchor's first three scalings.
+    """Returns the offsets to store in coarse copies, relative to where a receiver draws the lost anchor.
 
     Args:
         complete: The complete scene.
 
     Returns:
-        Offsets of all N anchors, float64 (N, 3 K).
+        Offsets of all N anchors in units of their first three scalings, float64 (N, 3 K).
     """
     # In streams whose packets contain the exact positions of anchors, a receiver draws the copy of a lost anchor at
     # a predicted position (`ExpectedPlaces`). The offsets are then relative to this position.
@@ -166,9 +165,9 @@ def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray
 
 
 def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> SketchSection:
-    """Chooses which anchors get a coarse copy, and with which precision; returns the quantised copies.
+    """Chooses the anchors that get a coarse copy and the precision of each copy; returns the quantised copies.
 
-    Minimises the squared error in the pictures plus `price` times the number of bits.
+    The choice minimises the squared error in the pictures plus `price` times the number of bits.
 
     Args:
         material: Data of the scene and of the anchors that may be copied.
@@ -227,7 +226,7 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """Coarse copies of all M anchors that may be copied (candidates), quantised at one precision level.
+    """Coarse copies of all M candidates (anchors that may get a copy), quantised at one precision level.
 
     Attributes:
         mask: Mask of the Gaussians that each copy contains, bool (M, K).
@@ -264,10 +263,10 @@ class _Plan:
         return _Plan(mask, values, offsets * np.repeat(mask, 3, axis=1), error)
 
     def bits(self, members: np.ndarray) -> np.ndarray:
-        """Estimates the size of each coarse copy at this precision level in bits, float64 (M).
+        """Estimates the size of each candidate's copy at this precision level in bits, float64 (M).
 
         Args:
-            members: Copies for whose entropy code the size is estimated, bool (M).
+            members: Copies from whose values the frequencies for the estimate are counted, bool (M).
         """
         used = members if members.sum() >= 16 else np.ones_like(members)
         total = np.full(len(members), 6.0)
@@ -285,11 +284,11 @@ def _rounded(numbers: np.ndarray) -> np.ndarray:
 
 
 def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:
-    """Returns the ideal code length of each integer in bits, given the frequencies in a sample.
+    """Returns the ideal code length of integers in bits, if their frequencies are those of a sample.
 
     Args:
         values: Integers to code.
-        sample: Integers over which frequencies are counted.
+        sample: Integers whose frequencies are counted.
     """
     # Large magnitudes use an escape code.
     counts = np.bincount(np.minimum(np.abs(sample), _MAGNITUDES), minlength=_MAGNITUDES + 1) + 0.3

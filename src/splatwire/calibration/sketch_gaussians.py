@@ -143,7 +143,7 @@ class GaussianSketch:
 
 
 def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
-    """Returns nearly the largest number of copies that fit into a given number of bytes.
+    """Returns the largest number of copies, approximately, that fit into a limit in bytes.
 
     Args:
         size: Function that returns the encoded bytes of a number of copies.

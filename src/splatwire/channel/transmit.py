@@ -140,7 +140,7 @@ def transmit(
 
 
 def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Simulates retransmission in a sequence; returns the mask of lost packets that arrive later.
+    """Simulates which lost packets of a sequence arrive later by retransmission.
 
     Args:
         stream: Stream of a sequence (dynamic scene).
@@ -155,7 +155,7 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 
 
 def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Simulates retransmission in a sequence; returns during which group of pictures each packet arrives.
+    """Simulates during which group of pictures each packet of a sequence arrives, with retransmission.
 
     Args:
         stream: Stream of a sequence (dynamic scene).

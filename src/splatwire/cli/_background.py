@@ -39,12 +39,12 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
 
 
 async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits for a task to finish, or for a limited time after a request to stop.
+    """Waits until a task ends, or until a stop is requested and a grace period has passed.
 
     Args:
         work: The task.
         stop: Event that requests the end.
-        grace_s: Maximum time that the task may take after the stop request, seconds.
+        grace_s: Maximum duration of the task after the stop request, seconds.
     """
     stopping = asyncio.ensure_future(stop.wait())
     await asyncio.wait({work, stopping}, return_when=asyncio.FIRST_COMPLETED)

@@ -68,7 +68,7 @@ def without_flags(options: Any) -> Any:
 
 
 def with_flags(options: Any, configured: Any) -> Any:
-    """Combines flags (boolean options): a flag is on if the command line or the configuration file sets it.
+    """Combines flags (boolean options) of command line and configuration file: on if either sets the flag.
 
     Args:
         options: Options from the command line.

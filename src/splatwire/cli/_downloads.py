@@ -106,7 +106,7 @@ class MadeDownloads:
         return DownloadedFile((self._target(tag, form) / part).read_bytes(), found.tags[part])
 
     async def close(self) -> None:
-        """Ends the process that converts a stream, if one is running."""
+        """Ends the conversion that is running in another process, if any."""
         for task in self._files.values():
             task.cancel()
         await asyncio.gather(*self._files.values(), return_exceptions=True)

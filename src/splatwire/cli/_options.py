@@ -63,7 +63,7 @@ class Listening:
 
     @property
     def over_quic(self) -> bool:
-        """True if the server uses QUIC instead of plain UDP."""
+        """True if streams are served over QUIC instead of plain UDP."""
         return self.quic or self.page is not None
 
     @property

@@ -35,14 +35,14 @@ def viewpoint_of_options(command: Receive) -> Viewpoint | None:
 
 
 def keep_preview(command: Receive, preview: bytes) -> str:
-    """Writes the received preview of a scene as a PLY, after a transfer in which the scene itself did not arrive.
+    """Writes the received preview of a scene as a PLY; used if the scene itself did not arrive.
 
     Args:
         command: Options of `splatwire receive`.
         preview: The received bytes of the preview.
 
     Returns:
-        What became of the preview, for the error message about the transfer.
+        Sentence on the written or missing preview, for the error message about the transfer.
     """
     try:
         shown = preview_scene(preview)

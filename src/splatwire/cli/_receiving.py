@@ -1,4 +1,4 @@
-"""Reception of streams over UDP, QUIC or Media over QUIC, with a check of the server's certificate."""
+"""Common code of `receive` and `view`: receives over UDP, QUIC or Media over QUIC, and checks certificates."""
 
 from collections.abc import Awaitable, Callable
 from types import ModuleType
@@ -17,7 +17,7 @@ Transfer = Callable[..., Awaitable[Receiver]]
 
 
 def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
-    """Returns a function that receives the stream at an address, over UDP, QUIC or Media over QUIC.
+    """Returns a function that receives a stream from an address, by the protocol of the address.
 
     Args:
         trusted: Options that determine which certificates are accepted.

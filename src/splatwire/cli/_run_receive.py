@@ -199,7 +199,7 @@ def _print_result(
 
 
 def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
-    """True if a transfer delivered everything that it could deliver.
+    """True if a transfer delivered all that was requested.
 
     Args:
         reason: Reason for the end of the transfer, such as `complete`, `seen` or `sent`.

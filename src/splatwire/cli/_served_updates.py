@@ -109,14 +109,17 @@ class UpdateFolder:
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
     def _next(self) -> tuple[list[str], Path] | None:
-        """Returns the scenes to which a waiting update applies, and the file of the update; None if none waits."""
+        """Finds the next update that can be applied: the scenes that it changes, and its file; None if none waits."""
         states: dict[str, list[str]] = {}
         for name, chain in self._chains.items():
             states.setdefault(chain.source_digest, []).append(name)
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that no scene reaches a version that another scene has left.
+        """Checks that no scene becomes equal to an earlier version of another scene.
+
+        Args:
+            changed: Scenes to be changed by an update, by name, with the update applied.
 
         Raises:
             InvalidValueError: If a scene reaches such a version.

@@ -33,7 +33,7 @@ class Concealed(RenderHints):
 
     @property
     def hints(self) -> RenderHints:
-        """Factors on the size and opacity of each element, and the elements that are not drawn."""
+        """Returns factors on size and opacity of each element, and which elements are hidden."""
         return RenderHints(self.size_gain, self.left_out, self.opacity_gain)
 
 

@@ -70,7 +70,7 @@ class Coarse:
 def _grow_finest(
     grow: Concealer, partial: ReceivedScene, finest: Bool[np.ndarray, "N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Enlarges received Gaussians of the finest level to cover lost ones, and hides coarser Gaussians.
+    """Computes how much received Gaussians of the finest level are enlarged, and which Gaussians are hidden.
 
     Returns:
         Factor on the size and factor on the opacity of each Gaussian, and the mask of hidden Gaussians.
@@ -116,7 +116,7 @@ def _coarse_opacities(
 
 
 def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
-    """Finds the coarser Gaussian into which each finer Gaussian was probably merged; returns indices into `merged`."""
+    """Finds the coarser Gaussian into which each finer one was probably merged, as indices into `merged`."""
     centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
     scales = splats.scales[merged].astype(np.float64)
     scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))

@@ -85,12 +85,12 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Computes the factor by which each of M received anchors is enlarged to cover its lost neighbours.
+        """Returns the factor by which each of M received anchors is enlarged to cover its lost neighbours.
 
         Args:
-            received: Share of each anchor's neighbours that was received, 0 to 1.
+            received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
+            tier_sizes: Weights of the anchors for the average loss of the scene; None for equal weights.
         """
         return self.limited(received, known, tier_sizes) ** -self.exponent
 
@@ -100,15 +100,15 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the received shares so that the resulting enlargement does not exceed `max_gain` and `max_excess`.
+        """Raises received shares that would cause an enlargement above `max_gain` or `max_excess`.
 
         Args:
-            received: Share of each anchor's neighbours that was received, 0 to 1.
+            received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
+            tier_sizes: Weights of the anchors for the average loss of the scene; None for equal weights.
 
         Returns:
-            The shares `received`, raised where the enlargement would be too large.
+            The changed shares.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
@@ -159,15 +159,15 @@ def lost_share(
 def _neighbors_of(
     positions: Float[np.ndarray, "N 3"], which: Bool[np.ndarray, "N"], neighbors: int
 ) -> Iterator[tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m k"]]]:
-    """Finds the nearest neighbours of the elements `which`, in batches to limit memory.
+    """Yields the nearest neighbours of selected elements in batches, to limit memory.
 
     Args:
         positions: Positions of all elements.
-        which: Mask of the elements whose neighbours are searched.
+        which: Mask of the selected elements.
         neighbors: Number of neighbours per element.
 
     Yields:
-        Indices of the m elements of a batch, and the indices of the nearest other elements of each.
+        Indices of the m elements of a batch, (m), and of the nearest other elements of each, (m, neighbors).
     """
     tree = NeighborTree(positions)
     chosen = np.flatnonzero(which)
@@ -179,11 +179,11 @@ def _neighbors_of(
 def lost_share_among(
     neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "M"]:
-    """Returns which share of the neighbours of each of M anchors was lost, by weight, 0 to 1.
+    """Returns the lost share among given neighbours of M anchors, by weight, 0 to 1.
 
     Args:
-        neighbors: Indices of the neighbours of each of the M anchors, at least one each.
-        lost: For each anchor of the scene, its weight if it was lost, 0 if it was received.
+        neighbors: Indices of the neighbours of each anchor, at least one each.
+        lost: Weight of each anchor of the scene if it was lost; 0 if it was received.
         weights: Weight of each anchor of the scene.
     """
     return lost[neighbors].sum(axis=1) / weights[neighbors].sum(axis=1)

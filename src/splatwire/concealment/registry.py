@@ -23,14 +23,14 @@ Factory = TypeVar("Factory", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Registration:
-    """Registered properties of a concealer, available before the concealer is created.
+    """Properties of a registered concealer, known before it is created.
 
     Attributes:
-        make: Factory; takes keyword options.
-        needs: Types of side information or elements that the concealer requires; a tuple lists alternatives.
-        option: Name of a required option, given as `name:VALUE`.
-        section: Section of the side information that the concealer reads, instead of the option if it has one.
-        shipped: Network weight files that ship with the package of the concealer.
+        make: Function that creates the concealer from keyword options.
+        needs: Types of elements or side information that the concealer requires; a tuple lists alternatives.
+        option: Name of the option without which the concealer cannot be created, given as `name:VALUE`; None for none.
+        section: Name of the side information section that the concealer reads; a stream with it needs no `option`.
+        shipped: Network weight files in the package of the concealer.
         listed: True if `concealer_names` lists it.
     """
 
@@ -109,12 +109,11 @@ def register_concealer(
 
 @checked
 def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | None = None) -> tuple[str, ...]:
-    """Returns the names of all usable concealers of static scenes, built-in ones first.
+    """Returns the names of the concealers of static scenes that can be used for a stream, built-in ones first.
 
     Args:
-        sections: Named sections of the stream; concealers that need others are not listed.
-        provides: Types of elements and side information in the stream; concealers that require others are not listed.
-            None lists all.
+        sections: Names of the sections in the stream's side information.
+        provides: Types of elements and side information in the stream; None lists the concealers for all of them.
     """
     there = {None, *sections}
     return tuple(
@@ -128,7 +127,7 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
 
 
 def temporal_names() -> tuple[str, ...]:
-    """Returns the names of all concealers of sequences without required options, built-in ones first."""
+    """Returns the names of the concealers of sequences, built-in ones first, except those with a required option."""
     found = {name: named.temporal for name, named in CONCEALERS.all().items() if named.temporal is not None}
     return tuple(name for name, known in found.items() if known.listed and known.option is None)
 
@@ -179,12 +178,12 @@ def why_unfit(
 
 
 def concealer_sections() -> dict[str, str]:
-    """Returns the side information section that each concealer reads, by concealer name."""
+    """Returns the side information section that each concealer reads, by name of the concealer."""
     return {name: known.section for name, known in _static_concealers().items() if known.section is not None}
 
 
 def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
-    """Returns the files that determine a concealer's output: shipped weights, and files given as options.
+    """Returns the files that influence a concealer's output: shipped network weights, and files given as options.
 
     Args:
         name: Name of the concealer, or `name:FILE`.

@@ -48,7 +48,7 @@ _AXES = re.compile(
 
 
 def states_axes(name: str, value: object) -> bool:
-    """True if a field is a text that probably states the axes or the direction of poses."""
+    """True if a field's text probably names camera axes or the direction of poses."""
     if not isinstance(value, str) or not _CONVENTION.fullmatch(name):
         return False
     return name.lower() not in _BARE or _AXES.search(value) is not None
@@ -89,7 +89,7 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """True if a camera's angle of view along y can be ignored, because other fields determine its lens.
+    """True if a camera's vertical angle of view can be ignored, because other fields determine its lens.
 
     Args:
         values: Fields of the camera.

@@ -135,14 +135,14 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
 def _check_statements(
     path: Path, name: str, view: dict[str, Any], viewmat: np.ndarray, K: np.ndarray, size: tuple[int, int]
 ) -> None:
-    """Checks that unused fields of a camera, such as a second matrix, agree with its pose and intrinsics.
+    """Checks that fields of a camera that are not used, such as a second matrix, agree with those that are.
 
     Args:
         path: The file, for messages.
         name: Name of the view.
         view: Fields of the camera.
-        viewmat: World-to-camera matrix that is used, (4, 4).
-        K: Intrinsics that are used, (3, 3).
+        viewmat: World-to-camera matrix that was read, (4, 4).
+        K: Intrinsics that were read, (3, 3).
         size: Width and height of the picture, pixels.
 
     Raises:

@@ -35,7 +35,7 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
 def _copied_views(
     views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]
 ) -> Iterable[tuple[int, int]]:
-    """Yields each test view whose photo is a copy of a training photo, with the first training view of this photo.
+    """Yields pairs of views with the same photo: a test view, and the first training view that has a copy.
 
     Args:
         views: Indices of the views to compare.

@@ -264,7 +264,7 @@ def _dataset_nearby(path: Path) -> str:
 
 
 def _has_photos(folder: Path) -> bool:
-    """True for a dataset with photos in the expected place."""
+    """True if a dataset folder has photos where its layout expects them."""
     layout = dataset_layout(folder)
     if layout == "colmap" and find_reconstruction(folder) == folder:
         return file_kind(folder) == PHOTOS
@@ -312,7 +312,7 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
 
 
 def _views_of_split(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
-    """Selects the training or test views of a transforms file by the splits that it lists.
+    """Selects the views of a split, by the lists of training and test views in a transforms file.
 
     Args:
         views: All views of the file.

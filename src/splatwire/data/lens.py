@@ -174,7 +174,7 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if the photo covers the whole pinhole image at this zoom, and no two pixels show the same point.
+    """True if, at this zoom, each pixel of the pinhole image has a place of its own in the photo.
 
     Args:
         lens: The lens.

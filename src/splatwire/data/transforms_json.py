@@ -255,7 +255,7 @@ def _has_size(values: dict[str, Any]) -> bool:
 
 
 def _with_size(values: dict[str, Any]) -> dict[str, Any]:
-    """Returns the fields of a view with its image size as `w` and `h`, if it is there under other names only."""
+    """Returns the fields of a view with its image size as `w` and `h`, if the file names it differently."""
     pair = next((pair for pair in _SIZES if all(type(values.get(key)) in (int, float) for key in pair)), None)
     if pair is None or "w" in values or "h" in values:
         return values
@@ -263,12 +263,12 @@ def _with_size(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _pixel_fields(values: dict[str, Any]) -> list[str]:
-    """Returns the names of intrinsics in pixels, whose values depend on the image size."""
+    """Returns the names of the intrinsics that are in pixels and so depend on the image size."""
     return [key for key in ("fl_x", "fl_y", "cx", "cy") if values.get(key) is not None]
 
 
 def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
-    """Returns the photo to which intrinsics refer if other photos are read and the file has no image size.
+    """Returns the full-size photo that intrinsics refer to, if smaller photos are read and the file has no size.
 
     Args:
         path: The file, for the message.

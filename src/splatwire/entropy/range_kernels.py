@@ -96,7 +96,7 @@ def decoder_start(data, begin, end, state):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_target(state, total_bits):
-    """Returns a position on the probability axis, in units of `2**-total_bits`.
+    """Returns the position of the next symbol on the probability axis, in units of `2**-total_bits`.
 
     The next symbol is the one whose probability interval contains this position.
     """
@@ -195,7 +195,7 @@ def decode_below(data, end, state, count):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_update(model, context, bit):
-    """Updates the adaptive model of a context after a bit."""
+    """Adapts the probability estimate of a context after a bit."""
     # A model has two estimates of P(bit = 0): one adapts slowly, one fast.
     for column, rate in ((0, ADAPTIVE_SLOW), (1, ADAPTIVE_FAST)):
         p = model[context, column]

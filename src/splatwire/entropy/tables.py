@@ -103,7 +103,7 @@ def inverse_scale_table() -> np.ndarray:
 
 @functools.cache
 def half_width_table() -> np.ndarray:
-    """Returns, by scale index, the largest distance from the mean at which integers are coded without an escape code.
+    """Returns the largest distance from the mean that is coded without an escape code, for each standard deviation.
 
     Returns:
         int64 of length `NUM_SCALES`, in quantisation steps.

@@ -99,7 +99,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def held_out_cameras(scene: Scene) -> Cameras:
-    """Places test cameras around a scene, near and far.
+    """Places test cameras around a scene, some near and some far.
 
     Args:
         scene: The scene.

@@ -23,7 +23,7 @@ _DAMAGED = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, Uni
 
 
 class _LimitedReader(io.BufferedReader):
-    """File object that limits how many bytes are read from an archive's directory."""
+    """File object for a ZIP reader that limits the number of bytes read for the archive's directory."""
 
     limited = True
 
@@ -106,7 +106,7 @@ class Archive:
         return data
 
     def refuse_packed(self) -> None:
-        """Checks that all members are uncompressed and do not overlap, so that their total size is limited.
+        """Checks that all members are uncompressed and do not overlap, so that reading them is cheap.
 
         Raises:
             SplatwireError: If a member is compressed, or members overlap.

@@ -214,7 +214,7 @@ def opened(path: Path) -> Iterator[Path]:
 
 
 def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
-    """Returns the format of a file or folder, and the open file; None for a folder or an unreadable path."""
+    """Detects the format of a file or folder; also returns the open file, None for a folder or an unreadable path."""
     file = None
     try:
         status = path.stat()
@@ -281,10 +281,10 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:
-    """Returns a hint for an error message: an accepted model folder above or below a path; may be empty.
+    """Returns a hint for an error message that names an accepted model folder above or below a path; may be empty.
 
     Args:
-        path: A file or folder that was rejected.
+        path: File or folder that was rejected.
         *kinds: Any number of kinds of model folders that are accepted.
     """
     found = folder_nearby(path, lambda folder: folder != path and file_kind(folder) in kinds)
@@ -292,13 +292,14 @@ def model_nearby(path: Path, *kinds: Kind) -> str:
 
 
 def folder_nearby(path: Path, accepts: Callable[[Path], bool]) -> Path | None:
-    """Finds the folder that was probably meant, for hints in error messages.
-
-    Searches the parents of a path and two levels of folders in it. Returns None if no folder is accepted.
+    """Finds the folder that a user probably meant: a parent of a path, or a folder up to two levels below.
 
     Args:
-        path: A file or folder that was rejected.
-        accepts: True for a folder of the expected kind.
+        path: File or folder that was rejected.
+        accepts: Function that returns True for a folder of the expected kind.
+
+    Returns:
+        The folder; None if none is accepted.
     """
     if file_kind(path) in (NOTHING, UNREADABLE):
         return None

@@ -253,7 +253,7 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
 
 
 def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Returns what a call in a pickle of plain tensors would construct, without calling it."""
+    """Evaluates a call in a pickle without making it; returns a tensor's description, a dictionary or an argument."""
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument
         return {key: value for key, value in (arguments[0] if arguments else ()) if isinstance(key, str)}

@@ -18,7 +18,7 @@ CHECK_VIEWS = 16
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """Measures the training loss on a fixed sample of views and simulated packet losses.
+    """Measures the training loss in a fixed sample of views under fixed simulated packet losses.
 
     The loss of a view is its mean squared error, divided by the error at the start of the fine-tuning.
 

@@ -54,7 +54,7 @@ class Reception:
         return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
 
     def gradients(self, splats: Splats, found: Gradients) -> Gradients:
-        """Back-propagates gradients from the drawn Gaussians to all Gaussians; those of lost Gaussians are 0.
+        """Converts gradients with respect to the drawn Gaussians to gradients of all Gaussians; 0 for lost ones.
 
         Args:
             splats: All Gaussians, before the loss.
@@ -71,14 +71,15 @@ class Reception:
 
 
 def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random.Generator) -> Reception | None:
-    """Simulates the random packet loss of one iteration; returns the Gaussians that are received.
-
-    Returns None if nothing or everything is lost.
+    """Draws the random packet loss of one iteration; returns what is received.
 
     Args:
-        division: Packets of the scene.
+        division: Division of the scene's Gaussians into packets.
         options: Options with the loss model.
         rng: Random generator.
+
+    Returns:
+        The received Gaussians; None if nothing or everything is lost.
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))

@@ -15,7 +15,7 @@ WEIGHT = 0.3
 
 @dataclass(frozen=True, eq=False)
 class HarmonicCost:
-    """Cost of the harmonics above degree 0 of N Gaussians, roughly proportional to their bits in a stream.
+    """Term of the training loss for the harmonics above degree 0, roughly proportional to their bits in a stream.
 
     A coefficient `u` with the quantisation step `s` costs `log(1 + |u| / s)`.
 
@@ -40,7 +40,7 @@ class HarmonicCost:
         return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
 
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
-        """Returns the cost of harmonics in the loss: the mean over the Gaussians, weighted."""
+        """Returns the term of the loss: the mean cost of a Gaussian's harmonics, times a constant weight."""
         sums = np.log1p(np.abs(self._coefficients(harmonics)) / self.steps)
         return WEIGHT * float(sums.sum(dtype=np.float64)) / len(harmonics)
 

@@ -210,7 +210,7 @@ def picture_gradients(
     mask: Bool[np.ndarray, "H W"] | None = None,
     scale: float | None = None,
 ) -> tuple[float, Gradients]:
-    """Renders a view; returns its mean squared error, and the gradients of this error divided by `scale`.
+    """Renders a view and compares it with a reference; returns the mean squared error and its scaled gradients.
 
     Args:
         scene: The Gaussians.
@@ -218,7 +218,7 @@ def picture_gradients(
         view: Index of the camera.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Divisor of the gradients; None divides by the error itself.
+        scale: Number by which gradients are divided; None to divide by the mean squared error itself.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;
@@ -283,7 +283,7 @@ class _Adam:
 
 
 def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
-    """Returns a factor on the optimiser's steps for each Gaussian: proportional to its quantisation steps."""
+    """Returns a factor on each Gaussian's optimiser steps, larger for Gaussians with coarser quantisation."""
     # Pictures are about equally sensitive to a quantisation step of any Gaussian. Steps that are equal for all
     # Gaussians would be too large for the sensitive ones, and too small for the others. The geometric mean of the
     # factors is 1.
@@ -292,7 +292,7 @@ def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
 
 
 def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
-    """Chooses some of the views of the fine-tuning, in which precision classes are measured."""
+    """Chooses the views in which the precision class (set of quantisation steps) of each Gaussian is measured."""
     # The default views for this measurement only look inwards. They would give the surroundings of a scene the
     # coarsest quantisation.
     views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]
@@ -303,7 +303,7 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
 def _first_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Prepares the check that monitors the loss during fine-tuning."""
+    """Prepares the repeated measurement of the training loss in a fixed sample of views."""
     # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[Reception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))

@@ -108,7 +108,7 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
 
 
 def _ply_steps_of(scene: Scene) -> PlySteps | None:
-    """Returns the quantisation steps of decoded Gaussians for a PLY; None if they are unknown or no longer apply."""
+    """Returns the quantisation steps of decoded Gaussians to store in a PLY; None if unknown or outdated."""
     coding: SplatCoding | None = getattr(scene, "coding", None)
     if coding is None:
         return None

@@ -21,14 +21,14 @@ proportion to the size of their Gaussians."""
 
 @dataclass(frozen=True, eq=False)
 class BuiltLevels:
-    """Gaussians of all levels of detail of a scene, and their relation to the original Gaussians.
+    """Gaussians of all levels of detail of a scene, and how they derive from the original Gaussians.
 
     Attributes:
         scene: Gaussians of all levels.
         order: Index in the original scene of each Gaussian of the finest level, int64.
-        old: Mask of Gaussians that were not merged to build their level, bool (N).
-        errors: Error of each tile, float64 (tiles of all levels, coarsest first): root mean square distance between
-            original Gaussians and those that replace them, world units.
+        old: Mask of the Gaussians that are copies, not results of merging, bool (N).
+        errors: Error of each tile, coarsest level first, float64: root mean square distance of the original Gaussians
+            from those that replace them, world units.
     """
 
     scene: LevelScene
@@ -81,7 +81,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns, for each level of detail (coarsest first), the index of the first original Gaussian of each tile."""
+    """Returns the index of the first original Gaussian of each tile, level by level, coarsest first."""
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
         firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))
@@ -91,7 +91,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides how many Gaussians represent each tile of a level of detail in the next coarser level.
+    """Decides by how many Gaussians each tile of a level is represented in the next coarser level.
 
     Yields:
         For each tile: index of the coarser tile that replaces it, its own index, the number of Gaussians that represent
@@ -108,7 +108,7 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Divides the Gaussians of a coarser tile among the finer tiles that it replaces.
+    """Divides the Gaussians of a coarser tile among the finer tiles that the coarser tile replaces.
 
     Args:
         size: Number of Gaussians of the coarser tile.

@@ -131,7 +131,7 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
 
 
 def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Builds the JSON objects from which a viewer finds the data of each leaf of the k-d tree.
+    """Builds the JSON objects in which a viewer looks up the data of each leaf of the k-d tree.
 
     Args:
         leaves: For each leaf, the Gaussians of each level.

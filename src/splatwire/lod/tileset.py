@@ -169,7 +169,7 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
 
 
 def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
-    """Makes finer tiles the children of the coarser tiles that they replace in a viewer.
+    """Nests finer tiles below the coarser tiles that they replace when a viewer comes closer.
 
     Args:
         nodes: JSON objects of the coarser tiles, changed in place.

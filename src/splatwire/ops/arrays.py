@@ -54,7 +54,7 @@ def to_arrays(value: Noun) -> Noun:
 
 
 def mapped(value: Any, convert: Callable[[Any], Any]) -> Any:
-    """Applies `convert` to each item of a tuple, dictionary or dataclass; returns other values unchanged."""
+    """Applies `convert` to each item of a tuple, dictionary or dataclass; returns any other value unchanged."""
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
         return tuple(convert(part) for part in value)
     if isinstance(value, dict):

@@ -20,7 +20,7 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
             each.
         count: Number of elements N, at most 2**32.
         bits: Number of bits of a code.
-        groups: Keys that precede the codes, integers from 0 below 2**16, (N); None for none.
+        groups: Major sort keys, by which elements are sorted before their codes, 0 to 2**16 - 1, (N); None for none.
 
     Returns:
         Indices of the elements in sorted order, uint32 (N).
@@ -36,7 +36,7 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
 
 
 def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | range) -> None:
-    """Sorts some elements by their codes, as one step of a radix sort.
+    """Sorts some elements by their codes; one level of a radix sort.
 
     Args:
         codes: Function that returns the codes of the elements with given indices.
@@ -61,7 +61,7 @@ def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | rang
 
 
 def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> np.ndarray:
-    """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, as one pass of a radix sort; stable.
+    """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, stably; one pass of a radix sort.
 
     Args:
         digits: Function that returns the digit of elements given by index.

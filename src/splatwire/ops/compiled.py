@@ -73,7 +73,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _with_source_digest(kernel: Any) -> Any:
-    """Makes numba's cache entry of a kernel depend on all source files and constants that it is compiled from."""
+    """Makes the cached machine code of a kernel invalid if any source file or constant that it uses changes."""
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
@@ -108,7 +108,7 @@ def _sources_digest(module: str) -> str:
 
 
 def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
-    """Collects the constants that kernels of a module may depend on, also those of imported modules.
+    """Collects the constants of a module and its imports, which its compiled kernels may contain.
 
     Args:
         module: Full name of the module.
@@ -129,7 +129,7 @@ def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
 
 @functools.cache
 def private_folder() -> Path | None:
-    """Returns a temporary folder that only this user can write to, for compiled code; all processes get the same one.
+    """Returns a temporary folder for compiled code that only this user can write to, the same for all processes.
 
     Returns:
         The folder, or None if no safe one is available.

@@ -1,7 +1,7 @@
-"""SIMD vectors of sixteen float32 in numba functions, for the rasteriser: one vector is a row of pixels of a tile.
+"""SIMD vectors of sixteen float32 for numba functions; the rasteriser uses one for a row of pixels of a tile.
 
-Usable in numba functions only: the functions of this module, the operators + - * / on these vectors and float32, and
-the comparisons >=, <= and &.
+In numba functions, use the functions of this module, the operators + - * / on vectors and float32, and the comparisons
+>=, <= and &.
 """
 
 import operator
@@ -42,7 +42,7 @@ def _spread(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
 
 @no_type_check
 def _define(operation: Any, result: types.Type, inside: types.Type, build: Callable[..., ir.Value]) -> None:
-    """Defines an operator for vectors of sixteen numbers; a scalar operand is broadcast.
+    """Defines an operator on vectors of sixteen numbers for numba; a scalar operand is broadcast.
 
     Args:
         operation: Python operator, such as `operator.add`.

@@ -1,4 +1,4 @@
-"""Allocations of redundancy that the planner compares: parity of side information and tiers, sending order."""
+"""Candidate settings of redundancy (forward error correction and sending order), among which the planner chooses."""
 
 import bisect
 import itertools
@@ -48,13 +48,13 @@ _NEARLY = 0.95
 
 @dataclass(frozen=True)
 class PlanConstraints(CheckedFields):
-    """Constraints of a plan: limits on bytes, and how often the side information must arrive.
+    """Limits that a plan must meet: bytes, share of redundancy, and reliable arrival of the side information.
 
     Attributes:
-        budget_bytes: Maximum bytes sent.
-        max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
-        head_target: Required fraction of transfers in which the side information arrives.
-        concealment_bytes: Bytes of the side information for loss concealment, which count as redundancy.
+        budget_bytes: Maximum number of bytes to send.
+        max_protection: Maximum share of redundancy in the sent bytes, 0 to 1.
+        head_target: Minimum fraction of the simulated transfers in which the side information arrives, 0 to 1.
+        concealment_bytes: Bytes of the side information that serve loss concealment only; they count as redundancy.
     """
 
     budget_bytes: float | int
@@ -63,10 +63,10 @@ class PlanConstraints(CheckedFields):
     concealment_bytes: int = 0
 
     def allows(self, sizes: dict[str, int]) -> bool:
-        """Returns True if a transfer has no more redundancy than allowed.
+        """Returns True if the redundancy of a transfer is within the limit `max_protection`.
 
         Args:
-            sizes: Bytes by purpose, from `TransferModel.bytes_by_kind`.
+            sizes: Bytes of the transfer by purpose, from `TransferModel.bytes_by_kind`.
         """
         spent = sizes["side_protection"] + sizes["packet_protection"] + self.concealment_bytes
         return spent <= self.max_protection * sum(sizes.values())
@@ -74,12 +74,12 @@ class PlanConstraints(CheckedFields):
 
 @checked
 def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> list[Protection]:
-    """Returns the allocations of redundancy that the planner compares for a static scene.
+    """Returns the settings of redundancy that the planner compares for a static scene.
 
     Args:
-        load: Sizes of the stream.
+        load: Sizes of the stream's packets.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
-        constraints: Constraints of the plan.
+        constraints: Limits that the plan must meet.
     """
     traces = transfer_masks(traces, "traces", 1)
     rate = min(1 - float(traces.mean()), 0.95)
@@ -101,22 +101,22 @@ def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraint
 
 @checked
 def largest_head(load: StreamLoad) -> int:
-    """Returns the approximate maximum size of the init segment in bytes.
+    """Returns the largest init segment that the planner may try, approximately, in bytes.
 
     Args:
-        load: Sizes of the stream.
+        load: Sizes of the stream's packets.
     """
     return load.head_bytes + int(MOST_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Lists how many of the most important tiers may be moved from packets into the init segment: none, 1, 2 and so on.
+    """Lists the numbers of tiers, most important first, that the planner may try to bundle in the init segment.
 
     Args:
         counts: Number of packets of each importance tier.
 
     Returns:
-        For each option, the number of tiers in the init segment, and their share of all packets, 0 to 1.
+        Pairs of a number of tiers, from 0, and the share of all packets that these tiers have, 0 to 1.
     """
     shares = [(0, 0.0)]
     for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
@@ -127,15 +127,15 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 
 @checked
 def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraints) -> dict[str, Protection]:
-    """Returns two simple allocations of redundancy, by name, for comparison with optimised ones.
+    """Returns two simple settings of redundancy by name, as baselines for the optimised ones.
 
     * `whole`: the same share of parity for all packets and the side information, as much as the budget allows.
-    * `conceal`: redundancy for the side information only.
+    * `conceal`: redundancy for the side information only; lost packets are left to concealment.
 
     Args:
-        load: Sizes of the stream.
+        load: Sizes of the stream's packets.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
-        constraints: Constraints of the plan.
+        constraints: Limits that the plan must meet.
     """
     traces = transfer_masks(traces, "traces", 1)
     mixed = 1.0 if load.num_tiers > 1 else 0.0
@@ -158,12 +158,12 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
 
 @checked
 def arrival_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> SimulatedTransfers:
-    """Simulates transfers that end when the budget of bytes is spent.
+    """Simulates transfers that stop when a budget of bytes is spent; returns what the receiver has then.
 
     Args:
-        model: Model of the datagrams of a transfer.
+        model: Datagrams of a transfer in sending order.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
-        budget_bytes: Maximum bytes sent.
+        budget_bytes: Maximum number of bytes to send.
     """
     traces = transfer_masks(traces, "traces", len(model.kind))
     return simulate(model, _received_within(model, traces, budget_bytes))
@@ -178,14 +178,14 @@ def _received_within(model: TransferModel, traces: np.ndarray, budget_bytes: flo
 def _init_segment_candidates(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, head_share: float
 ) -> list[Protection]:
-    """Returns settings for the redundancy of the init segment, which the planner then compares.
+    """Returns the settings of redundancy for the init segment (side information) that the planner compares.
 
     Args:
-        load: Sizes of the stream.
+        load: Sizes of the stream's packets.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
-        constraints: Constraints of the plan.
-        head_share: Fraction of the packets that are part of the init segment.
+        constraints: Limits that the plan must meet.
+        head_share: Fraction of the packets that are bundled in the init segment.
     """
     bare = model_transfer(load, Protection(side_repair=0.0, head_share=head_share)).bytes_by_kind()
     lead = _spread_end(constraints, sum(bare.values()) + rate / (1 - rate) * bare["side"])
@@ -202,11 +202,13 @@ def _init_segment_candidates(
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
-    """Returns by which fraction of a transfer, 0 to 1, all repair symbols should have been sent.
+    """Returns the fraction of a transfer after which no more repair symbols are sent, 0 to 1.
+
+    The value is below 1 if the budget ends the transfer early.
 
     Args:
-        constraints: Constraints of the plan.
-        pass_bytes: Bytes of the complete transfer.
+        constraints: Limits of the plan, which contain the budget.
+        pass_bytes: Size of the complete transfer in bytes.
     """
     fit = constraints.budget_bytes / pass_bytes
     return 1.0 if fit >= 1 else _NEARLY * fit
@@ -215,14 +217,17 @@ def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
 def _least_repair(
     load: StreamLoad, traces: np.ndarray, rate: float, constraints: PlanConstraints, start: Protection
 ) -> Protection:
-    """Chooses the smallest redundancy with which the side information arrives in the required fraction of transfers.
+    """Adds the fewest repair symbols with which the side information arrives as often as required.
 
     Args:
-        load: Sizes of the stream.
+        load: Sizes of the stream's packets.
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
-        constraints: Constraints of the plan.
-        start: Allocation whose repair symbols for the side information are replaced.
+        constraints: Limits that the plan must meet, with the required fraction of transfers.
+        start: Settings of redundancy to complete.
+
+    Returns:
+        The settings `start` with another number of repair symbols for the side information.
     """
     need = rate / (1 - rate)
     repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})
@@ -243,9 +248,9 @@ def _least_repair(
 
 
 def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
-    """Lists the combinations of safety margins to compare, one margin for each importance tier.
+    """Lists the combinations of safety margins that the planner compares, one margin for each importance tier.
 
-    A safety margin is redundancy beyond that for the mean loss.
+    A safety margin is the redundancy of a tier beyond what its mean loss needs.
 
     Args:
         tiers: Number of tiers.
@@ -258,7 +263,7 @@ def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
 
 
 def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> float:
-    """Returns the number of repair symbols per packet for the mean loss and a safety margin.
+    """Returns the number of repair symbols per packet that cover the mean loss and a safety margin.
 
     Args:
         safety: Margin in standard deviations of the number of lost packets; None for no parity.

@@ -20,11 +20,11 @@ Picture = Callable[[np.ndarray], float]
 
 @dataclass(frozen=True, eq=False)
 class DistortionModel:
-    """Predicts the picture error after packet losses and concealment, without rendering.
+    """Predicts the picture error after packet losses and concealment from measured curves, without rendering.
 
     Attributes:
-        shares: Lost shares at which the error was measured, ascending from 0, float64 (S).
-        mse: Increase of the mean squared error if tier t and all less important tiers lose this share, float64 (T, S).
+        shares: Lost shares at which errors were measured, ascending from 0, float64 (S).
+        mse: Added mean squared error if tier t and all less important tiers lose each of these shares, float64 (T, S).
         base_mse: Mean squared error of the complete scene against the references.
     """
 
@@ -44,10 +44,10 @@ class DistortionModel:
             raise InvalidValueError(f"DistortionModel.base_mse must be positive, not {shown(self.base_mse)}")
 
     def psnr(self, lost: np.ndarray) -> np.ndarray:
-        """Predicts the PSNR of simulated transfers.
+        """Predicts the PSNR of the pictures after each simulated transfer.
 
         Args:
-            lost: Lost share of each of T tiers in each simulated transfer, float64 (trials, T).
+            lost: Lost share of each of T importance tiers in each transfer, float64 (trials, T).
 
         Returns:
             Decibels, float64 (trials).
@@ -65,15 +65,15 @@ class DistortionModel:
 
 @dataclass(frozen=True, eq=False)
 class StreamVariant:
-    """Encoded variant of a scene with its distortion model, one of several from which the planner chooses.
+    """An encoding of a scene that the planner may choose, with a model of how losses degrade its pictures.
 
     Attributes:
-        load: Sizes of the stream.
-        distortion: Distortion model of losses in each importance tier.
-        picture: Renders a stream with losses; None to use only the distortion model.
-        concealment_bytes: Bytes of the side information for loss concealment, which count as redundancy.
-        preview_bytes: Bytes of the preview, which count as redundancy.
-        blank_psnr: PSNR of a transfer without side information, that of the preview if there is one, decibels.
+        load: Sizes of the stream's packets.
+        distortion: Predicts the picture error from the lost share of each importance tier.
+        picture: Renders the scene after given losses, to check predictions; None to rely on `distortion`.
+        concealment_bytes: Bytes of the side information that serve loss concealment only; they count as redundancy.
+        preview_bytes: Size of the preview in bytes; it counts as redundancy.
+        blank_psnr: PSNR if no side information arrives, decibels: that of the preview, or of an empty picture.
 
     Raises:
         InvalidValueError: If numbers of tiers differ, or a size is out of range.
@@ -102,7 +102,7 @@ class StreamVariant:
             raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
 
     def budget_after_preview(self, budget_bytes: float | int) -> float:
-        """Returns the bytes of a budget that remain after the preview was sent."""
+        """Returns how many bytes of a budget are left after the preview is sent."""
         return float(max(budget_bytes - self.preview_bytes, 0))
 
 

@@ -1,6 +1,6 @@
-"""Plans retransmission of lost packets (ARQ) under a budget of bytes, instead of forward error correction.
+"""Plans retransmission of lost packets (ARQ) within a budget of bytes, instead of forward error correction.
 
-Side information is always retransmitted if lost, and packets only as far as the budget allows.
+Lost side information is always retransmitted. Lost packets are retransmitted as far as the budget allows.
 """
 
 from collections.abc import Callable, Sequence
@@ -75,7 +75,7 @@ def _plan(
     max_protection: float,
     rendered_trials: int,
 ) -> ScenePlan | None:
-    """Plans the retransmission for one variant; None if the limits do not suffice for the side information."""
+    """Plans the retransmission for one variant; None if the budget is too small for its side information."""
     sizes = model_transfer(variant.load, Protection(side_repair=0.0)).bytes_by_kind()
     again = OVERHEAD * _lost_per_received(received)
     extra = variant.concealment_bytes + variant.preview_bytes
@@ -102,6 +102,6 @@ def _plan(
 
 
 def _lost_per_received(received: np.ndarray) -> float:
-    """Returns how many datagrams are lost for each received one."""
+    """Returns the mean number of lost datagrams per received datagram."""
     rate = 1 - float(received.mean())
     return rate / max(1 - rate, 0.05)

@@ -38,14 +38,16 @@ ASSUMED_BASE_MSE = 1e-3
 
 
 class LossyPictures:
-    """Renders a scene after losses and concealment, and compares the pictures with the complete scene or with photos.
+    """Renders a scene after losses and concealment, and measures the error of the pictures.
+
+    The error is measured against photos, or against pictures of the complete scene if there are no photos.
 
     Args:
-        complete: Decoded lossless stream.
+        complete: The decoded scene without losses.
         cameras: Views to render.
         concealer: Name of the concealer.
         photos: Photos of the views; None to compare with the complete scene.
-        base_mse: Mean squared error of the complete scene, to assume without photos.
+        base_mse: Without photos: mean squared error that is assumed for the complete scene itself.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.
@@ -85,7 +87,7 @@ class LossyPictures:
         return self._complete.scene if bool(known.all()) else conceal(self._complete.masked(known), self._concealer)
 
     def errors(self, known: Bool[np.ndarray, "N"]) -> np.ndarray:
-        """Mean squared error of each view after losses and concealment, float64 (views).
+        """Returns the mean squared error of each view after losses and concealment, float64 (views).
 
         Args:
             known: Mask of the received elements, bool (N).
@@ -95,7 +97,7 @@ class LossyPictures:
         return self._base + np.array([_mean_square(image - truth) for image, truth in pairs])
 
     def psnr(self, known: Bool[np.ndarray, "N"]) -> float:
-        """Mean PSNR of the views after losses and concealment, decibels.
+        """Returns the mean PSNR of the views after losses and concealment, decibels.
 
         Args:
             known: Mask of the received elements, bool (N).
@@ -103,7 +105,7 @@ class LossyPictures:
         return float((-10 * np.log10(self.errors(known))).mean())
 
     def preview_psnr(self, preview: bytes) -> float:
-        """Mean PSNR of the views if only the preview was received, decibels.
+        """Returns the mean PSNR of the views if the receiver has only the preview, decibels.
 
         Raises:
             BitstreamError: If the preview is malformed.
@@ -127,12 +129,12 @@ def measure_distortion(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> DistortionModel:
-    """Measures the distortion model of a scene by rendering it after simulated losses.
+    """Measures how the loss of each importance tier degrades the pictures, by rendering simulated losses.
 
     Args:
-        pictures: Renderer of the scene.
+        pictures: Renders the scene with losses.
         tiers: Importance tier of each element, 0 for the most important.
-        shares: Lost shares to measure, ascending from 0.
+        shares: Shares of lost elements to simulate, ascending from 0.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
@@ -169,12 +171,12 @@ def variant_of_stream(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> StreamVariant:
-    """Measures how losses degrade the pictures of a complete stream; returns the input of the planner.
+    """Returns a complete stream as a choice for the planner, after measuring how losses degrade its pictures.
 
     Args:
         stream: Complete stream.
-        pictures: Renderer of the decoded scene.
-        concealment_bytes: Bytes of the side information for loss concealment, without the preview.
+        pictures: Renders the decoded scene with losses.
+        concealment_bytes: Bytes of the side information that serve loss concealment only, without the preview.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
@@ -199,7 +201,7 @@ def measured_variant(
     stream: SceneStream, *, cameras: Cameras | None, num_views: int, concealer: str | None, seed: int,
     progress: Callable[[float], None],
 ) -> StreamVariant:  # fmt: skip
-    """Decodes a complete stream and measures how losses degrade its pictures, as input of the planner.
+    """Decodes a complete stream and returns it as a choice for the planner, with its measured loss of quality.
 
     Args:
         stream: Complete stream.
@@ -222,7 +224,7 @@ def measured_variant(
 
 @checked
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
-    """Lists the elements of each packet, as indices in coding order; packets are in sending order."""
+    """Returns the indices of the elements in each packet, packets in sending order; indices are in coding order."""
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
     ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}
@@ -231,10 +233,10 @@ def packet_members(stream: SceneStream) -> list[np.ndarray]:
 
 @checked
 def known_elements(members: Sequence[np.ndarray], packets: np.ndarray, num_elements: int) -> Bool[np.ndarray, "N"]:
-    """Returns the mask of the elements in the available packets.
+    """Returns which elements are known if only some packets are available, bool (N).
 
     Args:
-        members: Result of `packet_members`.
+        members: Indices of the elements in each packet, from `packet_members`.
         packets: Mask of available packets, bool (P).
         num_elements: Number of elements, N.
     """

@@ -18,13 +18,13 @@ MOST_GROUPS = 4096
 
 @dataclass(frozen=True)
 class Plan:
-    """Amounts of redundancy that a planner has chosen, with the expected result of transfers.
+    """Redundancy that a planner has chosen, and the quality that is expected with it.
 
     Attributes:
-        protection: Amounts of redundancy for the server.
+        protection: Redundancy for the server to apply.
         variant: Index of the chosen stream variant.
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
-        lost: Mean lost fraction of each importance tier, or of each group's motion.
+        lost: Mean lost fraction of each importance tier; for a sequence, of the motion of each group of pictures.
         sent_bytes: Bytes sent within the budget, without retransmissions of keyframe packets.
     """
 
@@ -37,12 +37,12 @@ class Plan:
 
 @checked
 def plan_content(protection: Protection, stream_id: int, facts: dict[str, Any]) -> dict[str, Any]:
-    """Returns the content of a plan file as a JSON object.
+    """Returns the content of a plan file (JSON object).
 
     Args:
-        protection: Amounts of redundancy.
+        protection: Redundancy for the server to apply.
         stream_id: Id of the stream.
-        facts: Further values for readers, such as the expected PSNR.
+        facts: Further values to store for information, such as the expected PSNR.
     """
     own = {"format": FORMAT, "version": VERSION, "stream_id": f"{stream_id:08x}", "protection": asdict(protection)}
     return {**facts, **own}
@@ -54,10 +54,10 @@ def read_plan(data: bytes, name: str) -> tuple[Protection, int]:
 
     Args:
         data: JSON text.
-        name: Name of the file, for messages.
+        name: File name for messages.
 
     Returns:
-        Amounts of redundancy, and id of the stream.
+        Redundancy to apply, and id of the stream that it is meant for.
 
     Raises:
         InvalidValueError: If the data is not a plan, or a value is invalid.

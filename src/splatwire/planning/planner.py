@@ -1,7 +1,7 @@
-"""Planner for static scenes: distributes redundancy over side information and importance tiers within a budget.
+"""Planner for static scenes: distributes a budget of redundancy over side information and importance tiers.
 
-It compares allocations of redundancy in simulated transfers. Datagrams beyond the budget are not sent, so that a budget
-can also stand for a deadline at a given rate.
+It simulates transfers with many settings and keeps the one with the best pictures. A transfer ends when the budget of
+bytes is spent, so a budget can also express a deadline at a given rate.
 """
 
 import math
@@ -63,12 +63,12 @@ to, so small gains there may not generalise.
 
 @dataclass(frozen=True)
 class ScenePlan(Plan):
-    """Result of the planner for a static scene: redundancy to send, and the expected result.
+    """Redundancy for a static scene as chosen by the planner, with the expected result.
 
     Attributes:
         head_arrives: Fraction of transfers in which the side information arrives.
         sizes: Bytes of a complete transfer by purpose, such as packets and parity.
-        concealment_bytes: Bytes of the side information for loss concealment, and of the preview.
+        concealment_bytes: Bytes that serve loss concealment only: part of the side information, and the preview.
     """
 
     head_arrives: float
@@ -77,7 +77,7 @@ class ScenePlan(Plan):
 
     @property
     def protection_bytes(self) -> int:
-        """Bytes that are needed only because of losses."""
+        """Number of bytes that would not be sent over a channel without losses."""
         return self.sizes["side_protection"] + self.sizes["packet_protection"] + self.concealment_bytes
 
     @property
@@ -105,15 +105,15 @@ def plan_protection(
         variants: Variants of the stream, such as one with tiers and one without.
         loss: Loss model of the channel, in datagrams.
         budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: time multiplied by sending rate.
-        trials: Number of simulated transfers per allocation of redundancy.
-        rendered_trials: Number of simulated transfers that are rendered.
+        trials: Number of transfers to simulate for each setting of redundancy.
+        rendered_trials: Number of simulated transfers to render for the best settings.
         seed: Seed of the simulated losses.
         max_protection: Maximum bytes of redundancy as a fraction of all bytes, 0 to 1.
-        head_target: Required fraction of transfers in which the side information arrives.
+        head_target: Minimum fraction of transfers in which the side information must arrive.
         progress: Called with the completed fraction.
 
     Raises:
-        InvalidValueError: If a number is out of range, or every candidate has more redundancy than allowed.
+        InvalidValueError: If a number is out of range, or every setting exceeds `max_protection`.
     """
     check_request(variants, budget_bytes, max_protection, trials, rendered_trials)
     if not 0 < head_target <= 1:
@@ -176,7 +176,7 @@ def check_request(
 
 @checked
 def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, trials: int, seed: int) -> np.ndarray:
-    """Draws random losses for the transfers that a planner simulates.
+    """Draws the datagram losses of the transfers that a planner simulates.
 
     Args:
         variants: Variants of the stream.
@@ -197,7 +197,7 @@ def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, tri
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Returns the plan for an allocation of redundancy, with the predicted picture quality."""
+    """Returns a plan with given redundancy and the picture quality that the distortion model predicts for it."""
     model, budget = model_transfer(variant.load, protection), variant.budget_after_preview(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
@@ -215,7 +215,7 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
 
 
 def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
-    """Selects the plans whose quality is measured by rendering: the best plans, and baselines of similar quality."""
+    """Selects the plans to check by rendering: the best ones, and simple baselines of similar quality."""
     enough = head_target - math.sqrt(head_target * (1 - head_target) / HEAD_TRIALS)
     everything = [*plans, *plain]
     safe = [plan for plan in everything if plan.head_arrives >= enough] or everything
@@ -225,13 +225,13 @@ def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_targ
 
 @dataclass(frozen=True)
 class _EvaluatedPlan:
-    """A plan with its result in simulated transfers that were not used for choosing it.
+    """A plan and its quality in new simulated transfers, so that the choice of the plan does not bias the quality.
 
     Attributes:
-        plan: Plan with the expected result of new simulated transfers.
-        partly: Fraction of transfers that deliver a part of the packets.
+        plan: The plan, with the new values of quality and losses.
+        partly: Fraction of the transfers in which some packets arrive and others do not.
         error: Standard error of the PSNR, decibels.
-        plain: True for a simple baseline, False for optimised redundancy.
+        plain: True if the plan is a simple baseline.
     """
 
     plan: ScenePlan
@@ -243,7 +243,7 @@ class _EvaluatedPlan:
 def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
 ) -> _EvaluatedPlan:
-    """Evaluates a plan on new simulated transfers, which were not used for choosing it."""
+    """Measures the quality of a plan in new simulated transfers, which did not influence its choice."""
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
@@ -254,12 +254,12 @@ def _evaluate_plan(
 
 @dataclass(frozen=True)
 class ExpectedResult:
-    """Expected picture quality and losses over simulated transfers.
+    """Picture quality and losses, averaged over simulated transfers.
 
     Attributes:
         psnr: Mean PSNR, decibels.
         lost: Mean lost fraction of each importance tier.
-        partly: Fraction of transfers that deliver a part of the packets.
+        partly: Fraction of the transfers in which some packets arrive and others do not.
         error: Standard error of `psnr`, decibels.
     """
 
@@ -271,12 +271,12 @@ class ExpectedResult:
 
 @checked
 def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendered_trials: int) -> ExpectedResult:
-    """Returns the expected picture quality and losses of a plan over its simulated transfers.
+    """Computes picture quality and losses, averaged over simulated transfers of a stream.
 
     Args:
-        variant: Stream variant.
-        arrival: Simulated transfers.
-        rendered_trials: Number of transfers to render.
+        variant: The stream, with its distortion model.
+        arrival: Received packets of each simulated transfer.
+        rendered_trials: Number of transfers whose pictures are rendered; the distortion model predicts the others.
     """
     everything, lost = arrival.head & arrival.packets.all(axis=1), lost_fractions(variant.load, arrival.packets)
     curves = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
@@ -296,11 +296,11 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
 
 
 def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
-    """Selects the plan with the highest PSNR, or a simple baseline if its PSNR is close to that.
+    """Selects the plan with the highest PSNR; prefers a simple baseline if the difference is small.
 
     Args:
         scored: Plans with their results.
-        whole_psnr: PSNR without losses, decibels.
+        whole_psnr: PSNR of a transfer without losses, decibels.
     """
     top = max(scored, key=lambda found: found.plan.psnr)
     lost = max(whole_psnr - top.plan.psnr, 0.0)

@@ -1,4 +1,4 @@
-"""Models a transfer for the planner: kind and size of each datagram in sending order, and simulated losses."""
+"""Datagrams of a transfer as the planner simulates it: kind and size in sending order, without content."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -58,12 +58,12 @@ class StreamLoad(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class TransferModel:
-    """Model of a transfer: kind and size of each datagram in sending order, without its content.
+    """Datagrams of a simulated transfer in sending order: kind and size, without content.
 
     Attributes:
         kind: Kind of each datagram: `SIDE` (init segment), `DATA` (packet) or `PARITY` (repair symbol), int64 (n).
-        group: Index of the source block of the init segment, or of the parity group; int64 (n).
-        symbol: Index of the symbol in the source block or parity group, or index of the packet, int64 (n).
+        group: Source block of an init segment symbol, or parity group of a repair symbol; int64 (n).
+        symbol: Index of a symbol in its block or group; for a packet, its index in sending order; int64 (n).
         num_bytes: Size of each datagram with headers, bytes, int64 (n).
         head: Number of source symbols of each source block of the init segment.
         groups: Parity groups: packets that share repair symbols.
@@ -81,7 +81,7 @@ class TransferModel:
     num_bundled: int = 0
 
     def bytes_by_kind(self) -> dict[str, int]:
-        """Returns the bytes of a complete transfer for side information, packets, and the parity of both."""
+        """Returns the bytes of a complete transfer by purpose: side information, packets, and parity of each."""
         repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.head, 0), dtype=np.int64)[self._segment()])
         masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
                  "packet_protection": self.kind == PARITY}  # fmt: skip
@@ -97,11 +97,11 @@ class TransferModel:
 
 @checked
 def model_transfer(load: StreamLoad, protection: Protection) -> TransferModel:
-    """Builds the model of a transfer from packet sizes and amounts of redundancy.
+    """Lists the datagrams of a transfer, given the packet sizes and the redundancy.
 
     Args:
-        load: Sizes of the stream.
-        protection: Amounts of redundancy.
+        load: Sizes of the stream's packets.
+        protection: Redundancy settings.
 
     Raises:
         InvalidValueError: If the protection does not fit the stream.
@@ -128,10 +128,10 @@ def model_transfer(load: StreamLoad, protection: Protection) -> TransferModel:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedTransfers(CheckedFields):
-    """Received packets and side information in T simulated transfers.
+    """Side information and packets that arrive in each of T simulated transfers.
 
     Attributes:
-        head: Mask of transfers with complete side information, bool (T).
+        head: Mask of the transfers in which the side information is complete, bool (T).
         packets: Mask of packets that are received, recovered, or part of the init segment, bool (T, P).
     """
 
@@ -141,10 +141,10 @@ class SimulatedTransfers(CheckedFields):
 
 @checked
 def simulate(model: TransferModel, received: np.ndarray) -> SimulatedTransfers:
-    """Simulates which packets are received or recovered by forward error correction.
+    """Simulates the receiver: returns which packets are received, or recovered by forward error correction.
 
     Args:
-        model: Model of the datagrams of a transfer.
+        model: Datagrams of a transfer.
         received: Mask of received datagrams in each of T transfers, bool (T, n).
     """
     received = transfer_masks(received, "received", len(model.kind))
@@ -163,10 +163,10 @@ def simulate(model: TransferModel, received: np.ndarray) -> SimulatedTransfers:
 
 @checked
 def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
-    """Returns the mask of simulated transfers with complete side information, bool (T).
+    """Returns in which simulated transfers the side information is complete, bool (T).
 
     Args:
-        model: Model of the datagrams of a transfer.
+        model: Datagrams of a transfer.
         received: Mask of received datagrams in each of T transfers, bool (T, n).
     """
     received = transfer_masks(received, "received", len(model.kind))
@@ -180,12 +180,12 @@ def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
 
 
 def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:
-    """Converts masks of received datagrams to a boolean array (T, n).
+    """Checks masks of received datagrams, and converts them to a boolean array (T, n).
 
     Args:
-        masks: Array or nested lists, with a mask for each of T transfers.
+        masks: Array or nested lists: one row for each of T transfers, True for a received datagram.
         name: Name of the argument, for messages.
-        num_datagrams: Minimum number of datagrams, n.
+        num_datagrams: Minimum length of a row, n.
 
     Raises:
         InvalidValueError: If `masks` is no such array, or has too few datagrams.

@@ -167,12 +167,12 @@ def _prune_and_tune(
     tuning: Tuning,
     progress: Progress,
 ) -> "_Plan":
-    """Prunes and fine-tunes a scene so that its stream has a target size or PSNR.
+    """Prunes a scene and fine-tunes the remaining Gaussians, so that the stream reaches a target.
 
     Args:
         plan: The scene before pruning.
         start: Stream of the pruned scene without fine-tuning, with the quantisation steps to use.
-        target: Size, PSNR or quality setting.
+        target: Size, PSNR or quality setting of the stream.
         encode: Function that encodes a scene.
         pictures: Pictures of the complete scene.
         tuning: Options of the fine-tuning.
@@ -206,10 +206,11 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates how much the PSNR in the held-out views grows if that in the search views grows by one decibel.
+    """Estimates how much the reported PSNR grows if the PSNR in the search views grows by one decibel.
 
     Args:
-        pairs: PSNR in the search views and in the held-out views of each stream encoded so far, decibels.
+        pairs: PSNR in the search views, and PSNR in the held-out views that is reported, for each stream so far,
+            decibels.
     """
     # The estimate is limited to the range from 0.5 to 2.
     if len(pairs) < 2:
@@ -228,12 +229,12 @@ def decoded_finest(stream: SceneStream) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """A scene to encode, and the measurements from which it is pruned and its precision is chosen.
+    """A scene to encode, with the measurements that decide which Gaussians are kept and how finely they are quantised.
 
     Attributes:
         source: The scene to encode.
         measured_views: Cameras in which the effect of each Gaussian is measured; None for views around the scene.
-        search: Pictures of the source for choosing the quantisation level.
+        search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
         classes: Precision class of each Gaussian.
         curve: Image error as a function of the share of Gaussians kept; None without pruning.
@@ -254,7 +255,7 @@ class _Plan:
     def of(
         cls, source: SplatScene, effort: Effort, views: ViewSets, quality: Quality, encode: Encoder, progress: Progress
     ) -> "_Plan":
-        """Measures a scene, so that it can be pruned and its precision can be chosen.
+        """Measures a scene before encoding: how much each Gaussian matters, and how finely it must be quantised.
 
         Args:
             source: The scene.
@@ -291,10 +292,10 @@ class _Plan:
         return Quality(level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns a plan for fine-tuning, with half of the measured change of the precision of each attribute.
+        """Returns a plan for fine-tuning, in which the precision of attributes was adapted only half as much.
 
         Args:
-            quality: Quality setting with which the change was measured.
+            quality: Quality setting before the adaptation.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -309,11 +310,11 @@ class _Plan:
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
 
     def pruned(self, share: float, tuned: Sequence["_Plan"]) -> tuple[SplatScene, np.ndarray]:
-        """Selects the most important Gaussians for fine-tuning.
+        """Selects the most important Gaussians of the scene, to fine-tune them.
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
-            tuned: Results of earlier fine-tunings.
+            tuned: Results of earlier fine-tunings, from which kept Gaussians start.
 
         Returns:
             The kept Gaussians, and the precision class of each.
@@ -332,7 +333,7 @@ class _Plan:
         return before.scene.select(best), before.classes[best]
 
     def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
-        """Removes some fine-tuned Gaussians, to save bytes, from a scene that exceeds the wanted PSNR.
+        """Removes fine-tuned Gaussians to save bytes, if the stream exceeds the wanted PSNR.
 
         Args:
             found: Stream of all Gaussians of this plan.
@@ -359,14 +360,14 @@ class _Plan:
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def measured(self, encoded: EncodedScene) -> float:
-        """Returns the mean PSNR of an encoded scene, decibels, in the views for choosing the quantisation level."""
+        """Returns the mean PSNR of an encoded scene in the search views, decibels."""
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates which share of the Gaussians, once fine-tuned, is enough for the PSNR of a given stream.
+        """Estimates the share of Gaussians that reaches the PSNR of a stream if they are fine-tuned.
 
         Args:
-            untuned: The stream, without fine-tuning.
+            untuned: Stream of Gaussians that were not fine-tuned.
         """
         # The quantisation steps remain the same.
         assert self.curve is not None
@@ -420,7 +421,7 @@ class _Plan:
 
 
 class _Trials:
-    """Encodes a scene at several quantisation levels until the stream has a target size or PSNR.
+    """Encodes a scene at several quantisation levels, to find one with a target size or PSNR.
 
     Args:
         plan: The scene and its precision classes.
@@ -514,7 +515,7 @@ class _Trials:
     def _search(
         self, measure: Callable[[EncodedScene], float], permitted: Interval, start: float, slope: float
     ) -> bool:
-        """Searches for the quantisation level with which a stream has a wanted size or PSNR.
+        """Tries quantisation levels until the stream has a wanted size or PSNR.
 
         Args:
             measure: Returns the size or the PSNR of an encoded scene.
@@ -523,7 +524,7 @@ class _Trials:
             slope: Expected increase of the value per level.
 
         Returns:
-            True if different numbers of Gaussians were tried, too.
+            True if no level sufficed, so that different numbers of Gaussians were tried, too.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -544,12 +545,12 @@ class _Trials:
         known: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
-        """Searches for the share of Gaussians to keep with which a stream has a wanted size or PSNR.
+        """Tries shares of Gaussians to keep until the stream has a wanted size or PSNR.
 
         Args:
             measure: Returns the size or the PSNR of an encoded scene.
             permitted: Range of accepted values.
-            known: Value and encoded scene from which the search starts.
+            known: First stream to compare with, and its size or PSNR.
             slope: Expected increase of the value per quantisation level.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.

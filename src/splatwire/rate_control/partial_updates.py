@@ -50,13 +50,13 @@ def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
 
 @dataclass(frozen=True, eq=False)
 class PartialUpdates:
-    """State of a sender that updates a scene in training, each time with a share of its changes.
+    """Sender of updates to receivers of a scene in training; each update contains a share of the changes.
 
     Attributes:
-        chain: Stream of the scene that the receivers have, and its updates.
+        chain: Stream that the receivers got first, and its updates.
         newest: Gaussians of the newest scene.
-        held: Gaussians that the receivers have, before quantisation, in the order of `newest`.
-        known: Mask of the Gaussians in `held` that the receivers have.
+        held: Gaussians as the receivers have them, without rounding, in the order of `newest`.
+        known: Mask of the Gaussians that the receivers have.
         num_at_first: Number of drawable Gaussians when the whole scene was sent.
         size_at_first: Size of the scene when the whole scene was sent, world units.
         antialiased: True if the scene was trained with an antialiased renderer.
@@ -127,7 +127,7 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
-        """Returns the Gaussians that the receivers have, in the order of the new ones, and a mask of the known ones."""
+        """Returns the receivers' Gaussians in the order of the new ones, and a mask of those that exist."""
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)

@@ -119,7 +119,7 @@ def _number(share: float, count: int) -> int:
 def _fitted(
     at: Float64[np.ndarray, "S"], known: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
 ) -> Float64[np.ndarray, "S"]:
-    """Fits an increasing curve to a few noisy measurements, and evaluates it.
+    """Fits an increasing curve to a few noisy measurements; returns its values at `at`.
 
     Args:
         at: Arguments at which the curve is evaluated.

@@ -89,7 +89,7 @@ def measured_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns the rounding errors of one attribute; those of the others are 0."""
+    """Returns rounding errors that are kept for one attribute and set to 0 for all others."""
     none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
     none["quats"][:, 0] = 1
     return Offsets(**{**none, name: getattr(offsets, name)})

@@ -80,7 +80,7 @@ def not_held_out(cameras: Cameras, count: int) -> Cameras:
 
 
 def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
-    """Returns at most `count` of the given views, evenly spread, with images of limited size.
+    """Selects at most `count` of the given views, evenly spread, and reduces large images.
 
     Args:
         cameras: All cameras.

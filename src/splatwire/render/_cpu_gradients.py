@@ -161,14 +161,14 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
-    """Adds the gradients of each Gaussian in all its tiles to `sums`.
+    """Adds up the gradients of each Gaussian over all its tiles, and adds them to `sums`.
 
     Args:
-        rows_of_sums: Gradient sums of each pair of Gaussian and tile.
+        rows_of_sums: Gradient of each pair of Gaussian and tile.
         members: Indices of the Gaussians.
-        places: Rows of `rows_of_sums`, Gaussian after Gaussian.
+        places: Rows of `rows_of_sums` that belong to each Gaussian, Gaussian after Gaussian.
         place_starts: Start of each Gaussian's entries in `places`, and the end of the last.
-        sums: Sums of each Gaussian, changed in place.
+        sums: Gradient of each Gaussian, changed in place.
     """
     # The sums are from `draw_tiles_back`, `places` and `place_starts` from `fill_tiles`. The order of addition is
     # that of the tiles.

@@ -22,7 +22,7 @@ _LOWEST = -200.0  # lower bound of exponents for any opacity
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
-    """Returns, for each row of tiles, the number of pairs of a tile and a Gaussian that overlaps it.
+    """Counts the entries of the tile lists in each row of tiles; an entry is a Gaussian in a tile.
 
     Args:
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).

@@ -13,7 +13,7 @@ LEAST = 1e-3
 
 
 def compensated(gaussians: Gaussians, cameras: Cameras, view: int) -> Gaussians:
-    """Reduces opacities to compensate for the renderer's widening of Gaussians by 0.3 square pixels.
+    """Reduces opacities to compensate for the renderer, which widens Gaussians by 0.3 square pixels.
 
     Args:
         gaussians: The Gaussians of the view.

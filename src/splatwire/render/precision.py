@@ -159,7 +159,7 @@ def measure_gaussians(
 
 
 def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
-    """Divides a scene into spatial parts with similar numbers of Gaussians, and calls a function for each part.
+    """Divides a scene into spatial parts of limited size, and calls a function for each part.
 
     Args:
         splats: All Gaussians.

@@ -84,14 +84,14 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Estimated errors in one view if attributes of the selected anchors change; sums over these anchors.
+    """Estimated picture errors in one view if attributes of the selected anchors change, summed over these anchors.
 
     Attributes:
-        metric: Matrix M of the errors caused by features and logarithms of scalings: `d . M d` is the error if the
-            values of an anchor change by the vector d.
+        metric: Matrix M for features and logarithms of scalings: a change of an anchor's values by the vector d causes
+            the error `d . M d`.
         offset: Error if one coordinate of an offset changes by 1.
-        offset_share: Squared error of removing a Gaussian, times `_relative_size` of its anchor.
-        removal: Squared error of removing a Gaussian.
+        offset_share: Error if one Gaussian is removed, weighted by `_relative_size` of its anchor.
+        removal: Error if one Gaussian is removed.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -107,14 +107,14 @@ def _back_propagate(
     drawn: tuple[SpawnedGaussians, list[np.ndarray]],
     each: Float64[np.ndarray, "R K"],
 ) -> _NetworkErrors:
-    """Estimates the picture errors in one view if features, scalings or offsets of the selected anchors change.
+    """Estimates the picture errors in one view if attributes of the selected anchors change.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view, and gradients with respect to them.
-        each: Change of the sum of pixels if a single Gaussian of a selected anchor is removed.
+        drawn: Gaussians of the view, and gradients of a random combination of pixels with respect to them.
+        each: Change of that combination if a single Gaussian of a selected anchor is removed.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.
@@ -146,13 +146,13 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture error of changing each anchor from the sum over all selected anchors.
+    """Estimates the picture errors of single anchors by dividing the errors summed over all selected anchors.
 
     Args:
         removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).
         offset_removal: Picture error of removing each Gaussian, (N, K).
-        relative: Square of offset scale divided by Gaussian size for each anchor, (N).
-        parts: Total errors in each view.
+        relative: Squared ratio of offset scale to Gaussian size for each anchor, from `_relative_size`, (N).
+        parts: Summed errors of each view.
         width: Number of features and scalings per anchor, D.
     """
     # The sum is divided among the anchors in proportion to the picture error that removing each of them causes.

@@ -94,7 +94,7 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Collects gradients with respect to a view's Gaussians.
+    """Collects the gradients of a number, such as a sum of pixels, with respect to a view's Gaussians.
 
     Args:
         gaussians: The Gaussians.
@@ -114,19 +114,19 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated effect of removing each Gaussian on the value whose gradients were collected."""
+        """Estimated change of the differentiated number (such as a sum of pixels) if each Gaussian is removed."""
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
-    """Adds the estimated picture errors of removing each anchor and each single Gaussian to `total`.
+    """Adds the picture errors of one view, if anchors or single Gaussians are removed, to `total`.
 
     Args:
         total: Errors summed over views; changed in place.
         place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Change of a sum of pixels if a Gaussian is removed, float64 (G).
-        probes: Number of such estimates per view.
+        presence: Change of a random combination of pixels if a Gaussian is removed, float64 (G).
+        probes: Number of random combinations per view, over which errors are averaged.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.
@@ -139,7 +139,7 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, found: GatheredGradients
 ) -> None:
-    """Adds the estimated picture errors of changing features, scalings and offsets of anchors to `total`.
+    """Adds the picture errors of one view, if features, scalings or offsets of anchors change, to `total`.
 
     Args:
         total: Errors summed over views; changed in place.

@@ -1,4 +1,4 @@
-"""Input frames of a live sequence, which arrive while the sequence is encoded."""
+"""Files of frames that appear while a live sequence is encoded: from a folder or from a pipe."""
 
 import itertools
 import math
@@ -205,7 +205,7 @@ class FolderSource:
 
 
 class Patience:
-    """Decides when to give up a frame whose file cannot be read."""
+    """Decides how long to wait for a frame whose file cannot be read yet."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -233,7 +233,7 @@ class Patience:
         return now - self._changed >= (PATIENCE_BEHIND_S if behind else PATIENCE_S)
 
     def grows(self, now: float) -> bool:
-        """True if the file has grown for `GROWING_S` seconds without becoming readable."""
+        """True if the file has grown for `GROWING_S` seconds and is still unreadable."""
         return now - self._first >= GROWING_S
 
     def clear(self) -> None:

@@ -1,4 +1,4 @@
-"""Choice of quaternion and scales of Gaussians for continuity with the previous frame."""
+"""Choice of the order and signs of Gaussians' axes, so that rotations and scales change little between frames."""
 
 import itertools
 

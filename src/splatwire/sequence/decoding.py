@@ -194,7 +194,7 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
 
 
 def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
-    """Returns the attributes of Gaussians as contiguous arrays."""
+    """Returns means, quaternions, scales, opacities and harmonics of Gaussians as contiguous arrays."""
     means, quats, scales, opacities, sh = (np.ascontiguousarray(values) for values in vars(splats).values())
     return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
 
@@ -202,14 +202,14 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Computes factors that enlarge visible Gaussians to cover the holes of missing ones.
+    """Computes how much the drawn Gaussians of a group are enlarged to cover missing ones.
 
     Args:
         sequence: Received sequence of T tracks.
         available: Mask of available keyframe Gaussians, bool (T).
         group: Index of the group of pictures.
-        poses: Motion of the visible tracks in the group.
-        hidden: Motion of the tracks in the group that the concealer hides.
+        poses: Motion of the drawn tracks in the group.
+        hidden: Motion of the tracks that the concealer hides.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.
@@ -231,11 +231,11 @@ def covering_gains(
 
 
 def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes how much to enlarge received Gaussians to cover missing ones.
+    """Computes the factors by which received Gaussians are enlarged to cover missing ones.
 
     Args:
         splats: All T Gaussians.
-        index: Indices of the Gaussians that belong in the picture, received or missing, ascending, int64.
+        index: Indices of the Gaussians that the complete picture contains, ascending, int64.
         known: Mask of received Gaussians, bool (T).
 
     Returns:

@@ -176,7 +176,7 @@ class SequenceEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance of packets of the last group: the amount of visible motion in each."""
+        """Returns how visible the loss of each packet of the last group would be: the visible motion in it."""
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
@@ -212,13 +212,13 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes the first frames as groups of pictures of one frame each, if most of them are scene cuts.
+        """Encodes each of the first frames as a group of its own, if most of them are scene cuts.
 
         Args:
             group: Tracks of the first frames.
             frames: The first frames.
             scenes: Indices of the frames that are scene cuts, for a warning.
-            classes: Quantisation precision class of each track, (n).
+            classes: Precision class of each track (its set of quantisation steps), (n).
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
@@ -267,11 +267,11 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns the median of the precision classes measured so far, `count` times."""
+        """Returns the median of the precision classes measured so far, for `count` tracks that were not measured."""
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does the work that was postponed so that packets could be sent earlier."""
+        """Does the work that was postponed so that the packets of a group could be sent earlier."""
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
         self._warn_of_changing_harmonics()

@@ -62,7 +62,7 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the index of each track of the latest frame; adds tracks whose key is new."""
+        """Returns the track index of each key of the latest frame; a key that is new begins a track."""
         by, number = self._by, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
         known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
@@ -105,12 +105,12 @@ class GroupBuilder:
             self._around.append(self._tree.around(means, came, count))
 
     def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
-        """Returns the keys of the tracks so far, their trajectories, and the number of frames."""
+        """Returns the group in progress: keys of its tracks, their values in each frame, and the number of frames."""
         count = len(self._keys)
         return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 
     def group(self) -> TrackGroup:
-        """Returns the group of all frames so far. Tracks are extrapolated to frames without them."""
+        """Returns the group of all frames added so far; tracks are extrapolated to frames that lack them."""
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}
         for some in values.values():

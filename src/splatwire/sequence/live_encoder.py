@@ -63,7 +63,7 @@ class LiveEncoder:
         self._begin(self.encoder.restarted(self.num_frames))
 
     def end(self) -> list[LiveState]:
-        """Ends the live stream; returns its last updates."""
+        """Ends the live sequence; encodes the frames that are left, and returns the last updates of the stream."""
         if not self.num_frames:
             return []
         rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []

@@ -145,7 +145,7 @@ class LiveIngest:
         self._source.mark_read(self._waiting.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
-        """Returns a frame unchanged if it can be encoded with the frames before it; None if it is skipped."""
+        """Returns a frame if it can follow the frames before it; None if it must be skipped."""
         count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")

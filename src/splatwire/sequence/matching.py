@@ -131,7 +131,7 @@ def _positions(splats: Splats) -> np.ndarray:
 
 
 def _appearance(splats: Splats) -> np.ndarray:
-    """Returns appearance features of Gaussians that do not depend on rotation, float64 (N, 7)."""
+    """Returns values by which Gaussians are recognised in another frame, independent of rotation, float64 (N, 7)."""
     logs = np.log(np.sort(np.maximum(splats.scales.astype(np.float64), 1e-12), axis=1))
     opacities = np.clip(splats.opacities.astype(np.float64), 1e-4, 1 - 1e-4)
     logits = np.log(opacities / (1 - opacities))
@@ -139,7 +139,7 @@ def _appearance(splats: Splats) -> np.ndarray:
 
 
 def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion to two frames; returns the positions of the previous frame moved by it.
+    """Fits an affine motion between two frames; returns the previous positions after this motion.
 
     Args:
         positions: Positions in the previous frame, (N, 3).
@@ -231,7 +231,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns the divisor that normalises distances: 1.5 times their median."""
+    """Returns the number by which distances are divided for normalisation: 1.5 times their median."""
     # Above 0 even if all distances are 0, because they are divided by it.
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
@@ -267,7 +267,7 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 def _smooth(
     positions: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
-    """Corrects the predicted positions of Gaussians by the median error of nearby confident matches.
+    """Improves the predicted positions of Gaussians: adds the median error of confident matches nearby.
 
     Args:
         positions: Positions of N Gaussians in the previous frame, (N, 3).

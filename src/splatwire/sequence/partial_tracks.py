@@ -75,7 +75,7 @@ class NeighborSet:
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Returns the neighbour set reduced to some allowed neighbours.
+        """Returns the set without the neighbours that are not allowed; weights are computed again.
 
         Args:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).
@@ -166,13 +166,13 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Extrapolates the positions of Gaussians to frames in which they do not exist, from the motion of neighbours.
+    """Extrapolates positions of Gaussians to frames of the group in which they do not exist, from their neighbours.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        known: Neighbours of such Gaussians that were searched before.
+        known: Neighbours that were found before for some of these Gaussians.
         sample: Random sample of tracks for testing if most tracks move like their neighbours; None to draw it here.
 
     Returns:
@@ -202,7 +202,7 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: NeighborSet) -> None:
-    """Extrapolates the positions of Gaussians to frames in which they do not exist, from the motion of neighbours.
+    """Moves Gaussians like their neighbours in the frames in which they do not exist.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.

@@ -140,7 +140,7 @@ def write_live_frames(
 
 
 def _never_empty(splats: Splats, path: Path) -> Splats:
-    """Returns the Gaussians of a frame, or one transparent Gaussian if there are none."""
+    """Returns the Gaussians of a frame; one transparent Gaussian if the frame is empty, for formats that need one."""
     if splats.num_gaussians:
         return splats
     LOG.warning("%s: the frame is empty: its file has a transparent Gaussian, because files cannot be empty", path)

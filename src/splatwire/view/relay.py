@@ -82,7 +82,7 @@ class Relay:
         return "" if end is None or end.reason in wanted else end.reason
 
     async def begun(self) -> None:
-        """Waits until the page can show something, or the transfer has ended."""
+        """Waits until a page can show at least a preview, or the transfer has ended."""
         await self._begun.wait()
 
     async def headed(self) -> None:
@@ -106,7 +106,7 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if more data may follow for a `.swz` file."""
+        """True if more pieces may follow: the transfer runs, and `pieces` are those of the current file."""
         return not self._over and pieces is self._pieces
 
     async def _forward(self) -> None:

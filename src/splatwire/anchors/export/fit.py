@@ -1,4 +1,4 @@
-"""Conversion of an anchor scene to explicit Gaussians, which are fitted to their appearance in many views."""
+"""Conversion of an anchor scene to explicit Gaussians that look alike in many views."""
 
 from collections.abc import Callable, Iterator
 

@@ -11,7 +11,7 @@ from splatwire.types import AnchorScene
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """All Gaussians that an anchor scene can draw: one per anchor and existing offset.
+    """All Gaussians that an anchor scene can draw in some view: one for each existing offset of each anchor.
 
     Attributes:
         anchor_index: Anchor of each Gaussian, ascending.
@@ -29,7 +29,7 @@ class Slots:
         return int(self.anchor_index.shape[0])
 
     def part(self, first: int, last: int) -> "Slots":
-        """Returns the possible Gaussians with indices from `first` to `last` (exclusive)."""
+        """Returns the Gaussians from index `first` to `last` (exclusive)."""
         return Slots(self.anchor_index[first:last], self.offset_index[first:last], self.means[first:last])
 
 
@@ -51,7 +51,7 @@ class SlotView:
 
 
 def slots_of(scene: AnchorScene) -> Slots:
-    """Lists the possible Gaussians of a scene, except for anchors that loss concealment hides."""
+    """Lists all Gaussians that a scene can draw, except those of anchors that loss concealment hides."""
     anchors = scene.anchors
     mask = anchors.mask if scene.hints is None else anchors.mask & ~scene.hints.left_out[:, None]
     anchor_index, offset_index = np.nonzero(mask)

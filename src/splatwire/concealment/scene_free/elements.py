@@ -1,8 +1,8 @@
-"""Neural network of the concealer `scene_free` for explicit Gaussians.
+"""Neural network of the concealer `scene_free` for explicit Gaussians: predicts factors on size and opacity.
 
-It predicts factors on size and opacity of received Gaussians. If the share `rho` of the neighbours was lost, let `L =
--log(1 - rho)`. The factor `exp(L / 2)` on sizes preserves the covered area; the opacity `1 - (1 - a) ** exp(L)` in
-place of `a` preserves the transmittance of many thin layers. The network combines them.
+The factors depend on the lost share `rho` of a Gaussian's neighbours, as `L = -log(1 - rho)`. Multiplying sizes by
+`exp(L / 2)` preserves the covered area of a surface. The opacity `1 - (1 - a) ** exp(L)` in place of `a` preserves the
+transmittance of many thin layers. The network combines the two.
 """
 
 from dataclasses import dataclass
@@ -121,7 +121,7 @@ class ElementNetwork(Perceptron):
 def enlarge_received(
     partial: ReceivedScene, rows: Int64[np.ndarray, "M"], gains: tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]
 ) -> Concealed:
-    """Builds the result of a concealer that enlarges received elements and hides lost elements.
+    """Returns the result of a concealer that enlarges received elements and hides lost ones.
 
     Args:
         partial: The received scene.

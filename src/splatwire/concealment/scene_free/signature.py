@@ -51,7 +51,7 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
 
 def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of the nearest neighbours of each anchor, weighted by size; 0 without neighbours."""
+    """Returns which share of each anchor's nearest neighbours was lost, weighted by size; 0 without neighbours."""
     near, weight = around.near.index, around.weights
     lost = (weight * ~partial.known)[near].sum(axis=1)
     tiny = np.finfo(weight.dtype).tiny
@@ -70,10 +70,10 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns the area of each neighbour, and its squared distance relative to these areas.
+    """Returns the area of each neighbour, and its squared distance relative to the areas of both anchors.
 
     Args:
-        area: Expected area of every anchor of the scene.
+        area: Area that the prior predicts for each anchor of the scene.
         rows: Indices of the M anchors.
         neighbors: Nearest neighbours of the M anchors.
     """
@@ -128,7 +128,7 @@ def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surrounding
 def _size_features(
     partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
-    """Returns the input features that describe an anchor's size and offsets, and the uncertainty of its prior.
+    """Returns network inputs that describe an anchor's size, offsets, and the uncertainty of their prediction.
 
     Args:
         partial: The received scene.

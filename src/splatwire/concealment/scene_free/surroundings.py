@@ -39,9 +39,9 @@ class Neighborhood:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Neighbours and expected sizes of anchors, from which a concealer computes the enlargement of received anchors.
+    """Neighbours and expected sizes of anchors, which a concealer needs to enlarge received anchors.
 
-    They do not depend on which anchors are lost.
+    They are the same for all loss patterns of a scene.
 
     Attributes:
         log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors.

@@ -68,7 +68,7 @@ class Coder(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def copies_before(levels, n):
-    """Returns the context of the entropy coder for the copy flag of anchor `n`, 0 to 3.
+    """Returns the context in which the entropy coder codes whether anchor `n` has a copy, 0 to 3.
 
     Args:
         levels: Precision level of each anchor's copy; 0 for anchors without a copy.

@@ -94,13 +94,12 @@ def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> C
 def grown_with_copies(
     filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
-    """Hides lost Gaussians that have no coarse copy, and enlarges the drawn Gaussians around them.
+    """Hides lost Gaussians without a coarse copy, and enlarges the Gaussians around them.
 
     Args:
-        filled: Received scene of explicit Gaussians in which copies have replaced lost ones.
+        filled: Received scene in which copies have replaced lost Gaussians.
         inputs: Inputs of the network that corrects the enlargement.
-        growth: Exponent of the factors on size, exponent of the factors on opacity, and strength of the network's
-            correction (`Copies.growth`).
+        growth: Parameters of the enlargement (`Copies.growth`): exponents of size and opacity, strength of the network.
     """
     size, opacity, trust = growth
     gains = default_element_weights()(inputs, trust, (size, opacity))
@@ -121,12 +120,12 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """A received scene in which copies replace lost anchors, prepared for enlarging anchors next to other lost ones.
+    """A received scene after copies have replaced lost anchors, and the data for enlarging anchors next to gaps.
 
     Attributes:
-        filled: Scene in which anchors with a copy count as received; at least one anchor is drawn.
-        left: Share of each drawn anchor's neighbours that is drawn too, 0 to 1.
-        inputs: Inputs of the network that corrects the enlargement of the drawn anchors.
+        filled: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
+        left: Share of each anchor's neighbours that are drawn, 0 to 1.
+        inputs: Inputs of the network that corrects the enlargement.
     """
 
     filled: ReceivedScene[AnchorScene]
@@ -135,7 +134,7 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Prepares the enlargement of anchors next to those that are lost and have no coarse copy.
+        """Computes the data for enlarging anchors next to lost anchors without a copy.
 
         Args:
             filled: Received scene in which coarse copies have replaced lost anchors.
@@ -144,10 +143,10 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Returns the concealed scene, in which lost anchors without a copy are hidden and those around them enlarged.
+        """Hides lost anchors without a copy, and enlarges the drawn anchors around them.
 
         Args:
-            section: Section `sketch` of the side information, which has the parameters of the enlargement.
+            section: The section `sketch` of the side information, which contains the parameters of the enlargement.
         """
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
         gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
@@ -180,7 +179,7 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
-    """Returns the scalings predicted by the prior, at least a fraction of their median."""
+    """Returns the scalings that the prior predicts; values below a fraction of their median are raised to it."""
     mean = to_numpy(prior.scaling.mean)
     floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
     return np.maximum(np.maximum(mean, floor), np.float32(1e-9))

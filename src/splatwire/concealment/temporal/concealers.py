@@ -75,10 +75,10 @@ class TemporalConcealer(Protocol):
 
 @dataclass(frozen=True)
 class MotionConcealer:
-    """Conceals lost motion: extrapolates the last received motion, or interpolates the motion of neighbouring tracks.
+    """Estimates lost motion: continues the last known motion of a track, or interpolates that of its neighbours.
 
-    With interpolation, each lost track is treated in the way that works best for received tracks around it: it moves
-    like its neighbours, stays at its last position, or is hidden.
+    With interpolation, each lost track is treated as is best for the received tracks around it. It moves like its
+    neighbours, stays at its last position, or is hidden.
 
     Attributes:
         name: Name of the concealer.
@@ -166,5 +166,5 @@ def temporal_concealer(name: str, **options: Any) -> TemporalConcealer:
 
 
 def temporal_concealer_names() -> tuple[str, ...]:
-    """Returns the names of all concealers of sequences without required options, built-in ones first."""
+    """Returns the names of the concealers of sequences, built-in ones first, except those with a required option."""
     return temporal_names()

@@ -16,7 +16,7 @@ def conceal_group(
     sequence: SequenceScene, motion: GroupMotion, group: int, received: np.ndarray, state: ConcealmentState | None,
     concealer: TemporalConcealer,
 ) -> tuple[GroupPoses, GroupPoses, Callable[[], ConcealmentState]]:  # fmt: skip
-    """Computes the poses of all tracks in a group of pictures; lost motion is replaced by estimates of the concealer.
+    """Computes the poses of all tracks in a group of pictures; the concealer estimates lost motion.
 
     Args:
         sequence: The sequence.
@@ -27,8 +27,8 @@ def conceal_group(
         concealer: Estimates lost motion.
 
     Returns:
-        Poses of the tracks that are drawn; poses of the tracks that the concealer hides; and a function that computes
-        the state at the end of the group.
+        Poses of the drawn tracks; poses of the tracks that the concealer hides; and a function that computes the state
+        at the end of the group, for the next call.
 
     Raises:
         InvalidValueError: If the concealer returns an invalid result.
@@ -114,7 +114,7 @@ def _arrived(motion: GroupMotion) -> GroupPoses:
 
 
 def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentState) -> ConcealmentState:
-    """Returns the state that the concealment of the next group of pictures needs.
+    """Returns the state at the end of a group of pictures, from which the next group is concealed.
 
     Args:
         poses: Poses of the tracks in the group, received or estimated.
@@ -134,12 +134,12 @@ def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentS
 
 
 def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
-    """Combines the tracks with received motion and the tracks with estimated motion of a group, sorted by index.
+    """Combines received and estimated tracks of a group of pictures, sorted by track index.
 
     Args:
-        first: Poses of the tracks with received motion.
+        first: Poses of the received tracks.
         others: Tracks with lost motion, and the frames in which they exist.
-        prediction: Function that estimates the offsets of the lost tracks in a frame.
+        prediction: Function that estimates the motion of the lost tracks in a frame.
     """
     order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")
 

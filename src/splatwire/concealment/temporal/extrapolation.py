@@ -16,7 +16,7 @@ MotionPrediction = Callable[[int, np.ndarray], np.ndarray]
 
 
 def no_motion(lost_tracks: np.ndarray) -> MotionPrediction:
-    """Returns a prediction in which lost tracks stay at the position of their keyframe Gaussians."""
+    """Returns an estimate without motion: lost tracks stay at their keyframe Gaussians."""
     return lambda _frame, _arrived: np.zeros((len(lost_tracks), NUM_CHANNELS), np.float32)
 
 
@@ -24,7 +24,7 @@ def extrapolate(
     sequence: SequenceScene, arrived: GroupPoses, lost_tracks: np.ndarray, before: ConcealmentState, group: int,
     *, neighbors: int, smooth: bool, momentum: float,
 ) -> MotionPrediction:  # fmt: skip
-    """Predicts the motion of tracks with lost motion from neighbouring tracks with received motion.
+    """Estimates the motion of lost tracks from neighbouring tracks with received motion.
 
     Args:
         sequence: The sequence.
@@ -101,16 +101,16 @@ def _query_neighbors(
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns opacity factors for lost tracks that may begin in a group of pictures, one for each frame.
+    """Returns the share of the received tracks that have begun by each frame of a group of pictures.
 
-    A factor is the fraction of the received tracks that have begun by then.
+    Lost tracks whose first frame is unknown are drawn with this share as a factor on their opacity.
 
     Args:
-        begins: First frame of each received track, from the start of the group.
+        begins: First frame of each received track within the group.
         frames: Number of frames of the group.
 
     Returns:
-        Factor for each frame, float64 (frames).
+        Share for each frame, above 0, float64 (frames).
     """
     # the first frame of a lost track is lost, too
     share = (begins[:, None] <= np.arange(frames)).mean(axis=0) if len(begins) else np.ones(frames)
@@ -118,7 +118,11 @@ def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """Selects the tracks that begin in the most common group of pictures, so that their offsets can be compared.
+    """Selects the tracks that begin in the same group of pictures as most received tracks.
+
+    Args:
+        born: Group in which each track begins, int64 (T).
+        observed: Received tracks, as indices into `born`.
 
     Returns:
         Mask of these tracks, bool (T).
@@ -128,15 +132,15 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns how much of a track's deviation from its neighbours' motion is kept in the next group of pictures.
+    """Returns how much of a track's difference from its neighbours' motion continues in the next group of pictures.
 
     Args:
-        own: Deviations from the neighbours' motion at the end of the previous group, (n, C).
+        own: Difference from the neighbours' motion at the end of the previous group, (n, C).
         rounding: Quantisation steps of the positions, (n).
         concealed: Mask of tracks whose motion was only estimated, bool (n).
 
     Returns:
-        Factor on each deviation, 0 to 1, float (n, C).
+        Factor on the difference, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
     apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)

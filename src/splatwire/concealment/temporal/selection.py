@@ -80,7 +80,7 @@ def _errors(
     folds: Sequence[np.ndarray],
     candidates: Sequence[Candidate],
 ) -> list[np.ndarray]:
-    """Measures the errors of several methods that estimate lost motion, on tracks whose true motion was received.
+    """Measures the error of several estimators of lost motion on tracks whose true motion is known.
 
     The error of a track is the squared difference of colour and opacity, times its area.
 
@@ -88,7 +88,7 @@ def _errors(
         sequence: The sequence.
         group: Index of the group of pictures.
         arrived: Tracks with received motion.
-        folds: Sets of tracks that are treated as lost at the same time, as indices into the received tracks.
+        folds: Sets of received tracks; the tracks of a set are treated as lost at the same time.
         candidates: Estimators of lost motion.
 
     Returns:
@@ -174,10 +174,10 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Computes the error if tracks are drawn in an estimated state in place of their true state.
+        """Computes the error of drawing tracks in an estimated state instead of the true one.
 
         Args:
-            around: The points, and colour and opacity of the other Gaussians there.
+            around: Colour and opacity of the other Gaussians at the tracks' positions.
             tested: Tested tracks, as indices into the received tracks, int64 (t).
             states: True state, estimated state: position of each tested track, (t, 3), and mask of the tracks that
                 exist, bool (t).

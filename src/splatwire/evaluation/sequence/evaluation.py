@@ -24,7 +24,7 @@ NUM_VIEWS, VIEW_SIZE = 4, 320
 
 @dataclass(frozen=True)
 class SequenceRow:
-    """One configuration of a sequence evaluation: a loss model with its seed, and a concealer.
+    """Experiment on a sequence: a loss model with its seed, and the concealer of lost motion.
 
     Attributes:
         concealer: Name of the concealer of lost motion.
@@ -41,7 +41,7 @@ class SequenceRow:
 
 @dataclass(frozen=True, eq=False)
 class SequenceScore:
-    """Image quality of a sequence under one loss model and one concealer.
+    """Image quality of a sequence in one experiment (loss model and concealer).
 
     Means exclude the first group of pictures (GOP).
 
@@ -105,13 +105,13 @@ def score_sequence(
     stream: SceneStream, frames: Iterable[Frame], cameras: Cameras, rows: Sequence[SequenceRow], *,
     renderer: str = "cpu", on_picture: OnPicture | None = None, progress: Callable[[int], None] | None = None,
 ) -> list[SequenceScore]:  # fmt: skip
-    """Evaluates several configurations of a sequence in one pass, frame by frame.
+    """Measures the image quality of a sequence under several losses and concealers, in one pass over the frames.
 
     Args:
         stream: Stream of the sequence.
         frames: The original frames, in order.
         cameras: Cameras of the evaluation.
-        rows: Configurations to evaluate.
+        rows: Experiments: each has a loss model and a concealer.
         renderer: Name of the renderer.
         on_picture: Receives the images of the first view.
         progress: Called with the number of finished frames.
@@ -155,7 +155,7 @@ def frame_psnr(pictures: Float[np.ndarray, "V H W 3"], reference: Float[np.ndarr
 
 
 class _ReceivedSequence:
-    """Simulates the packet loss of one configuration, and decodes and conceals the received packets."""
+    """Simulates the packet loss of one experiment, then decodes and conceals what was received."""
 
     def __init__(self, stream: SceneStream, row: SequenceRow) -> None:
         self._concealer, self._there = temporal_concealer(row.concealer), None
@@ -175,7 +175,7 @@ class _ReceivedSequence:
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:
-    """Determines which keyframe Gaussians have been received when each group of pictures is displayed.
+    """Determines which keyframe Gaussians have arrived when each group of pictures is displayed.
 
     Args:
         stream: The complete stream.
@@ -201,7 +201,7 @@ def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[in
 
 
 class _Meter:
-    """Accumulates PSNR and flicker of one configuration, frame by frame."""
+    """Accumulates the PSNR and the flicker of one experiment, frame by frame."""
 
     def __init__(self) -> None:
         self.psnr: list[float] = []

@@ -20,20 +20,20 @@ HEADINGS = ("method", "loss", "PSNR dB", "below complete", "worst below", "first
 
 
 class Film:
-    """Images of one view of a sequence, which the HTML report plays: one per configuration and frame.
+    """Pictures of one view of a sequence for the player in the HTML report, by experiment and frame.
 
     Args:
-        num_rows: Number of configurations, without the reference.
+        num_rows: Number of experiments; the reference does not count.
     """
 
     def __init__(self, num_rows: int) -> None:
         self.pictures: list[list[str]] = [[] for _ in range(num_rows + 1)]
 
     def add(self, row: int, frame: int, pixels: np.ndarray) -> None:
-        """Adds the image of the next frame of a configuration or of the reference.
+        """Adds the picture of the next frame, of an experiment or of the reference.
 
         Args:
-            row: Index of the configuration, from 0; -1 for the reference.
+            row: Index of the experiment, from 0; -1 for the reference.
             frame: Index of the frame; frames must be added in order.
             pixels: RGB image, uint8 (H, W, 3).
         """
@@ -43,7 +43,7 @@ class Film:
 
 
 def score_rows(scores: Sequence[SequenceScore]) -> list[dict[str, Any]]:
-    """Converts the scores of configurations to table rows; the first one is that of the sequence without losses."""
+    """Converts the scores of experiments to table rows, the first for the sequence without losses."""
     complete = scores[0]
     return [
         {
@@ -78,8 +78,8 @@ def render_sequence_report(
         title: Headline.
         subtitle: Description of the comparison.
         timeline: Frame rate and groups of pictures.
-        scores: Scores of the configurations, the complete sequence first.
-        film: Images of the reference and of each configuration.
+        scores: Scores of the experiments, the complete sequence first.
+        film: Pictures of the reference and of each experiment.
     """
     rows = score_rows(scores)
     labels = ["reference", *(", ".join(filter(None, (row["method"], row["loss"]))) for row in rows)]
@@ -96,7 +96,7 @@ def render_sequence_report(
 
 @rc_context(STYLE)
 def _chart(scores: Sequence[SequenceScore], labels: Sequence[str]) -> str:
-    """Draws PSNR per frame, one line per configuration; vertical lines separate groups of pictures."""
+    """Draws PSNR per frame, one line per experiment; vertical lines separate groups of pictures."""
     figure = Figure(figsize=(8.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
     for number, (score, label) in enumerate(zip(scores, labels, strict=True)):

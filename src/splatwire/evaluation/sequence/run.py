@@ -1,4 +1,4 @@
-"""Evaluation of a sequence against its original frames: configurations, views, scores and the report."""
+"""Evaluation of a sequence against its original frames: losses and concealers, views, scores and the report."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ def evaluate_sequence(
     Args:
         stream: The sequence.
         reference: Original frames of the sequence: a folder or file that `open_sequence` reads.
-        rows: Configurations to evaluate.
+        rows: Experiments: each has a loss model and a concealer.
         cameras: Cameras file; None for views around the first frame.
         views: Maximum number of views; None for the default.
         renderer: Name of the renderer.
@@ -69,7 +69,7 @@ def evaluate_sequence(
 def sequence_rows(
     stream: SceneStream, concealers: Sequence[str], loss: str | None, seeds: Sequence[int]
 ) -> list[SequenceRow]:
-    """Returns the configurations to evaluate: one without losses, then one with losses for each concealer and seed.
+    """Returns the experiments to run: one without losses, then one for each concealer and seed.
 
     Args:
         stream: The sequence.

@@ -16,11 +16,11 @@ RATES = (0.05, 0.1, 0.3, 0.5)
 
 
 class ComparedRows(NamedTuple):
-    """The methods that a chart of PSNR against the loss rate compares.
+    """The three methods that the chart of PSNR against the loss rate shows.
 
     Attributes:
-        uncovered: Method without concealment: lost elements are not drawn.
-        baseline: Baseline of the evaluation.
+        uncovered: Method without concealment, which does not draw lost elements.
+        baseline: Baseline method of the evaluation.
         best: The method with the highest PSNR.
     """
 

@@ -341,10 +341,10 @@ def _unique(what: str, names: Sequence[str], *, least: int) -> None:
 
 
 def common_word(words: Iterable[str]) -> str:
-    """Returns the name of the elements in reports, such as `anchors`.
+    """Returns the name that reports use for the elements of all scenes, such as `anchors`.
 
     Args:
-        words: Name of the elements of each scene; if they differ, the result is `elements`.
+        words: Name of the elements of each scene; if these differ, the result is `elements`.
     """
     different = set(words)
     return different.pop() if len(different) == 1 else "elements"

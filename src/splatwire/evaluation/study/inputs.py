@@ -234,11 +234,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
-    """Defines the views for the evaluation of a sequence: one camera for each frame, stored as a cameras file.
-
-    Returns:
-        Definition of the scene with the new cameras file.
-    """
+    """Returns the definition of a sequence with one camera for each frame, stored as a cameras file."""
     entry, stream = source.entry, source.stream
     assert stream is not None
     assert entry.reference is not None

@@ -13,14 +13,14 @@ from splatwire.evaluation.study.definition import Loss
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Share of a stream's packets that are lost if a certain share of datagrams is lost.
+    """Loss of a stream's packets that results from a loss of datagrams.
 
     A packet is lost if any of its datagrams is lost.
 
     Attributes:
         model: The loss model of datagrams.
-        datagram_rate: Share of lost datagrams, mean over seeds.
-        pak_rate: Share of the stream's packets that are lost as a result, mean over seeds.
+        datagram_rate: Lost share of the datagrams, mean over seeds.
+        pak_rate: Lost share of the stream's packets, mean over seeds.
     """
 
     model: str
@@ -29,7 +29,7 @@ class Equivalence:
 
 
 def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> Equivalence:
-    """Measures which share of a stream's packets is lost under a loss model of datagrams.
+    """Measures which share of a stream's packets is lost if datagrams are lost by a given model.
 
     Args:
         stream: The complete stream.

@@ -199,7 +199,7 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 
 
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
-    """Measures how many packets of each stream are lost at several loss rates of datagrams.
+    """Measures which share of each stream's packets is lost at several loss rates of datagrams.
 
     Returns:
         One result for each loss model, by name of the stream's packetization.

@@ -26,7 +26,7 @@ LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole pi
 
 @dataclass(frozen=True)
 class ReportImages:
-    """Images of a scene that a report shows: after which packet loss, and from which views.
+    """Selection of the pictures of a scene that a report shows: one packet loss, and some views.
 
     Attributes:
         loss: Loss model; None to show images without loss only.
@@ -171,7 +171,7 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Selects one task per scene and loss; the report shows the views in which this task has the lowest PSNR."""
+    """Selects the task whose worst views the report shows, one for each scene and loss."""
     # A task of the baseline, or of the first row with losses if there is no baseline.
     judges = []
     for scene in dict.fromkeys(cell.scene for cell in cells):
@@ -190,7 +190,7 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Selects the images of a scene that the report shows: one loss model with its seed, and some views."""
+    """Selects the packet loss and the views whose pictures the report shows for a scene."""
     # Those of the task with the lowest mean PSNR, and the views with its lowest PSNR, to show the effect of losses.
 
     def level(cell: Cell) -> float:

@@ -282,7 +282,7 @@ class UnitRunner:
 
 
 def erode(whole: ReceivedScene, anchors: Bool[np.ndarray, "N"], attribute: Attribute) -> ReceivedScene:
-    """Simulates the loss of a single attribute of some anchors (paper 3.2.1, "partial loss").
+    """Sets one attribute of some anchors to zero, as if only this attribute were lost (paper 3.2.1, "partial loss").
 
     Args:
         whole: The complete scene.

@@ -167,7 +167,10 @@ class StreamedWalkthrough:
 
     @property
     def time_to_complete(self) -> float:
-        """Time in seconds when every part of the scene is available at some level of detail; infinite if never."""
+        """Returns the time from which every part of the scene can be drawn in some level of detail, seconds.
+
+        It is infinite if parts never arrive.
+        """
         return float(self.delivery.arrivals[self.tiles.parents[self.delivery.blocks] < 0].max())
 
     def _drawn(self, there: np.ndarray, came: np.ndarray, viewpoint: Viewpoint) -> Scene:

@@ -19,7 +19,7 @@ GLTF_FLIPS = (-1.0, -1.0, 1.0)
 
 
 def harmonic_signs(flips: tuple[float, float, float], degree: int) -> np.ndarray:
-    """Returns the factor, 1 or -1, of each spherical harmonics coefficient if two axes are mirrored, float32 (D).
+    """Returns the sign change of each spherical harmonics coefficient if two axes are mirrored, float32 (D).
 
     Args:
         flips: 1 or -1 for x, y and z, with two of them -1.

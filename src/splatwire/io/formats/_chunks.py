@@ -1,6 +1,7 @@
-"""Division of Gaussians into chunks of a compressed PLY, so that no chunk mixes dense details with distant Gaussians.
+"""Arrangement of Gaussians in the chunks of a compressed PLY that keeps rounding errors of positions small.
 
-Compressed PLY stores chunks of 256 Gaussians; the extent of a chunk determines the quantisation steps of its positions.
+A chunk has 256 Gaussians, and its extent determines the quantisation steps of their positions. Dense details are
+therefore kept apart from distant Gaussians.
 """
 
 import numpy as np
@@ -20,13 +21,14 @@ _CLASS = 8.0
 
 
 def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
-    """Arranges the Gaussians of a compressed PLY in chunks, so that few positions are rounded visibly.
+    """Distributes Gaussians over the chunks of a compressed PLY so that few positions are rounded visibly.
 
     Args:
         splats: The Gaussians, sorted along a space-filling curve.
 
     Returns:
-        Index of the input Gaussian at each file position, int64 (M), and mask of the padding Gaussians, bool (M).
+        Index of the input Gaussian in each row of the file, int64 (M); and mask of the rows that only pad a chunk, bool
+        (M).
     """
     count = splats.num_gaussians
     rows, chunk = np.arange(count), np.arange(count) // CHUNK
@@ -43,7 +45,7 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def position_errors(means: np.ndarray) -> np.ndarray:
-    """Returns the largest quantisation error of each Gaussian's position along an axis, world units, float64 (N).
+    """Returns by how much quantisation moves each Gaussian along an axis at most, world units, float64 (N).
 
     Args:
         means: Centres in the order of the file, 256 for each chunk, float64 (N, 3).
@@ -58,15 +60,15 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 
 
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sorts Gaussians and divides them into chunks, so that quantising the positions of a chunk causes small errors.
+    """Sorts some Gaussians and divides them into chunks whose positions can be quantised with small errors.
 
     Args:
         splats: All Gaussians.
         rows: Indices of the Gaussians to sort and cut, int64 (n).
-        most_filled: Maximum number of padding Gaussians.
+        most_filled: Maximum number of Gaussians that only pad chunks.
 
     Returns:
-        Index into `splats` at each file position, int64 (m), and mask of the padding Gaussians, bool (m).
+        Index into `splats` for each row of the file, int64 (m); and mask of the rows that only pad a chunk, bool (m).
     """
     means, scales = splats.means[rows].astype(np.float64), local_scales(splats, rows)
     classes = np.floor(np.log(np.maximum(scales, 1e-30)) / np.log(_CLASS)).astype(np.int64)
@@ -89,11 +91,14 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
 
 
 def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
-    """Divides sorted Gaussians into chunks with limited rounding errors; returns the number of Gaussians of each chunk.
+    """Divides sorted Gaussians into chunks so that no position is rounded by more than its limit.
 
     Args:
         means: Centres in the order of the file, world units, float64 (n, 3).
         limits: Maximum rounding error of each Gaussian, world units, float64 (n).
+
+    Returns:
+        Number of Gaussians of each chunk.
     """
     lengths, begin = [], 0
     while begin < len(means):

@@ -42,16 +42,17 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Divides sorted values among the entries of a code book: each value belongs to the nearest entry.
+    """Divides sorted values into runs that have the same nearest entry of a code book.
 
     Returns:
-        Bounds, int64 (entries + 1): the values `ordered[bounds[i]:bounds[i + 1]]` belong to entry `i`.
+        Start of each run and end of the last, int64 (entries + 1). The values `ordered[bounds[i]:bounds[i + 1]]` are
+        nearest to entry `i`.
     """
     return np.concatenate([[0], np.searchsorted(ordered, (centers[1:] + centers[:-1]) / 2), [len(ordered)]])
 
 
 def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Moves unused entries of a code book to where the quantisation error is largest.
+    """Moves entries of a code book that no value uses to where the quantisation error is largest.
 
     Args:
         ordered: The values, ascending.

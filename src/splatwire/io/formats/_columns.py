@@ -143,7 +143,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
-    """Leaves out empty batches of Gaussians, and checks that all others have the same degree.
+    """Drops empty batches of Gaussians; checks that the others have harmonics of one degree.
 
     Args:
         path: Path of the output, for messages.

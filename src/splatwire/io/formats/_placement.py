@@ -131,12 +131,12 @@ _OVERLAP = 200
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
-    """Logs a warning about PLY comments that may change the meaning of the values and are ignored, e.g. a shift.
+    """Logs a warning about ignored PLY comments that may change the meaning of the values, such as a shift.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
-        keyword: First word of comments that state the origin and are not ignored: `ORIGIN` or `OFFSET`.
+        keyword: First word of the comments that state the origin, which are not ignored: `ORIGIN` or `OFFSET`.
     """
     known = tuple(comments)
     used = stated_origin(keyword, known)
@@ -160,7 +160,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
 
 
 def warn_of_files_beside(path: Path) -> None:
-    """Logs a warning about files next to a PLY with a shift of its positions (Pix4D, Metashape, DJI Terra)."""
+    """Logs a warning about files next to a PLY that state a shift of its positions (Pix4D, Metashape, DJI Terra)."""
     folder = path.parent
     beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
     found = [file.name for file in beside if file.is_file()]
@@ -193,7 +193,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
 
 
 def _value_as_text(value: object) -> str | None:
-    """Formats a JSON value of a file's metadata as text; None for values in which no numbers can be found."""
+    """Returns a metadata value of a JSON file as text, to search it for numbers; None if it cannot contain any."""
     if isinstance(value, dict):
         value = [part for pair in value.items() for part in pair]
     if isinstance(value, list):
@@ -210,7 +210,7 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _unapplied_meaning(comment: str) -> str | None:
-    """Describes a comment that probably changes the meaning of a file's values, but is not applied.
+    """Describes what a comment probably says about the file's values, if this package does not apply it.
 
     Returns:
         Description for a warning, such as `a shift of the positions`; None for all other comments.
@@ -223,7 +223,7 @@ def _unapplied_meaning(comment: str) -> str | None:
 
 
 def _unapplied_meaning_of_piece(comment: str) -> str | None:
-    """Describes what a comment, or a part of a long one, probably changes; None if nothing."""
+    """Describes what a part of a comment probably says, like `_unapplied_meaning`; None if nothing."""
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
     if _PROGRAM.match(comment) and sum(number is not None for number in numbers) < _VECTOR:
@@ -265,11 +265,11 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """True if numbers describe no change of a scene, such as a shift of zero or an identity matrix.
+    """True if the numbers in a comment or field change nothing, such as a zero shift or an identity matrix.
 
     Args:
-        values: Numbers of a comment or field, interpreted by their count: scale, vector, matrix row by row, or
-            rotation, shift and scale.
+        values: The numbers. Their count decides what they are: a scale, a vector, a matrix row by row, or rotation,
+            shift and scale.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]

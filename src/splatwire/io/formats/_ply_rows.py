@@ -85,7 +85,7 @@ def _with_wide_axes(dtype: np.dtype) -> np.dtype:
 
 
 def _has_more_digits(rows: np.ndarray) -> bool:
-    """True if positions in the file are more precise than float32."""
+    """True if the file gives positions with more digits than float32 can represent."""
     some = rows[:: max(1, -(-len(rows) // _SAMPLE))]
     values = np.concatenate([some[axis] for axis in _AXES])
     values = values[(np.abs(values) > _FAR) & (np.abs(values) < np.finfo(np.float32).max)]

@@ -65,7 +65,7 @@ def checked_layers(path: Path, opening: Callable[[Path], None]) -> tuple[list[Sd
 
 
 def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
-    """Yields the names of the files that one file of an OpenUSD scene (a layer) refers to.
+    """Yields the names of the files that one file (layer) of an OpenUSD scene refers to.
 
     Yields:
         Name of a file, and True if it is a layer; False for a file with time samples (value clip).

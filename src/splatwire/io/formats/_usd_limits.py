@@ -28,9 +28,9 @@ _BINARY = b"PXR-USDC"
 
 
 class Limits:
-    """Limits of the memory and time of this process, which grow with the files and Gaussians that it reads.
+    """Limits on memory and time of the process that reads an OpenUSD scene; they grow with the size of the scene.
 
-    Beyond the memory, allocation fails; after the time, the process ends.
+    Beyond the memory limit, allocations fail. After the time limit, the process ends.
 
     Args:
         are_set: False to limit nothing.
@@ -48,12 +48,12 @@ class Limits:
 
     @property
     def file_bytes(self) -> int:
-        """Total size of the files that were added, bytes."""
+        """Total size of the files passed to `add_file`, bytes."""
         return self._bytes + self._characters
 
     @property
     def memory(self) -> int:
-        """Additional memory that this process may use, bytes."""
+        """Memory that this process may use in addition to what it used at the start, bytes."""
         binary = self._bytes + self._most_gaussians  # the previous frame may still be in memory
         return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
 

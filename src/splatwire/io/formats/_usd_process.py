@@ -28,11 +28,11 @@ _ONE_THREAD = ("PXR_WORK_THREAD_LIMIT", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS
 
 
 def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
-    """Reads a scene in a separate process, and logs its warnings.
+    """Reads an OpenUSD scene in a separate process, and logs the warnings of that process.
 
     Args:
-        task: A task of `_usd_worker`.
-        path: The scene.
+        task: What to read: `SCENE`, `FRAMES` or `TIMES`.
+        path: Path of the scene.
 
     Yields:
         `FileContent`, or the frames as time codes and rate (None for a still scene).
@@ -64,10 +64,14 @@ def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
 
 
 def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
-    """Yields the contents of the messages of the process, and logs its warnings.
+    """Yields the messages of the process that reads an OpenUSD scene, and logs its warnings.
+
+    Args:
+        path: Path of the scene, for messages.
+        source: Standard output of that process.
 
     Raises:
-        DatasetError: If the process refused the scene.
+        DatasetError: If the process reported an error in the scene.
         EOFError: If the process ended early.
     """
     while line := source.readline():
@@ -89,7 +93,7 @@ def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
 
 
 def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
-    """Reads Gaussians that the process for OpenUSD sends."""
+    """Receives Gaussians from the process that reads an OpenUSD scene."""
     splats = Splats.empty(found["count"], found["degree"])
     for field in fields(splats):
         rest = memoryview(getattr(splats, field.name).reshape(-1).view(np.uint8))
@@ -102,7 +106,7 @@ def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
 
 
 def _end(status: int, printed: str) -> str:
-    """Returns the cause of the end of a process, as part of a message.
+    """Describes why a process ended, as part of an error message.
 
     Args:
         status: Exit status, negative for a signal.

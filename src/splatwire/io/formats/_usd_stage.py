@@ -65,11 +65,11 @@ def as_dataset_errors(path: Path) -> Iterator[None]:
 
 
 def _opened_stage(path: Path, unread: list[str]) -> Usd.Stage:
-    """Opens a stage, and logs the warnings of usd-core instead of printing them.
+    """Opens a stage and logs the warnings of usd-core, which would print them.
 
     Args:
         path: The scene.
-        unread: Paths of further files that cannot be read, for which there was a warning.
+        unread: Paths of unreadable files that were already warned about.
 
     Raises:
         Tf.ErrorException: If usd-core cannot open the scene.
@@ -219,7 +219,11 @@ class Stage:
         return FileContent(splats, origin, metadata=metadata.moved_origin(NO_ORIGIN, origin))
 
     def _axes(self) -> tuple[tuple[float, float, float], dict[str, Any]]:
-        """Returns the signs of x, y and z that convert positions to PLY axes, and a JSON object with metadata."""
+        """Returns the conversion from the axes of the stage to those of a PLY, and the metadata of the stage.
+
+        Returns:
+            Signs of x, y and z to apply to positions; and metadata as a JSON object.
+        """
         try:
             data = self._stage.GetRootLayer().customLayerData.get(OWN)
         except (Tf.ErrorException, *MALFORMED) as error:
@@ -308,7 +312,7 @@ def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
-    """Returns an array attribute that has a value, preferably with float32 numbers."""
+    """Returns an array attribute of a prim, float32 if possible, else float16; None if it has no value."""
     for each in (name, f"{name}h"):
         attribute = prim.GetAttribute(each)
         if attribute and attribute.HasAuthoredValue():

@@ -29,7 +29,7 @@ _NO_MEMORY = "std::bad_alloc"
 
 
 class _Sender(logging.Handler):
-    """Writer of messages to the process that started this one; also sends log records."""
+    """Writer of messages from this process to the one that started it; also passes on log records."""
 
     def __init__(self, sink: BinaryIO, limits: Limits) -> None:
         super().__init__()
@@ -61,12 +61,12 @@ class _Sender(logging.Handler):
 
 
 def answers(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
-    """Reads a scene in this process.
+    """Reads a scene in this process and yields the results as messages.
 
     Args:
-        task: Task, such as `SCENE`.
+        task: What to read: `SCENE`, `FRAMES` or `TIMES`.
         path: The scene.
-        limits: Limits of this process.
+        limits: Limits on the memory and time of this process.
 
     Yields:
         Keys and values of messages: `content` with a FileContent, or `frames` with the result of `Stage.frames`.
@@ -86,7 +86,7 @@ def answers(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
 
 
 def main(task: str, path: Path, sink: BinaryIO) -> None:
-    """Reads a scene under limits, and writes messages; errors are messages, too."""
+    """Reads a scene under limits on memory and time, and writes the results, or an error, as messages."""
     limits = Limits(are_set=True)
     sender = _Sender(sink, limits)
     logging.getLogger().addHandler(sender)

@@ -227,7 +227,7 @@ def _order_by_density(splats: Splats, path: Path) -> Splats:
 
 
 def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Sorts Gaussians spatially, and treats outliers that degrade the other Gaussians in their chunk.
+    """Sorts Gaussians spatially, and treats outliers that make the positions of other Gaussians coarse.
 
     Args:
         splats: The Gaussians.
@@ -254,7 +254,7 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _without_far(splats: Splats, path: Path) -> Splats:
-    """Removes distant Gaussians that would cause visible rounding of the others, at most half of all."""
+    """Removes distant Gaussians, at most half of all, that would make the other positions visibly coarse."""
 
     def errors(column: Column) -> np.ndarray:
         means = column.others
@@ -272,7 +272,7 @@ def _without_far(splats: Splats, path: Path) -> Splats:
 
 
 def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Clips, removes or keeps extreme scales and colours, which would make quantisation steps coarse."""
+    """Treats extreme scales and colours, which would make the quantisation of the other values coarse."""
     logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
@@ -289,15 +289,15 @@ def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Spla
 
 
 def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, list[float]]:
-    """Finds extreme scales or colours (outliers) that would cause visible rounding of the other values in their chunks.
+    """Finds extreme scales or colours (outliers) that would make the other values of their chunks visibly coarse.
 
     Args:
         values: Logarithms of scales, or colours, in the order of the file, float64 (N, 3).
         top: Largest quantised value.
 
     Returns:
-        The values with their outliers marked; the values with clipped outliers; and the largest quantisation step with
-        the outliers, with clipped outliers and without outliers, 0 if there are none.
+        The values with the outliers marked; the values with the outliers clipped; and the largest quantisation step
+        with outliers, with clipped outliers, and without outliers (0 if there are none).
     """
     found = []
     for share in SHARES:
@@ -315,7 +315,7 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
 
 
 def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
-    """Returns a copy of the Gaussians in which some have new scales or new colours.
+    """Returns a copy of the Gaussians with new scales or new colours for some of them.
 
     Args:
         splats: All Gaussians.

@@ -73,7 +73,7 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
 
 
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
-    """Logs a warning if many Gaussians are so far from the origin of the scene that float32 rounds them visibly.
+    """Logs a warning about Gaussians that are so far from the scene's origin that float32 positions are visibly coarse.
 
     Args:
         path: The file.

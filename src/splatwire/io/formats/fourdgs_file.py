@@ -55,7 +55,7 @@ class FourdgsFrames:
     scene: Any
 
     def read(self) -> Iterator[FileContent]:
-        """Yields the Gaussians of each frame, at the middle of its duration; there may be none."""
+        """Yields the Gaussians of each frame, at the middle of its duration; a frame may be empty."""
         axes = self.scene.header.attributes.get(_AXES, "")
         metadata = SceneMetadata(up="z") if axes == _Z_UP else SceneMetadata()
         for number in range(self.num_frames):
@@ -157,9 +157,9 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _ConstantIntervals:
-    """Finds the time intervals in which a Gaussian of a sequence keeps all its values, for writing a `.4dgs` file.
+    """Finds the time intervals in which each Gaussian of a sequence is constant, for writing a `.4dgs` file.
 
-    Row i of consecutive frames is the same Gaussian if they have equally many Gaussians.
+    Row i is the same Gaussian in consecutive frames with equally many Gaussians.
 
     Attributes:
         num_frames: Number of frames so far.
@@ -187,7 +187,7 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Returns one Gaussian for each time interval with constant values, after the last frame was added.
+        """Returns one Gaussian for each interval in which its values are constant; call it after the last frame.
 
         Returns:
             The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.

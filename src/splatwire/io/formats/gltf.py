@@ -126,7 +126,7 @@ def _extras(primitive: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Gltf:
-    """A glTF document with its buffers."""
+    """A glTF document and the binary buffers that it refers to."""
 
     def __init__(self, path: Path, document: dict[str, Any], binary: memoryview | None) -> None:
         self._path, self._document, self._binary = path, document, binary
@@ -374,12 +374,12 @@ class _Gltf:
         return np.maximum(rows.astype(np.float32) / np.float32(np.iinfo(dtype).max), -1)
 
     def _replaced(self, name: str, sparse: dict[str, Any], rows: np.ndarray) -> np.ndarray:
-        """Returns the rows of an accessor after replacing those that its `sparse` object lists.
+        """Returns the rows of an array (accessor) after applying the changes in its `sparse` object.
 
         Args:
             name: Name of the attribute, for messages.
-            sparse: The `sparse` object: indices of rows, and their new values.
-            rows: Rows before the replacement.
+            sparse: The `sparse` object, which lists indices of rows and their new values.
+            rows: Rows before the changes.
         """
         indices, values = sparse["indices"], sparse["values"]
         dtype = np.dtype(_INDICES[indices["componentType"]])
@@ -392,12 +392,12 @@ class _Gltf:
         return replaced
 
     def _rows(self, name: str, place: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
-        """Returns an array from a buffer of the document; zeros if the document names no data for it.
+        """Reads an array from a buffer of the document; it is zero if the document names no buffer for it.
 
         Args:
             name: Name of the attribute, for messages.
-            place: Object with `bufferView` and `byteOffset`.
-            dtype: Type of its numbers.
+            place: JSON object with the source of the array: `bufferView` and `byteOffset`.
+            dtype: Type of the numbers.
             shape: Number of rows, and of numbers in each.
         """
         count, width = shape

@@ -131,12 +131,12 @@ def _read_section(
 def _from_bucket(
     path: Path, data: memoryview, at: int, centers_at: int, section: _Section, codes: np.ndarray
 ) -> np.ndarray:
-    """Decodes positions that are stored relative to the centre of a spatial group of Gaussians (bucket), in 16 bits.
+    """Decodes 16-bit positions, which are relative to the centre of a spatial group of Gaussians (bucket).
 
     Args:
         path: The file, for messages.
         data: Content of the file.
-        at: Byte offset of the sizes of the partially filled buckets.
+        at: Byte offset of the list of partially filled buckets' sizes.
         centers_at: Byte offset of the centres of the buckets.
         section: Header of the section.
         codes: 16-bit position codes, (N, 3).

@@ -1,7 +1,6 @@
-"""Outliers: a few Gaussians with extreme values, which reduce the precision of all others in quantised formats.
+"""Outliers: a few Gaussians with extreme values, which make the quantisation of all others coarse.
 
-SPZ and SOG divide the range of all positions into quantisation steps, compressed PLY that of each chunk of 256
-Gaussians.
+SPZ and SOG divide the range of all positions into quantisation steps. Compressed PLY does so for every 256 Gaussians.
 """
 
 import logging
@@ -49,12 +48,12 @@ _DONE = {"clamp": "moved to the end of the range of the others", "prune": "left 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """Values of one attribute of all Gaussians, with the outliers marked.
+    """Values of one attribute of all Gaussians, and which of them are outliers.
 
     Attributes:
         values: float64 (N, C).
         middle: Median of each component, float64 (C).
-        reach: Distance from `middle` (maximum norm) beyond which a value is an outlier.
+        reach: Limit on the distance from `middle` (maximum norm); a value beyond it is an outlier.
         outside: Mask of the outliers, bool (N).
     """
 
@@ -65,20 +64,20 @@ class Column:
 
     @property
     def distances(self) -> np.ndarray:
-        """Distance of each value from the median, maximum norm, float64 (N)."""
+        """Distance of each value from the median in the maximum norm, float64 (N)."""
         return np.asarray(np.abs(self.values - self.middle).max(axis=1))
 
     @property
     def others(self) -> np.ndarray:
-        """Values that are no outliers, float64 (n, C)."""
+        """Values that are not outliers, float64 (n, C)."""
         return self.values[~self.outside]
 
 
 def check_outliers(name: str) -> Outliers:
-    """Checks the name of a treatment of outliers.
+    """Checks that `name` is a treatment of outliers: `clamp`, `prune` or `keep`.
 
     Raises:
-        UnknownNameError: If no treatment has that name.
+        UnknownNameError: If it is another name.
     """
     for known in get_args(Outliers):
         if name == known:
@@ -87,14 +86,14 @@ def check_outliers(name: str) -> Outliers:
 
 
 def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
-    """Finds the outliers among the values of an attribute.
+    """Finds the values of an attribute that are far from the median of all values.
 
     Args:
         values: Finite values, float64 (N, C).
         share: Maximum share of outliers, up to 0.5.
 
     Returns:
-        The values with their outliers marked.
+        The values, with the outliers marked.
     """
     wide = np.asarray(values, np.float64)
     middle = np.median(wide, axis=0)
@@ -108,15 +107,15 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds the distant Gaussians (outliers) because of which all other positions would be rounded visibly in a file.
+    """Finds distant Gaussians (outliers) that would make all other positions visibly coarse in a quantised file.
 
     Args:
         splats: The Gaussians.
-        errors: Function of positions with marked outliers. It returns the largest position error along an axis of each
-            of the n other Gaussians in a file without the outliers, world units, float64 (n).
+        errors: Function that returns the position errors of the file without outliers. It takes positions with outliers
+            marked. It returns the largest error of each other Gaussian along an axis, world units, float64 (n).
 
     Returns:
-        The positions of all Gaussians with the outliers marked.
+        Positions of all Gaussians, with the outliers marked.
     """
     known: list[np.ndarray] = []
 
@@ -136,15 +135,15 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
 
 def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
-    """Returns a local length scale for each Gaussian, used to judge whether position errors are visible.
+    """Returns a length for each Gaussian against which position errors are compared, to judge their visibility.
 
     Args:
         splats: All Gaussians.
         rows: Indices of the Gaussians, int64 (n).
 
     Returns:
-        Distance to the fourth nearest neighbour or the middle one of the three standard deviations, whichever is
-        larger, world units, float64 (n).
+        Distance to the fourth nearest neighbour, or the middle of the three standard deviations if that is larger,
+        world units, float64 (n).
     """
     if not len(rows):
         return np.zeros(0)
@@ -154,7 +153,7 @@ def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
 
 
 def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """Returns a mask of the Gaussians whose position error is visible.
+    """Returns which Gaussians have a visible position error, bool (N).
 
     Args:
         errors: Largest position error along an axis of each Gaussian, world units, (N).
@@ -164,7 +163,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """True if many Gaussians would have visible position errors.
+    """True if so many Gaussians have a visible position error that the picture suffers.
 
     Args:
         errors: Largest position error of each Gaussian along an axis, world units, (n).
@@ -174,7 +173,7 @@ def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
 
 
 def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
-    """Logs number and size of visible rounding errors in a file.
+    """Logs a warning with the number and size of visible position errors in a file.
 
     Args:
         path: The file, for the message.
@@ -237,13 +236,13 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
 
 
 def spatial_order(positions: Column) -> np.ndarray:
-    """Returns the order of Gaussians along a Morton curve, followed by the outliers, nearest first.
+    """Returns the order of Gaussians along a space-filling (Morton) curve, with outliers at the end, nearest first.
 
     Args:
-        positions: The centres, with outliers marked.
+        positions: Centres of the Gaussians, with outliers marked.
 
     Returns:
-        Index of the Gaussian at each position of the order, int64 (N).
+        Index of the Gaussian at each place of the order, int64 (N).
     """
     inside = np.flatnonzero(~positions.outside)
     outside = np.flatnonzero(positions.outside)
@@ -252,13 +251,13 @@ def spatial_order(positions: Column) -> np.ndarray:
 
 
 def morton_order(means: np.ndarray) -> np.ndarray:
-    """Returns the order of points along a Morton curve of 42 bits per axis.
+    """Returns the order of points along a space-filling (Morton) curve with 42 bits per axis.
 
     Args:
         means: Finite, float64 (N, 3), at least one.
 
     Returns:
-        Index of the point at each position of the order, int64 (N).
+        Index of the point at each place of the order, int64 (N).
     """
     # with so many bits, even a small object in a scene a million times as large is sorted
     low = means.min(axis=0)
@@ -269,12 +268,12 @@ def morton_order(means: np.ndarray) -> np.ndarray:
 
 
 def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray) -> Splats:
-    """Moves distant Gaussians into a box, and shrinks them so that they look the same from a point within the box.
+    """Moves distant Gaussians into a box and shrinks them, so that they look the same from inside the box.
 
     Args:
         splats: All Gaussians.
         index: Indices of the Gaussians to move, int64 (n).
-        middle: The point, towards which Gaussians are moved, (3).
+        middle: Point in the box towards which the Gaussians are moved, (3).
         low: Minimum coordinates of the box, (3).
         high: Maximum coordinates of the box, (3).
     """
@@ -292,13 +291,13 @@ def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np
 def treated_positions(
     splats: Splats, treatment: Outliers, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> Splats:
-    """Moves or removes outliers, or keeps them, as given by `treatment`.
+    """Applies a treatment of outliers: moves them into a box, removes them, or keeps them.
 
     Args:
         splats: The Gaussians.
         treatment: `clamp` to move the outliers into the box, `prune` to remove them, or `keep`.
         index: Indices of the outliers, int64 (n).
-        middle: Point within the box towards which outliers are moved, (3).
+        middle: Point in the box towards which outliers are moved, (3).
         low: Minimum coordinates of the box, (3).
         high: Maximum coordinates of the box, (3).
     """
@@ -314,14 +313,14 @@ def treated_positions(
 def warn_of_outliers(
     path: Path, treatment: Outliers, what: str, column: Column, steps: tuple[float, float], count: int | None = None
 ) -> None:
-    """Logs a warning that a scene has extreme values (outliers), with their number, effect and treatment.
+    """Logs a warning about extreme values (outliers) in a scene: their number, effect and treatment.
 
     Args:
         path: The file.
-        treatment: What is done with the outliers.
+        treatment: Treatment of the outliers: `clamp`, `prune` or `keep`.
         what: Name of the attribute that has outliers, such as `positions`.
         column: Values of the attribute with their outliers marked.
-        steps: Quantisation steps of the other Gaussians: with the outliers, and without them.
+        steps: Quantisation step of the other values if the outliers stay, and if they are treated.
         count: Number of outliers that are moved or removed; None for all.
     """
     number, total = int(column.outside.sum()) if count is None else count, len(column.values)

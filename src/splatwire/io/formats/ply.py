@@ -132,7 +132,7 @@ def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
 
 
 def _origin(vertices: PlyElement) -> Origin:
-    """Returns the origin that a comment states, or one near the Gaussians if they are far from it."""
+    """Returns the origin that a comment states, else one near the Gaussians if these are far from 0."""
     some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
     means = some.select_wide(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
@@ -248,13 +248,13 @@ def property_names(degree: int) -> list[str]:
 
 
 def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
-    """Returns the header of a PLY file, whose length does not depend on the number of Gaussians.
+    """Returns the header of a PLY file; its length is the same for any number of Gaussians.
 
     Args:
         count: Number of Gaussians.
         degree: Degree of their spherical harmonics.
         steps: Quantisation steps to store; None for none.
-        digest: Digest of the vertices, to which the steps apply.
+        digest: Digest of the vertices, by which readers notice that the steps no longer apply.
         remarks: Texts of further comments.
         origin: World coordinates of the origin; positions are float64 unless it is (0, 0, 0).
     """

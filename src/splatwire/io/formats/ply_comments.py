@@ -71,7 +71,7 @@ def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
 
 
 def _antialiasing_setting(comment: str) -> bool | None:
-    """Returns True or False if a comment enables or disables antialiasing; None if it does neither."""
+    """Returns the antialiasing setting in a comment: True for on, False for off, None without a setting."""
     text = comment.strip().rstrip(".;,").replace('"', "").replace("'", "")
     if mode := _MODE.fullmatch(text):
         kind = mode[1].strip()
@@ -84,22 +84,22 @@ def _antialiasing_setting(comment: str) -> bool | None:
 
 
 def antialiasing_comments(antialiased: bool) -> list[str]:
-    """Returns the PLY header comments that state that the Gaussians were trained with antialiasing, if any."""
+    """Returns the PLY comments that declare antialiasing; an empty list for a scene without antialiasing."""
     return [ANTIALIASED] if antialiased else []
 
 
 def origin_comments(keyword: str, origin: Origin) -> list[str]:
-    """Returns the PLY header comments that state the origin: one comment, or none for the origin (0, 0, 0).
+    """Returns the PLY comment with the origin in a list; an empty list for the origin (0, 0, 0).
 
     Args:
-        keyword: `ORIGIN` or `OFFSET`.
+        keyword: First word of the comment: `ORIGIN` or `OFFSET`.
         origin: World coordinates of the origin.
     """
     return [] if origin == NO_ORIGIN else [f"{keyword} {describe_origin(origin)}"]
 
 
 def stated_origin(keyword: str, comments: Iterable[str]) -> Origin | None:
-    """Returns the origin in the first valid comment that starts with `keyword`, or None."""
+    """Returns the origin from the first valid comment that starts with `keyword`; None without such a comment."""
     for comment in comments:
         words = comment.split()
         if words[:1] != [keyword]:

@@ -44,7 +44,7 @@ class PlyElement:
         return self.rows.dtype.names or ()
 
     def columns(self, prefix: str, count: int | None = None) -> np.ndarray:
-        """Returns the properties `{prefix}0`, `{prefix}1`, ... of all rows as float32 (N, count).
+        """Returns the numbered properties `{prefix}0`, `{prefix}1`, … of all rows, float32 (N, count).
 
         Args:
             prefix: Common prefix of the names.
@@ -60,7 +60,7 @@ class PlyElement:
         return self.select(wanted)
 
     def count_of(self, prefix: str) -> int:
-        """Returns the number of properties whose names are the prefix and a number."""
+        """Returns the number of properties whose name is the prefix followed by a number."""
         return sum(name.startswith(prefix) and name[len(prefix) :].isdigit() for name in self.names)
 
     def select(self, wanted: list[str]) -> np.ndarray:

@@ -72,10 +72,10 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
-    """Returns the metadata fields that a PLY comment states, such as title or author, each with its text.
+    """Returns the metadata in a PLY comment as text by field, such as title or author.
 
     Args:
-        lines: Pattern of the comments that state each field, by name of the field.
+        lines: Regular expressions of the comments that state a field, by name of the field.
         comment: The comment.
     """
     matches = {name: line.fullmatch(comment) for name, line in lines.items()}
@@ -83,7 +83,7 @@ def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str,
 
 
 def is_metadata(comment: str) -> bool:
-    """True if a comment states the title, author, license, view or orbit of a scene."""
+    """True if a comment states metadata: title, author, license, view or orbit."""
     lines = [line for name, line in _LINES.items() if name != "up"]
     lines += [*_PLAIN_LINES.values(), *_CREDITS.values()]
     return any(line.fullmatch(comment.strip()) for line in lines)

@@ -31,10 +31,10 @@ _PROPERTY = re.compile(rb"\nproperty (float|double) (\w+)(?=\n)")
 
 @dataclass(frozen=True, eq=False)
 class PlySteps(CheckedFields):
-    """Quantisation steps of decoded Gaussians, encoded for storage in a PLY.
+    """Quantisation steps of decoded Gaussians in the form that a PLY stores.
 
     Attributes:
-        content: Encoded quantisation steps common to all Gaussians.
+        content: Encoded quantisation steps that all Gaussians share.
         classes: Precision class of each Gaussian, uint8 (N).
     """
 
@@ -42,7 +42,7 @@ class PlySteps(CheckedFields):
     classes: np.ndarray
 
     def line(self, digest: str) -> str:
-        """Returns the text of the header comment, given the digest of the vertices."""
+        """Returns the header comment with the steps and the digest of the vertices."""
         return f"comment splatwire-steps {digest} {base64.b64encode(self.content).decode()}"
 
 
@@ -80,7 +80,7 @@ def read_ply_steps(path: Path) -> PlySteps | None:
 
 
 def with_classes(rows: np.ndarray, classes: np.ndarray) -> np.ndarray:
-    """Returns vertices with the precision class of each Gaussian in the first component of its normal.
+    """Returns vertices in which the first component of the normal is the Gaussian's precision class.
 
     Args:
         rows: Properties of the vertices in file order, (N, P).

@@ -103,7 +103,7 @@ def _opened(path: Path) -> "Iterator[_Sog]":
 
 
 def _folder_of(path: Path, names: Iterable[str]) -> str:
-    """Returns the folder with the `meta.json` within an archive, with trailing slash; empty for the top level.
+    """Finds the `meta.json` in an archive; returns its folder with trailing slash, empty for the top level.
 
     Raises:
         DatasetError: If there is no such folder, or several.
@@ -165,7 +165,7 @@ class _Sog:
             )  # fmt: skip
 
     def _first_count(self) -> Any:
-        """Returns the number of Gaussians of a version 1 file: the first number of an array shape in `meta.json`."""
+        """Returns the number of Gaussians in a version 1 file, from the array shapes in `meta.json`."""
         shape = self._field("means", "shape")
         return shape[0] if isinstance(shape, list) and shape else shape
 
@@ -230,7 +230,7 @@ class _Sog:
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
     def _from_bounds(self, section: str, pixels: np.ndarray) -> np.ndarray:
-        """Decodes quantised values of a version 1 file to float32 (N, C)."""
+        """Decodes quantised values of a version 1 file between the bounds of their section, float32 (N, C)."""
         low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
 
@@ -269,7 +269,7 @@ class _Sog:
         return whole
 
     def _palette_size(self) -> tuple[Any, Any]:
-        """Returns degree of the spherical harmonics and palette size."""
+        """Returns the degree of the spherical harmonics, and the number of entries of their palette."""
         if not self._first:
             return self._field("shN", "bands"), self._field("shN", "count")
         labels = self._pixels("shN", 1).astype(np.int64)
@@ -278,7 +278,7 @@ class _Sog:
         return bands, int((labels[:, 0] + 256 * labels[:, 1]).max()) + 1
 
     def _palette_codebook(self) -> np.ndarray:
-        """Returns the code book of the palette image: the number that each pixel value encodes, float32 (256)."""
+        """Returns the numbers that the pixel values of the palette image stand for, float32 (256)."""
         if not self._first:
             return self._codebook("shN")
         low, high = (self._numbers("shN", side, None, _MAX_CODE) for side in ("mins", "maxs"))
@@ -381,14 +381,14 @@ class _Sog:
 
 
 def _reason(error: Exception) -> str:
-    """Returns the message of the image library as the end of an error message."""
+    """Formats an exception of the image library as the end of an error message."""
     return "" if isinstance(error, UnidentifiedImageError) else f": {error}"
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum accepted size of an image, which may be padded, pixels.
+    """Returns the maximum accepted number of pixels of an image, which may have padding.
 
     Args:
-        pixels: Necessary number of pixels.
+        pixels: Number of pixels without padding.
     """
     return 2 * pixels + _SPARE_PIXELS

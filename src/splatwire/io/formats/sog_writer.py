@@ -89,7 +89,7 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
 
 
 def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats outliers that enlarge the range of positions so much that all other positions lose precision.
+    """Treats outliers that extend the range of positions so far that all others become visibly coarse.
 
     Args:
         splats: The Gaussians.
@@ -113,13 +113,13 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_errors(column: Column) -> np.ndarray:
-    """Returns the rounding error of the positions of all Gaussians except outliers: the maximum over x, y and z.
+    """Returns the largest rounding error along an axis of each position that is not an outlier.
 
     Args:
         column: Positions of all Gaussians, with outliers marked.
 
     Returns:
-        Errors of the n Gaussians that are not outliers, world units, float64 (n).
+        Errors of the n positions, world units, float64 (n).
     """
     logs = _logs(column.others)
     half = np.ptp(logs, axis=0) / (2 * _POSITION_TOP)

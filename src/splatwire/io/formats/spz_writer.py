@@ -70,7 +70,7 @@ def write_spz(
     version: int = 4,
     outliers: Outliers = DEFAULT,
 ) -> int:
-    """Writes an SPZ file (arguments as for `write_splats`); spherical harmonics are clipped to the range of the format.
+    """Writes an SPZ file; spherical harmonics are clipped to the range of the format.
 
     Args:
         parts: Batches of Gaussians, all of one degree of spherical harmonics.
@@ -80,10 +80,12 @@ def write_spz(
         antialiased: True if the scene was trained with antialiasing; stored in the header.
         metadata: Metadata of the scene.
         version: 4 (zstd), or 3 (gzip) for programs without support for 4.
-        outliers: Treatment of a few Gaussians whose positions would reduce the precision of all others.
+        outliers: Treatment of a few distant Gaussians that would make all other positions coarse: `clamp`, `prune` or
+            `keep`.
 
     Raises:
-        InvalidValueError: Also if a position is beyond 2**23, or the version or number of bits is invalid.
+        InvalidValueError: If there are no Gaussians, degrees differ, a position is beyond 2**23, or an option is
+            invalid.
     """
     if version not in VERSIONS:
         raise InvalidValueError(f"SPZ is written in version 3 or 4, not {version}")
@@ -106,7 +108,7 @@ def write_spz(
 
 
 def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats outliers that would reduce the precision of all other positions; logs the remaining loss of precision.
+    """Treats outliers that would make all other positions coarse; logs a warning if they stay coarse.
 
     Args:
         splats: The Gaussians.
@@ -140,13 +142,13 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_step(farthest: float) -> float:
-    """Returns the distance between neighbouring fixed-point positions, world units.
+    """Returns the quantisation step of positions in world units.
 
     Args:
-        farthest: Largest absolute coordinate of a position.
+        farthest: Largest absolute coordinate of all positions.
 
     Returns:
-        The distance; above 1 if the coordinate is too large for the format.
+        The step; above 1 if the coordinate is too large for the format.
     """
     return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MOST)))
 

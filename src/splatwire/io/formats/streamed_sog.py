@@ -89,7 +89,7 @@ def is_antialiased(path: Path) -> bool:
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
-    """Returns the paths of the chunks; the last one is the environment if the file names an environment.
+    """Returns the paths of the chunks, followed by that of the environment if the index names one.
 
     Args:
         index: Path of the `lod-meta.json`.
@@ -123,11 +123,11 @@ def _file_of(chunk: Path) -> Path:
 
 
 def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
-    """Finds chunks that are listed several times, under different names or links of the same file.
+    """Finds chunks that are listed more than once, under different names or links of one file.
 
     Args:
         chunks: Path of each chunk.
-        here: False for chunks that are missing.
+        here: Mask of the chunks that exist.
 
     Returns:
         For each chunk, the index of the first chunk that is the same file.
@@ -150,7 +150,7 @@ def _bytes_of(chunk: Path) -> int:
 def _finest(
     index: Path, content: dict[str, Any], chunks: list[Path]
 ) -> tuple[dict[int, list[Piece]], dict[int, list[Piece]], list[str], int]:
-    """Selects which Gaussians to read: in each leaf of the tree of tiles, those of the finest level that is available.
+    """Selects the Gaussians to read: in each leaf of the tree of tiles, those of the finest available level.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
@@ -262,12 +262,12 @@ def _read_pieces(
 
 
 def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Returns larger arrays for the Gaussians of a scene, with the Gaussians read so far.
+    """Returns larger arrays for the Gaussians of a scene, and copies those read so far into them.
 
     Args:
         joined: Arrays of the Gaussians that were read so far; None for the first allocation.
         count: Number of Gaussians to copy.
-        total: Number of Gaussians for which there is room afterwards.
+        total: Number of Gaussians that the new arrays can hold.
         degree: Degree of the spherical harmonics in the new arrays, not below that of `joined`.
     """
     room = Splats.empty(total, degree)
@@ -278,7 +278,7 @@ def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -
 
 
 def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
-    """Reads the Gaussians in selected ranges of one chunk.
+    """Reads some ranges of Gaussians from one chunk.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
@@ -287,7 +287,7 @@ def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]
         named: Ranges of all levels of the tree in this chunk.
 
     Returns:
-        The Gaussians in `runs`, and the number of Gaussians of the chunk that no level of the tree contains.
+        The Gaussians in `runs`; and the number of the chunk's Gaussians that the tree does not use.
 
     Raises:
         DatasetError: If ranges overlap or end after the chunk.

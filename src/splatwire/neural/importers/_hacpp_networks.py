@@ -129,7 +129,7 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network that returns constants, as the small variant of HAC++ uses for the first feature group."""
+    """Builds a network with constant outputs, which the small variant of HAC++ has for the first feature group."""
     bias = values.detach().float().flatten()
     nothing = Linear(torch.zeros(1, num_prior), torch.zeros(1))
     return Mlp(nothing, Linear(torch.zeros(len(bias), 1), bias), _LEAKY_SLOPE)

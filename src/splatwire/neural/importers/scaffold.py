@@ -101,7 +101,7 @@ def _head(
     num_offsets: int,
     appearance: int | None,
 ) -> Mlp:
-    """Converts a network of Scaffold-GS to a network that generates the Gaussians of an anchor scene.
+    """Converts a network of Scaffold-GS to one of the three networks with which this package draws anchors.
 
     Args:
         iteration: Folder of the model's iteration, for messages.

@@ -50,7 +50,7 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 
 
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
-    """Returns a typical standard deviation of each channel of an attribute after rounding.
+    """Returns a typical standard deviation of each channel of an attribute, rounding errors included.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.

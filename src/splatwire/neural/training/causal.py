@@ -114,7 +114,7 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
 
 
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the quantisation steps of feature channels (F), of logarithms of scale and sizes (4), and of offsets.
+    """Returns the quantisation steps: of feature channels (F), of logarithms of sizes (4), and of offsets.
 
     Args:
         logs: Logarithms of the learnt quantisation steps: one per feature group, then scale, sizes and offsets.
@@ -215,12 +215,12 @@ def number_bits_of(
 
 
 def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-    """Concatenates the predicted distributions of two attributes: means and standard deviations."""
+    """Concatenates the predicted normal distributions of two attributes: means and standard deviations."""
     return torch.cat([first[0], second[0]], dim=1), torch.cat([first[1], second[1]], dim=1)
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns the bits of each offset's mask, if the offset exists and if it does not.
+    """Returns the bits that each offset's mask bit takes: if the offset exists, and if it does not.
 
     Args:
         predicted: Predictions of the causal model.

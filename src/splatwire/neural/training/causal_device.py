@@ -198,7 +198,9 @@ class _NumberBits(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class _OutputOrder:
-    """Order of the packed networks' outputs: all means, then all standard deviations, then the logits of offset masks.
+    """Order of the outputs if the networks are combined into one for the GPU.
+
+    All means come first, then all standard deviations, then the logits of offset masks.
 
     Attributes:
         outputs: For each output in this order, its index in the concatenated outputs of the networks.

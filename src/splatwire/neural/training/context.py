@@ -187,7 +187,7 @@ def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Fl
 
 
 def step_columns(prior: Mlp) -> Mlp:
-    """Returns the part of the prior network that predicts the quantisation steps."""
+    """Returns a copy of the prior network reduced to the outputs that predict quantisation steps."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 
@@ -279,7 +279,7 @@ def _channel_likelihood(
     outputs: PriorOutputs,
     step: Float[Tensor, "M 1"],
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
-    """Returns the probability of each feature as predicted by the channel networks.
+    """Returns the probability that the channel networks predict for each quantised feature.
 
     Args:
         channels: Channel networks, one per group.
@@ -289,7 +289,7 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        Probability of each feature, and the logit of its weight relative to the prior network's probability.
+        Probability of each feature; and logit of its weight, for mixing it with the probability from the prior network.
     """
     # Each network predicts a group of feature channels from the previous groups and the output of the prior
     # network.

@@ -58,7 +58,7 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
 
 
 def _widths(scene: AnchorScene) -> tuple[int, int, int]:
-    """Returns the numbers of hidden units of a scene's networks, in the order of `TrainConfig.hidden`."""
+    """Returns the numbers of hidden units of a scene's networks, to create networks of the same sizes."""
     if isinstance(scene.coding, CausalCoding):
         context = 2 * [scene.coding.networks["position"]]
     else:

@@ -65,7 +65,7 @@ def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, 
 
 @torch.no_grad()
 def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = uniform_from_host) -> tuple[int, int]:
-    """Adds anchors near Gaussians with large gradients, and removes transparent anchors.
+    """Adds anchors near Gaussians with large gradients, and removes transparent anchors (as in Scaffold-GS).
 
     Args:
         state: State of the training; changed in place.
@@ -126,13 +126,13 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
 
 
 def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K"], cell: int) -> None:
-    """Adds an anchor to each grid cell that contains the centre of a chosen Gaussian, but no anchor yet.
+    """Adds anchors on a grid: one in each empty cell that contains the centre of a chosen Gaussian.
 
     Args:
         state: State of the training; changed in place.
         config: The configuration.
         chosen: Mask of the chosen Gaussians, by anchor and offset.
-        cell: Cell size in voxels.
+        cell: Size of the grid's cells in voxels.
     """
     anchor_index, offset_index = chosen.nonzero().unbind(dim=1)
     parameters = state.parameters

@@ -19,7 +19,7 @@ class TrainedModel(Protocol):
     """Protocol of a context model in training, which adds noise in place of quantisation and estimates the rate."""
 
     def begin(self, state: TrainState) -> None:
-        """Prepares the model before an iteration."""
+        """Prepares the model for an iteration; called before each one."""
         # An implementation initialises its networks before the first iteration whose loss includes the bit
         # rate.
 

@@ -73,7 +73,7 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Computes for each weight of a combined network from which separate network it is copied, and the reverse.
+    """Returns how the weights of several networks are arranged in one combined network.
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
@@ -81,7 +81,8 @@ def _copy_indices(
         device: Device of the results.
 
     Returns:
-        Indices of the copied weights, indices for the reverse, and a zero for entries without a weight.
+        For each weight of the combined network, the index of the weight that is copied there; the indices for the
+        reverse direction; and a zero, for entries that belong to no network.
     """
     # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
     # no network are copies of this zero.

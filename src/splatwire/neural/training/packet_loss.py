@@ -52,7 +52,7 @@ class Loss:
     size_gain: Float[Tensor, "N"]
 
     def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
-        """Selects those of the visible anchors that were received, for rendering.
+        """Selects the visible anchors that were received, for rendering.
 
         Args:
             visible: Indices of the visible anchors.
@@ -175,12 +175,12 @@ class PacketLosses:
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
     def _concealed(self, state: TrainState, known: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
-        """Conceals the loss of given anchors; returns None if all anchors or no anchors are received.
+        """Conceals the loss of anchors; returns None if all of them or none of them are received.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
-            cut_off: True if only the first quality tier (most important anchors) is received.
+            cut_off: True if reception ended after the first quality tier (most important anchors).
         """
         if bool(known.all()) or not bool(known.any()):
             return None
@@ -229,7 +229,7 @@ class PacketLosses:
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:
-    """Returns the index of each anchor's packet; anchors are in coding order, packets in sending order.
+    """Returns which packet contains each anchor.
 
     Args:
         packetization: Rule by which anchors are split into packets.
@@ -237,7 +237,7 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
         packet_anchors: Estimated number of anchors per packet; only used if packets are filled up to a size in bytes.
 
     Returns:
-        Packet indices, int64 (N).
+        Index of the packet in sending order, for each anchor in coding order, int64 (N).
     """
     # Consecutive packets contain different parts of the scene.
     plan = PacketPlan(packetization, num_anchors)

@@ -59,7 +59,7 @@ class _InterpolateSigns(torch.autograd.Function):
 def _levels(
     corners: GridCorners, index: Int64[Tensor, "M"]
 ) -> Iterator[tuple[Int32[Tensor, "M corners"], Float[Tensor, "M corners"]]]:
-    """Yields the table rows and weights of the positions `index` on each level of the hash grid."""
+    """Yields the table rows and weights with which each level of the hash grid is interpolated."""
     for rows, weights in (
         (corners.volume_rows, corners.volume_weights),
         (corners.plane_rows, corners.plane_weights),

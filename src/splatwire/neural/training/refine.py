@@ -232,7 +232,7 @@ def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData,
 
 
 def _typical_outputs(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
-    """Returns the typical magnitude of each output of the prior network and of the channel networks."""
+    """Returns typical magnitudes of the outputs of the prior network and the channel networks, for normalisation."""
     # It is the typical predicted standard deviation of the attribute channel. Outputs are divided by it so that one
     # learning rate suits all.
     scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)

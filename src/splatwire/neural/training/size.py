@@ -87,7 +87,7 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns the number of measurements of the stream's size up to and including an iteration."""
+    """Returns how many times the stream's size has been measured by an iteration."""
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 
@@ -96,7 +96,7 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns how far the stream may exceed the target size after an iteration, as a share of this size."""
+    """Returns by how much the stream may exceed the target size after an iteration, as a share of that size."""
     # The share falls linearly during the training, from `HEADROOM` to `LAST`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left

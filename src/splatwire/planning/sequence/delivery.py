@@ -1,4 +1,4 @@
-"""Models the delivery of motion packets over a lossy channel."""
+"""Simulates the delivery of a sequence's packets over a lossy channel."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,13 +18,13 @@ from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY_OVERHE
 
 @dataclass(frozen=True, eq=False)
 class SequenceLoad:
-    """Sizes and importance of the packets of a complete sequence, in sending order.
+    """Sizes and importance of the packets of a sequence, in sending order.
 
     Attributes:
         ids: Ids of the packets.
         head_bytes: Bytes of manifest and side information.
-        packet_bytes: Datagram size of each packet, bytes, int64 (P).
-        importance: Importance of each packet, float64 (P).
+        packet_bytes: Size of the datagram with each packet, bytes, int64 (P).
+        importance: Expected loss of quality if a packet is missing, float64 (P).
         groups: Indices of the packets of each group of pictures.
     """
 
@@ -36,7 +36,7 @@ class SequenceLoad:
 
     @staticmethod
     def of(stream: SceneStream, importance: Mapping[PacketId, float]) -> "SequenceLoad":
-        """Returns the sizes and importance of the packets of a complete sequence."""
+        """Returns the sizes of a complete sequence's packets, with the given importance of each packet."""
         ordered = send_sequence(stream, "tiers")
         return SequenceLoad(
             tuple(packet.id for packet in ordered),
@@ -48,7 +48,7 @@ class SequenceLoad:
 
     @property
     def parity_bytes(self) -> int:
-        """Size of a datagram with one repair symbol, bytes."""
+        """Size of a datagram that carries one repair symbol, bytes."""
         return symbol_bytes_for(int(self.packet_bytes.max(initial=0)) - DATA_OVERHEAD) + PARITY_OVERHEAD
 
     @property
@@ -59,11 +59,11 @@ class SequenceLoad:
 
 @dataclass(frozen=True, eq=False)
 class MotionTransfer:
-    """Model of the transfer of a sequence, or of one group of pictures, for simulating losses.
+    """Datagrams of a sequence, or of one of its groups of pictures, for simulating losses.
 
     Attributes:
         order: Indices of the packets in sending order, int64.
-        model: Sizes and kinds of the datagrams.
+        model: Kind and size of each datagram.
     """
 
     order: np.ndarray
@@ -71,12 +71,12 @@ class MotionTransfer:
 
     @staticmethod
     def of(load: SequenceLoad, found: Arranged, protection: Protection) -> "MotionTransfer":
-        """Builds the model of a transfer.
+        """Lists the datagrams that are sent for packets and their parity.
 
         Args:
-            load: Sizes of all packets of the sequence.
-            found: Sending order of the packets, and their parity.
-            protection: Amounts of redundancy.
+            load: Sizes of the sequence's packets.
+            found: Sending order of the packets, and parity of ranges of packets.
+            protection: Redundancy settings, of which only the timing is used.
         """
         order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.parity_ranges))
         timing = replace(protection, parity_until=0.0)
@@ -89,11 +89,11 @@ class MotionTransfer:
 
     @property
     def parity_bytes(self) -> int:
-        """Bytes of all repair symbols."""
+        """Total size of the datagrams with repair symbols, bytes."""
         return self.model.bytes_by_kind()["packet_protection"]
 
     def received_packets(self, received: np.ndarray) -> np.ndarray:
-        """Simulates transfers: returns the mask of packets that are received or recovered, bool (T, packets).
+        """Returns which packets are received or recovered in simulated transfers, bool (T, packets).
 
         Args:
             received: Mask of received datagrams in each of T transfers, bool (T, n).
@@ -102,11 +102,11 @@ class MotionTransfer:
 
 
 def model_motion_transfer(load: SequenceLoad, protection: Protection, group: int | None = None) -> MotionTransfer:
-    """Returns the model of the datagrams of a sequence, or of one of its groups of pictures.
+    """Returns the datagrams that are sent for the motion of a sequence, or of one group of pictures, with parity.
 
     Args:
-        load: Sizes and importance of the packets of the sequence.
-        protection: Amounts of parity for the motion of each group.
+        load: Sizes and importance of the sequence's packets.
+        protection: Share of parity for the motion of each group.
         group: Index of the group of pictures; None for the whole sequence.
     """
     importance = load.importance.tolist()
@@ -119,11 +119,11 @@ def model_motion_transfer(load: SequenceLoad, protection: Protection, group: int
 
 
 def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed: int) -> set[PacketId]:
-    """Simulates one transfer of a sequence; returns the ids of packets that are received or recovered.
+    """Simulates one lossy transfer of a sequence; returns the ids of the packets that are received or recovered.
 
     Args:
-        load: Packets of the sequence.
-        protection: Amounts of parity for the motion of each group.
+        load: Sizes and importance of the sequence's packets.
+        protection: Share of parity for the motion of each group.
         loss: Loss model, in datagrams.
         seed: Seed of the losses.
     """

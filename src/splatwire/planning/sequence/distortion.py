@@ -32,11 +32,12 @@ Pictures = list[np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class SequenceDistortion:
-    """Mean squared error of each group of pictures after concealment, as a function of the lost share of its motion.
+    """Mean squared error of the pictures of each group as a function of the lost share of the group's motion.
 
     Attributes:
-        shares: Lost fraction of the motion, weighted by packet importance, ascending from 0, float64 (G, S).
-        mse: Mean squared error at these lost fractions, float64 (G, S, K), for K rendered pictures of the group.
+        shares: Lost shares at which errors were measured, ascending from 0, float64 (G, S). Packets are weighted by
+            importance.
+        mse: Mean squared error after concealment at each share, float64 (G, S, K), for K rendered pictures of a group.
         frames: Number of frames of each group.
     """
 
@@ -45,19 +46,27 @@ class SequenceDistortion:
     frames: tuple[int, ...]
 
     def psnr(self, group: int, lost: np.ndarray) -> np.ndarray:
-        """Returns the mean PSNR of a group of pictures for T lost fractions of its motion, decibels, float64 (T)."""
+        """Predicts the mean PSNR of a group of pictures.
+
+        Args:
+            group: Index of the group.
+            lost: Lost share of the group's motion in each of T transfers, (T).
+
+        Returns:
+            PSNR in decibels, float64 (T).
+        """
         shares, curves = self.shares[group], self.mse[group]
         return np.mean([-10 * np.log10(np.interp(lost, shares, curve)) for curve in curves.T], axis=0)
 
 
 def sampled_frames(timeline: Timeline) -> list[list[int]]:
-    """Returns the indices of the frames in each group of pictures that are rendered to measure distortion."""
+    """Returns which frames of each group of pictures are rendered to measure distortion."""
     counts = [len(timeline.frames_of(group)) for group in range(timeline.num_groups)]
     return [sorted({int((n + 0.5) * count / FRAMES) for n in range(FRAMES)}) for count in counts]
 
 
 def render_sampled_frames(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
-    """Renders selected frames of a decoded sequence after concealment.
+    """Renders some frames of a decoded sequence after concealing its losses.
 
     Args:
         sequence: The decoded sequence, with masks of received elements.
@@ -79,15 +88,15 @@ def measure_sequence_distortion(
     stream: SceneStream, load: SequenceLoad, method: TemporalConcealer, cameras: Cameras, references: Pictures,
     floor: float, *, seed: int = 0, progress: Callable[[float], None] | None = None,
 ) -> SequenceDistortion:  # fmt: skip
-    """Measures the distortion model of a sequence by rendering it after simulated losses of motion packets.
+    """Measures how lost motion degrades the pictures of a sequence, by rendering simulated losses.
 
     Args:
         stream: Complete sequence.
         load: Sizes and importance of the packets of the sequence.
-        method: Concealer of the receiver.
+        method: The receiver's concealer of lost motion.
         cameras: Views to render.
         references: Reference renderings of the frames.
-        floor: Mean squared error of the references, which is added to the measured error.
+        floor: Mean squared error that is added for the references themselves.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
@@ -113,11 +122,11 @@ def measure_sequence_distortion(
 
 
 def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
-    """Builds the distortion model of a sequence from errors that were measured in S simulated losses.
+    """Builds the distortion model of a sequence from the errors in S simulated losses.
 
     Args:
-        shares: Lost share of each group's motion in each loss, float64 (G, S).
-        mse: Mean squared errors in each loss, by rendered frame and view, float64 (S, frames, V).
+        shares: Lost share of each group's motion in each simulation, float64 (G, S).
+        mse: Mean squared errors in each simulation, by rendered frame and view, float64 (S, frames, V).
         frames: Indices of the rendered frames within each group.
         timeline: Frame rate and groups of the sequence.
     """
@@ -135,13 +144,15 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Combines the distortion models of several encodings of a sequence, to reduce their random error.
+    """Reduces random measurement errors in the distortion models of several encodings of one sequence.
+
+    All models get the same curve of added error, scaled by a factor for each encoding.
 
     Args:
-        distortions: Distortion models of the encodings.
+        distortions: One model for each encoding.
 
     Returns:
-        The combined models, in the same order.
+        The smoothed models, in the same order.
     """
     # One curve of added error, multiplied by a factor for each encoding; medians, as single values can be outliers.
     grid = np.array(SHARES)

@@ -25,11 +25,11 @@ less."""
 
 @dataclass(frozen=True, eq=False)
 class SequenceVariant:
-    """Encoded variant (quality) of a sequence with its distortion model, one of several from which the planner chooses.
+    """An encoding of a sequence at one quality, among which the planner chooses, with a model of its distortion.
 
     Attributes:
-        load: Packets of the sequence.
-        distortion: Distortion model of lost motion.
+        load: Sizes and importance of the packets.
+        distortion: Predicts the picture error from the lost share of each group's motion.
     """
 
     load: SequenceLoad
@@ -38,10 +38,10 @@ class SequenceVariant:
 
 @dataclass(frozen=True)
 class SequencePlan(Plan):
-    """Result of the planner for a sequence: amounts of redundancy, and the expected quality.
+    """Encoding and redundancy of a sequence as chosen by the planner, with the expected quality.
 
     Attributes:
-        unprotected: Mean PSNR of the best variant without parity, decibels.
+        unprotected: Mean PSNR that the best encoding would have without parity, decibels.
         parity_bytes: Bytes of parity for motion.
     """
 
@@ -51,13 +51,13 @@ class SequencePlan(Plan):
 
 @dataclass(frozen=True)
 class _Choice:
-    """One amount of parity for the motion of a group of pictures, with the expected result.
+    """A possible amount of parity for the motion of one group of pictures, with the quality expected from it.
 
     Attributes:
-        pair: Amount of parity: share of the motion packets that get parity, and repair symbols per such packet.
+        pair: Share of the motion packets that get parity, and repair symbols per such packet.
         num_bytes: Size of the parity in bytes.
         psnr: Mean PSNR of the group over simulated transfers, decibels.
-        lost: Mean lost share of the group's motion, weighted by packet importance, 0 to 1.
+        lost: Mean lost share of the group's motion, 0 to 1; packets are weighted by importance.
         frames: Number of frames of the group.
     """
 
@@ -114,7 +114,9 @@ def plan_sequence(
 def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
-    """Returns the amounts of parity for a group of pictures that give the highest PSNR for their bytes.
+    """Returns the amounts of parity for a group of pictures that are worth their bytes.
+
+    No mixture of two other amounts gives a higher PSNR with equally many bytes.
 
     Args:
         variant: Encoded variant of the sequence.
@@ -125,7 +127,7 @@ def _efficient_choices(
         seed: Seed of the simulated losses.
 
     Returns:
-        The choices, ascending by bytes; empty if the motion alone exceeds `most`.
+        The possible amounts, ascending by bytes; empty if the motion alone exceeds `most`.
     """
     load, motion = variant.load, list(variant.load.groups[group].motion)
     plain = int(load.packet_bytes[motion].sum())
@@ -150,7 +152,7 @@ def _efficient_choices(
 
 
 def _hull(choices: Sequence[_Choice]) -> list[_Choice]:
-    """Returns the choices on the upper convex hull of PSNR as a function of bytes, ascending by bytes."""
+    """Returns the choices that lie on the upper convex hull of PSNR over bytes, ascending by bytes."""
     hull: list[_Choice] = []
     for choice in choices:
         if hull and choice.psnr <= hull[-1].psnr:
@@ -166,10 +168,10 @@ def _slope(one: _Choice, other: _Choice) -> float:
 
 
 def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
-    """Distributes a budget of parity bytes over groups of pictures, where they increase the PSNR most.
+    """Spends a budget of parity bytes on the groups of pictures in which it increases the PSNR most.
 
     Args:
-        choices: Choices of each group, ascending by bytes.
+        choices: Possible amounts of parity for each group, ascending by bytes.
         room: Number of bytes to spend.
     """
     at, left = [0] * len(choices), room

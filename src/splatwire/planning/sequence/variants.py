@@ -31,7 +31,7 @@ ASSUMED_PSNR = 45.0
 
 
 def common_timeline(streams: Sequence[SceneStream]) -> Timeline:
-    """Returns the timeline of several encodings of the same frames.
+    """Returns the frame rate and groups of pictures that several encodings of one sequence have in common.
 
     Raises:
         InvalidValueError: If the sequences do not encode the same frames in the same groups.
@@ -46,7 +46,7 @@ def sequence_variants(
     streams: Sequence[SceneStream], reference: Path | None, *, concealer: str | None = None, views: int | None = None,
     seed: int = 0, progress: Callable[[float], None] = lambda share: None,
 ) -> list[SequenceVariant]:  # fmt: skip
-    """Measures the distortion of several encodings of the same frames, for the planner.
+    """Measures how losses degrade each of several encodings of the same frames, as choices for the planner.
 
     Args:
         streams: The encoded sequences.
@@ -81,10 +81,10 @@ def sequence_variants(
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
-    """Renders the frames of the original sequence in which distortion is measured.
+    """Renders those frames of the original sequence that are compared with the received ones.
 
     Args:
-        files: Files of the original frames, in order.
+        files: Files of all original frames, in order.
         timeline: Timeline of the sequence.
         cameras: Views to render.
 

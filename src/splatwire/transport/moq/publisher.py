@@ -101,7 +101,7 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
 
 
 def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
-    """Divides the packets of a scene into MoQ tracks; returns the packet indices of each track.
+    """Divides the packets of a stream among MoQ tracks; returns the indices of the packets in each track.
 
     Args:
         manifest: Manifest of the stream.
@@ -174,7 +174,7 @@ async def _requests(asked: Any) -> AsyncIterator[Any]:
 
 
 def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
-    """Returns the content of a MoQ track as the frames to publish; None if there is no such track.
+    """Returns what is published in a MoQ track, frame by frame; None if no track has this name.
 
     Args:
         name: Name of the track.

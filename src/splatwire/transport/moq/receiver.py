@@ -61,7 +61,7 @@ def _records(data: bytes) -> Iterator[bytes]:
 
 @dataclass(frozen=True)
 class _Counts:
-    """Counters of damaged and recovered packets, always 0 with a relay.
+    """Numbers of damaged and repaired packets for reports; always 0 for a stream from a relay.
 
     Attributes:
         num_bad: Number of damaged packets.

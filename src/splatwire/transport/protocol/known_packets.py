@@ -34,7 +34,7 @@ class KnownPackets:
         return size
 
     def has(self, kind: int, symbol: int) -> bool:
-        """True if a datagram need not be sent, because the client already has its content.
+        """True if the client already has the content of a datagram, so that it need not be sent.
 
         Args:
             kind: Kind of the datagram, such as `DATA` (packet) or `SIDE` (init segment).

@@ -34,7 +34,7 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class LiveState(ServedStream):
-    """State of a live stream after a new group of pictures, prepared for sending.
+    """Live stream prepared for sending, as it is after a new group of pictures.
 
     Attributes:
         persistent: One byte per packet: 1 if later groups of pictures also need the packet, else 0.
@@ -50,11 +50,11 @@ class LiveState(ServedStream):
 
 
 class LiveSession:
-    """Prepares a growing live stream for sending: each new group of pictures gives a new state of the stream.
+    """Prepares a growing live stream for sending, each time a group of pictures is complete.
 
     Args:
         protection: Redundancy of the init segment and of the motion packets.
-        importance: Function that returns the cost of losing each packet; the motion packets with the highest costs get
+        importance: Function that returns the cost of losing each packet. The motion packets with the highest costs get
             parity. None for equal costs.
     """
 

@@ -112,14 +112,14 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[Parit
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Counts the packets of each importance tier that are not bundled in the init segment.
+    """Counts the packets that are not bundled in the init segment, by importance tier.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
         protection: Redundancy.
 
     Returns:
-        Number of packets of each tier; a single number for all packets if the tiers do not overlap in time.
+        Number of packets of each tier. If the tiers are sent one after another, only their total.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

@@ -72,7 +72,7 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """Returns True, and stores the packet, if it belongs to a later state of the live stream."""
+        """True if a datagram belongs to a later state of the live stream; its packet is then stored."""
         welcome = self._welcome
         if welcome is None or not welcome.is_live:
             return False

@@ -21,8 +21,7 @@ def build_send_schedule(
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
-        present: Number of packets of each importance tier, except bundled packets. Empty without tiers and bundled
-            packets.
+        present: Number of packets of each importance tier that are not bundled in the init segment.
 
     Returns:
         Three integers for each datagram, as in `SendSchedule.items`.

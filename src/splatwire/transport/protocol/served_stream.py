@@ -174,7 +174,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a datagram in the send queue should still be sent after a live stream has grown.
+        """True if a queued datagram should still be sent after a live stream has grown.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).

@@ -119,10 +119,10 @@ class ServerTransfer:
         self._allow(known)
 
     def _allow(self, known: int) -> None:
-        """Raises the maximum number of bytes to send to this client, after a live stream has grown.
+        """Raises the byte limit of this client after a live stream has grown.
 
         Args:
-            known: Number of packets of the live stream before it grew.
+            known: Number of packets before the stream grew.
         """
         known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.bundled : known])
         self._most_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
@@ -292,7 +292,7 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Yields the packets that the client requests (NACKs), and the sequence numbers of their lost datagrams.
+        """Yields what the client requests to be sent again (NACKs): packet, and sequence number of the lost datagram.
 
         The index of a packet is -1 if it is unknown. The sequence number is None if the client sent the index.
         """
@@ -301,10 +301,13 @@ class ServerTransfer:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns symbols of the init segment (`SendSchedule.items`) for a client that reports missing ones.
+        """Returns further symbols of the init segment for a client that lacks some.
 
         Args:
-            missing: Number of symbols that the client needs.
+            missing: Number of symbols that the client still needs.
+
+        Returns:
+            The symbols, as in `SendSchedule.items`.
         """
         head = self.stream.head
         longest = max(map(len, head))

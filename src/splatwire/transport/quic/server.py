@@ -176,7 +176,7 @@ class QuicServer(SocketServer):
             self.networks -= Counter([connection.network])
 
     def is_full(self, network: Network, *, begins: bool = False) -> bool:
-        """True if there are too many connections, in total or from one network, to accept another.
+        """True if another connection cannot be accepted, because there are too many in total or from one network.
 
         Args:
             network: Network of the client.
