@@ -1,4 +1,4 @@
-"""Anchor positions: sorting, and the lossless coder of voxel indices."""
+"""Positions of anchors: coding order, and lossless coding as voxel indices."""
 
 import numpy as np
 

@@ -29,7 +29,7 @@ class IntegerLinear:
 
     @functools.cached_property
     def matrix(self) -> np.ndarray:
-        """Transposed weight as float64, for exact products."""
+        """Transposed weights as float64, which represents all products exactly."""
         return np.ascontiguousarray(self.weight.T.astype(np.float64))
 
 
@@ -48,7 +48,7 @@ class IntegerMlp:
     leaky: bool
 
     def accumulate(self, inputs: np.ndarray, columns: slice) -> np.ndarray:
-        """Computes the contribution of some inputs to the first layer.
+        """Computes the contribution of some inputs to the first layer of the network.
 
         Args:
             inputs: Values of these inputs, (N, columns), whole numbers in float64.

@@ -81,14 +81,14 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
 
 
 def words_bytes(packets: Sequence[Packet]) -> int:
-    """Returns the memory that decoding kernels need for reading the largest packet, bytes."""
+    """Returns the memory that decoding needs for the bytes of the largest packet, bytes."""
     # They read a packet as overlapping seven-byte integers, which take eight times the memory of its bytes.
     return 8 * max((len(packet.data) for packet in packets), default=0)
 
 
 @contextmanager
 def allocating(what: str) -> Iterator[None]:
-    """Context manager that converts a failed memory allocation into an error about the stream.
+    """Context manager that converts a failed memory allocation to an error that names the stream.
 
     Raises:
         BitstreamError: If the machine does not have enough memory.

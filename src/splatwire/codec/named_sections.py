@@ -1,6 +1,6 @@
-"""Selects the named sections of side information that are meant for concealers.
+"""Selects the named sections (optional parts) of side information that loss concealers may read.
 
-All other named sections belong to the codec itself, such as the background colour or the metadata.
+The other named sections are for the codec itself, such as the background colour or the metadata.
 """
 
 from collections.abc import Mapping
@@ -35,10 +35,10 @@ _OTHERS = (
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:
-    """Returns the named sections of side information that loss concealers may read: content by section name.
+    """Returns the named sections (optional parts) of side information for loss concealers: content by name.
 
     Args:
         sections: All named sections.
-        *own: Names of further sections to omit: those that only this codec schema reads.
+        *own: Names of further sections to omit, which only the codec reads.
     """
     return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

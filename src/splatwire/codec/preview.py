@@ -41,9 +41,7 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 
 @dataclass(frozen=True)
 class PreviewFrame:
-    """Ranges of a preview's positions and sizes, for quantisation and its inverse.
-
-    A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
+    """Ranges of a preview's positions and sizes, which determine its quantisation.
 
     Attributes:
         middle: Centre of the scene, world units.
@@ -102,7 +100,7 @@ class PreviewFrame:
         )
 
     def values(self, levels: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Converts quantisation levels to the parameters of the G Gaussians of a preview.
+        """Dequantises the numbers that describe the G Gaussians of a preview.
 
         Returns:
             Ten numbers for each Gaussian: position, compressed by asinh (3); logarithms of the sizes divided by
@@ -112,12 +110,12 @@ class PreviewFrame:
         return low + levels * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Converts ten numbers for each Gaussian, as returned by `values`, to quantisation levels, without rounding."""
+        """Converts the ten numbers of each Gaussian that `values` returns to quantisation levels, without rounding."""
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
-        """Converts ten numbers for each Gaussian, as returned by `values`, to Gaussians."""
+        """Converts the ten numbers of each Gaussian that `values` returns to Gaussians."""
         places = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
         return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])

@@ -147,7 +147,7 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores the decoded integers of new packets, and updates the elements of these packets in the scene."""
+        """Stores the decoded integers of new packets, and writes the elements of these packets to the scene."""
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.
         ends = np.cumsum(run.counts)[:-1]

@@ -92,7 +92,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
 
 
 def _complete(stream: StreamSchema) -> Schema:
-    """Returns the complete codec schema, with encoder and decoder, of a kind of stream."""
+    """Returns the codec for a kind of stream, with its encoder and decoder."""
     # Stream readers register only the properties of streams, to avoid importing the codec.
     if isinstance(stream, Schema):
         return stream

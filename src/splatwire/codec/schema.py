@@ -22,7 +22,7 @@ SymbolRows = tuple[np.ndarray, ...]
 
 @dataclass(frozen=True, eq=False)
 class CodedPackets:
-    """Packets that an encoder has made from a part of the packet plan.
+    """Packets that an encoder has made from a part of the stream.
 
     Attributes:
         counts: int64 (packets), number of elements in each packet.
@@ -37,13 +37,13 @@ class CodedPackets:
 
 @runtime_checkable
 class Encoder(Protocol):
-    """Protocol of an encoder, which converts the elements of one scene to the packets of a packet plan."""
+    """Protocol of an encoder, which converts the elements of one scene to packets."""
 
     def runs(self) -> Iterator[Any]:
-        """Divides the packet plan into non-empty parts that can be encoded in parallel; yields them in plan order."""
+        """Divides the stream into non-empty parts that can be encoded in parallel; yields them in order."""
 
     def encode(self, run: Any) -> CodedPackets:
-        """Encodes one part of the packet plan, as yielded by `runs`; may be called from several threads."""
+        """Encodes one part of the stream, as yielded by `runs`; may be called from several threads."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +77,12 @@ class Options:
 
 @runtime_checkable
 class Decoder(Protocol):
-    """Protocol of a decoder of one stream's elements; decoded attributes are stored in coding order.
+    """Protocol of a decoder of one stream, whose results are arrays of all elements in coding order.
 
     Attributes:
         sections: Named sections of the side information.
-        order: Indices of the elements in the order of the packet plan, int64 (N). None if they already are in this
-            order.
+        order: Index in coding order of each element of the packet plan, which sorts elements by importance tier, int64
+            (N). None if both orders are equal.
         runs_are_blocks: True if a run (packets decoded in one call) is always one block; False if runs may mix blocks.
         packets_independent: True if each packet of a run can also be decoded alone.
         redecode_on_demand: True to save memory by decoding packets again instead of storing decoded integers.
@@ -143,15 +143,16 @@ class Schema(StreamSchema):
 
     Attributes:
         scene_type: Type of the scenes it encodes.
-        codes: Function that returns True for the scenes of this type that the schema encodes.
-        provides: Record types that a concealer finds in every decoded stream (`ReceivedScene.provides`).
+        codes: Function that returns True for the scenes of this type that the codec can encode.
+        provides: Types of side information that concealers get with every decoded stream (`ReceivedScene.provides`).
         prepare: Prepares a scene for encoding; all of its elements are drawable.
         open_decoder: Creates a decoder from manifest, side information and the number of received bytes.
         update_digest: Adds decoded integers to a hashlib object.
-        prepare_repack: Prepares a complete stream for repacketizing with the same integers. None if packets of this
-            schema cannot be repacketized.
-        can_repack: Function that returns True for streams that can be repacketized.
-        remap_sections: Updates named sections that refer to single elements after repacketizing.
+        prepare_repack: Function that prepares a stream for a new division into packets with the same decoded integers.
+            None if the codec does not support this.
+        can_repack: Function that returns True for streams that can be divided into packets anew.
+        remap_sections: Function that updates named sections that refer to elements by index, after a new division into
+            packets.
     """
 
     scene_type: type

@@ -19,8 +19,8 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
     """Encodes the typical size of each tier's anchors, which concealers use as the weight of lost anchors.
 
     Args:
-        anchors: Anchors in coding order, N.
-        tiers: Tier of each anchor, N; no tier is empty.
+        anchors: The N anchors in coding order.
+        tiers: Importance tier of each anchor, (N); no tier is empty.
         num_tiers: Number of tiers.
 
     Returns:
@@ -36,7 +36,7 @@ def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, 
     Args:
         sizes: Base sizes of the anchors' Gaussians along three axes, (N, 3).
         gaussians: Number of Gaussians of each anchor, (N).
-        tiers: Tier of each anchor, (N); no tier is empty.
+        tiers: Importance tier of each anchor, (N); no tier is empty.
         num_tiers: Number of tiers.
 
     Returns:

@@ -18,7 +18,7 @@ def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
     """Entropy-codes the importance tier of every anchor.
 
     Args:
-        tiers: Tier of each anchor in coding order, N.
+        tiers: Importance tier of each anchor in coding order, 0 for the most important, (N).
         num_tiers: Number of tiers.
     """
     models = fresh_models((num_tiers - 1) * kernels.STATES)
@@ -64,7 +64,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Groups the anchors of a stream by packet: anchors of a group are received or lost together.
+    """Groups the anchors of a stream by packet: the anchors of a group are received or lost together.
 
     Raises:
         BitstreamError: If the side information is damaged.

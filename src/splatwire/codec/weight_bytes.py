@@ -113,10 +113,10 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 
 
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimates the standard deviations with which the entries of a matrix are coded.
+    """Chooses the standard deviations with which the entries of a matrix are entropy-coded.
 
     Returns:
-        Scale index of each row, and a number for each column that is added to it.
+        For each row, the index of a standard deviation in the coder's table; for each column, a number to add to it.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

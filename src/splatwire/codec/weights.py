@@ -174,7 +174,7 @@ def _is_whole(values: np.ndarray, most: float) -> bool:
 
 
 def _divisor(number: int) -> int:
-    """Returns the largest divisor of a number that is a possible quantisation step."""
+    """Returns the largest divisor of a number that the format allows as a quantisation step."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)
@@ -182,7 +182,7 @@ def _divisor(number: int) -> int:
 
 
 def _input_statistics(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns statistics of a layer's inputs, for rounding its weights with a small output error.
+    """Returns statistics of a layer's inputs, used to round its weights with a small output error.
 
     Returns:
         Mean of each input, order of the inputs by decreasing variance, and triangular factor of their covariance.

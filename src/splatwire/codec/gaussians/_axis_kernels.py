@@ -1,4 +1,7 @@
-"""Numba kernels that encode or decode the primary axis of a Gaussian."""
+"""Numba kernels that encode or decode one principal axis of a Gaussian (primary axis), before the rotation about it.
+
+It is the axis of either the largest or the smallest scale.
+"""
 
 from typing import no_type_check
 
@@ -16,12 +19,12 @@ UNIT = 1 << DIRECTION_BITS
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict_axis(near, count, primary, axis):
-    """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' axes.
+    """Predicts the primary axis of a Gaussian (see `code_axis`) as the weighted sum of its neighbours' axes.
 
     Args:
-        near: Arrays of the packet, with the neighbours of this Gaussian.
+        near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
         count: Number of neighbours.
-        primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
+        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
         axis: Output: the weighted sum, int64 (3).
 
     Returns:
@@ -99,15 +102,17 @@ def _quotient(number, divisor):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
-    """Encodes or decodes the primary axis of a Gaussian, predicted from the axes of its neighbours.
+    """Encodes or decodes one principal axis of a Gaussian (primary axis), predicted from the axes of its neighbours.
+
+    It is the axis of either the largest or the smallest scale.
 
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns); the axis is written.
-        primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
+        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
         source: The exact axis; only used by an encoder.
         shift: log2 of the quantisation step.
-        near: Arrays of the packet, with the neighbours of this Gaussian.
+        near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
         count: Number of neighbours.
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         axis: Working array, int64 (3).

@@ -1,6 +1,6 @@
 """Numba kernels that encode or decode the coarse positions of a packet's Gaussians: sorted Morton codes of grid cells.
 
-The codes form a binary tree: a node is a range of sorted codes that agree in all higher bits.
+Codes are coded as a binary tree. A node is a range of sorted codes that agree in all higher bits.
 """
 
 from typing import no_type_check
@@ -49,7 +49,7 @@ def code_cells(coder, codes, bits, stack):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _push(stack, top, begin, end, bit, run, prefix):
-    """Puts a node of the binary tree of codes on the stack."""
+    """Puts a node of the binary tree of Morton codes on the stack."""
     # Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.
     stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
 

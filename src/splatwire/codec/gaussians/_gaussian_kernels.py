@@ -53,7 +53,7 @@ def update_magnitude(running, steps):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def magnitude_context(running):
-    """Returns the entropy coder's context of a residual, chosen by the average magnitude of preceding residuals.
+    """Returns the entropy coder's context for a residual, given the average magnitude of preceding residuals.
 
     Args:
         running: The average, in sixteenths of a quantisation step.
@@ -67,7 +67,7 @@ def magnitude_context(running):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_class(coder, context, value):
-    """Encodes or decodes the precision class of a Gaussian, and returns it.
+    """Encodes or decodes the precision class of a Gaussian, which selects its quantisation steps; returns it.
 
     Args:
         coder: Entropy coder.
@@ -83,11 +83,11 @@ def code_class(coder, context, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def compand_thinness(ratio, thinness):
-    """Converts the ratio of the second to the third scale of a Gaussian to the integer that is coded (companding).
+    """Converts the ratio of the second to the third scale of a Gaussian to a coded integer with non-uniform steps.
 
     Args:
         ratio: Base-2 logarithm of the ratio, in fixed point.
-        thinness: The decoder's table, from `thinness_table`.
+        thinness: Table for decoding the ratio, from `thinness_table`.
 
     Returns:
         Index of the nearest entry of the table.
@@ -113,15 +113,15 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
         source: Logarithms of opacity and scales, int64 (4); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
-        near: Means and deviations of its neighbours.
-        count: Number of its neighbours.
+        near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
+        count: Number of neighbours.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:
-        Five integers. The first four are decoded logarithms: of the largest scale; of the largest over the second
-            scale; of the second over the smallest scale; of the opacity. The last one is the moving average of residual
-            magnitudes, in 16ths of a quantisation step.
+        Five integers: decoded logarithms of the largest scale, of the ratio of the largest to the second scale, of the
+        ratio of the second to the smallest scale, and of the opacity; and the moving average of residual magnitudes, in
+        16ths of a quantisation step.
     """
     s0 = long = thin = opacity = np.int64(0)
     running = np.int64(16)
@@ -172,8 +172,8 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
         source: The exact colour, int64 (3); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
-        near: Means and deviations of its neighbours.
-        count: Number of its neighbours.
+        near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
+        count: Number of neighbours.
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
@@ -190,7 +190,7 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
-    """Computes the quantisation step of each Gaussian's position from its rounded opacity and scales.
+    """Computes the quantisation step of each Gaussian's position from its opacity and scales, which are rounded first.
 
     Args:
         logs: Logarithms of opacity and scales, int64 (n, 4).

@@ -1,6 +1,6 @@
-"""Numba kernels that find the nearest neighbours of a Gaussian and predict its attributes from them.
+"""Numba kernels that find the nearest neighbours of a Gaussian and predict its attributes from theirs.
 
-Neighbours are Gaussians of the same packet that are coded earlier. Predictions are equal on every machine.
+Neighbours are Gaussians of the same packet that are coded earlier. Predictions are bit-identical on every machine.
 """
 
 from typing import NamedTuple, no_type_check
@@ -27,19 +27,19 @@ OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 
 
 class Near(NamedTuple):
-    """Working memory for predicting Gaussians from their nearest neighbours in the packet.
+    """Working arrays for predicting the n Gaussians of a packet from their nearest neighbours.
 
     Attributes:
-        cells: int64 (3, n), coordinates of the grid cells of the packet's Gaussians.
-        narrow: float32 (3, `WINDOW` + n), the same coordinates for a faster search; the first columns are dummies.
-        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance times 64, plus distance in coding
-            order.
-        close: int32 (`WINDOW` + 1), keys of the candidates.
-        lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` Gaussians.
+        cells: int64 (3, n), grid cells of the Gaussians.
+        narrow: float32 (3, `WINDOW` + n), the same cells for a faster search; the first columns are padding.
+        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: its distance, then its distance in coding order.
+        close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
+        lanes: int32 (`LANES`), smallest keys, for vector instructions.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
         values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted as means.
-        axes: float64 (n, 4), primary axis of each Gaussian, and its index: 0 for the largest scale, 2 for the smallest.
+        axes: float64 (n, 4), primary axis of each Gaussian, and its index (0 for the largest scale, 2 for the
+            smallest).
         means: int64 (`PREDICTED`), weighted mean of each attribute over the neighbours.
         deviations: int64 (`PREDICTED`), weighted mean deviation of the neighbours from this mean.
     """
@@ -60,7 +60,7 @@ class Near(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def new_near(n):
-    """Allocates the arrays for neighbour search and prediction in a packet of n Gaussians."""
+    """Allocates the working arrays for predicting the n Gaussians of a packet from their neighbours."""
     narrow = np.empty((3, WINDOW + n), np.float32)
     narrow[:, :WINDOW] = OUTSIDE
     return Near(
@@ -84,7 +84,7 @@ def find_neighbours(near, i, bits):
     """Finds the nearest neighbours of a Gaussian among the preceding `WINDOW` Gaussians of its packet.
 
     Args:
-        near: Arrays of the packet; `near.indices` and `near.weights` are written.
+        near: Working arrays of the packet; indices and weights of the neighbours are written.
         i: Index of the Gaussian in the packet.
         bits: Number of bits of a coordinate of a grid cell.
 
@@ -97,7 +97,7 @@ def find_neighbours(near, i, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _find_narrow(near, i):
-    """Finds the nearest neighbours of Gaussian `i`, for coordinates of at most `NARROW_BITS` bits."""
+    """Finds the nearest neighbours of Gaussian `i`; fast version for coordinates of at most `NARROW_BITS` bits."""
     # The nearest neighbours are the Gaussians with the smallest keys (see `Near`). The distances are exact.
     #
     # The window is divided into eight groups. At least six keys do not exceed the sixth smallest of the groups' minima,
@@ -147,7 +147,7 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest neighbours of Gaussian `i`, for arbitrarily large coordinates."""
+    """Finds the nearest neighbours of Gaussian `i`; version for coordinates of any size."""
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
@@ -170,11 +170,10 @@ def _find_wide(near, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict(near, count, defaults):
-    """Predicts the attributes of a Gaussian: each is the weighted mean over its neighbours.
+    """Predicts the attributes of a Gaussian as weighted means over its neighbours.
 
     Args:
-        near: Arrays of the packet, with the neighbours of this Gaussian; `near.means` and `near.deviations` are
-            written.
+        near: Working arrays of the packet (`Near`); means and deviations over the neighbours are written.
         count: Number of neighbours.
         defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
@@ -223,7 +222,7 @@ def remember(near, row, i):
     """Stores a Gaussian's decoded attributes for the prediction of later Gaussians of the packet.
 
     Args:
-        near: Arrays of the packet, changed in place.
+        near: Working arrays of the packet (`Near`), changed in place.
         row: Decoded integers of the Gaussian, int64 (columns).
         i: Index of the Gaussian in the packet.
     """
@@ -240,7 +239,7 @@ def remember(near, row, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def deviation_context(count, deviation, shift):
-    """Returns the entropy coder's context of a residual, which grows with the differences between the neighbours.
+    """Returns the entropy coder's context for a residual, given how much the neighbours differ.
 
     Args:
         count: Number of neighbours.

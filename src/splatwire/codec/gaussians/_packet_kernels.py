@@ -50,7 +50,7 @@ SLACK = 64
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _spread_cells(codes, cells, narrow):
-    """Converts Morton codes to coordinates of grid cells.
+    """Converts Morton codes of grid cells to coordinates of these cells.
 
     Args:
         codes: int64 (n), the Morton codes.
@@ -70,11 +70,11 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns a number by which Gaussians are sorted into packets, so that a lost packet leaves no large hole.
+    """Returns the sort key by which Gaussians are divided into packets, so that a lost packet leaves no large hole.
 
     Args:
         code: Morton code of the Gaussian's grid cell.
-        bits: Number of low bits of the code that are reversed to form the number.
+        bits: Number of low bits of the code; in reversed order they form the key.
     """
     slot = np.int64(0)
     for bit in range(bits):
@@ -91,7 +91,7 @@ def _code_cell_codes(coder, codes, bits, spread, slots, stack):
         coder: Entropy coder.
         codes: int64 (n), the Morton codes; filled by a decoder.
         bits: Number of bits of a code.
-        spread: 1 if the packet is spread over its block, otherwise 0; only used by an encoder.
+        spread: 1 if each packet has Gaussians from all over its block, otherwise 0; only used by an encoder.
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """
@@ -123,8 +123,9 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
         row: Decoded integers of the Gaussian, int64 (columns); the position is written, in halves of the lattice
             spacing.
         cell: Grid cell of the Gaussian, int64 (3).
-        place: Position relative to the block's bounding box, in lattice spacings; only used by an encoder.
-        cells_at: log2 of the cell size of the packet's grid, in lattice spacings.
+        place: Position relative to the corner of the block's bounding box, in lattice spacings; only used by an
+            encoder.
+        cells_at: log2 of the side of a grid cell, in lattice spacings.
         shift: log2 of the quantisation step of the position, in lattice spacings.
         absolute: False for streams of version 2, which round positions differently.
     """
@@ -142,13 +143,13 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_spin(coder, row, axes, primary, bits):
-    """Encodes or decodes the rotation of a Gaussian about its primary axis, as raw bits.
+    """Encodes or decodes the rotation of a Gaussian about its primary axis, as plain bits.
 
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns); the rotation is written.
         axes: Exact principal axes as columns, float64 (3, 3); only used by an encoder.
-        primary: Index of the primary axis: 0 for the largest scale, 2 for the smallest.
+        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
         bits: Number of bits of the rotation.
     """
     value = np.int64(0)
@@ -165,7 +166,7 @@ def spin_angle(row, axes, primary):
     Args:
         row: Decoded integers of the Gaussian, int64 (columns), with the primary axis.
         axes: Exact principal axes as columns, float64 (3, 3).
-        primary: Index of the primary axis.
+        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
     """
     # The angle is that between column `(primary + 1) % 3` and a direction that is perpendicular to the primary axis and
     # close to a coordinate axis.
@@ -194,11 +195,11 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
 
     Args:
         coder: Entropy coder.
-        stream: Constants of the stream, from `SideInfo.kernel_stream`.
+        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
-        source: Fields of a `BlockSource` of the packet's Gaussians; ignored by a decoder.
-        rows: Output: decoded integers, int64 (n, columns).
+        source: The packet's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
+        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
@@ -263,7 +264,7 @@ def _encode_packet(tables, stream, models, statistics, box_bits, defaults, sourc
 @njit(error_model="numpy")
 @no_type_check
 def _packet_source(source, begin, n):
-    """Selects the Gaussians of one packet from those of a block, sorted by Morton code."""
+    """Selects the Gaussians of one packet from the sorted Gaussians of a block."""
     order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
     return (
@@ -282,19 +283,19 @@ def _packet_source(source, begin, n):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends):
-    """Encodes a block in packets with given numbers of Gaussians.
+    """Encodes a block of n Gaussians in packets with given numbers of Gaussians.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream: Constants of the stream, from `SideInfo.kernel_stream`.
-        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
-        statistics: Counters from `empty_statistics`, increased by each coded symbol.
+        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, a `BlockSource`.
         sizes: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
-        rows: Output: decoded integers, int64 (n, columns).
+        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         ends: Output: end of each payload in the buffer, int64 (packets).
     """
@@ -314,19 +315,19 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
 def encode_cut(
     tables, stream, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
 ):
-    """Encodes a block in packets of limited size, each with as many Gaussians as fit.
+    """Encodes a block of n Gaussians in packets of limited size, each with as many Gaussians as fit.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream: Constants of the stream, from `SideInfo.kernel_stream`.
-        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
-        statistics: Counters from `empty_statistics`, increased by each coded symbol.
+        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, a `BlockSource`.
-        most: Maximum size of a payload, bytes.
+        most: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
-        rows: Output: decoded integers, int64 (n, columns).
+        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         sizes: Output: number of Gaussians in each packet, int64 (n).
         ends: Output: end of each payload in the buffer, int64 (n).
@@ -370,18 +371,18 @@ def encode_cut(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_packets(tables, stream, models, data, ends, starts, box_bits, defaults, rows, harmonics):
-    """Decodes packets of Gaussians.
+    """Decodes P packets with n Gaussians in total to integers.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream: Constants of the stream, from `SideInfo.kernel_stream`.
-        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the Gaussians `starts[p]` to `starts[p + 1]` (exclusive).
         box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
         defaults: Mean opacity, scales and colour of each packet's block, int64 (P, 7).
-        rows: Output: decoded integers, int64 (n, columns).
+        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)

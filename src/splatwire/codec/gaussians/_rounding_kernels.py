@@ -1,4 +1,4 @@
-"""Numba kernel that rounds Gaussians to their quantisation steps without coding them."""
+"""Numba kernel that quantises Gaussians without coding them."""
 
 from typing import no_type_check
 
@@ -44,20 +44,21 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinness, harmonics, rows):
-    """Quantises Gaussians to the integers that a decoder would obtain, without encoding them.
+    """Quantises n Gaussians to the integers that a decoder would obtain, without encoding them.
 
     Args:
-        places: Lattice coordinates, int64 (n, 3).
-        logs: Logarithms of opacity and scales, int64 (n, 4).
+        places: Positions in lattice spacings, int64 (n, 3).
+        logs: Logarithms of opacity and scales, in fixed point, int64 (n, 4).
         axes: Principal axes, float64 (n, 3, 3).
-        colours: Base colours, int64 (n, 3).
+        colours: Base colours (Y Co Cg), in fixed point, int64 (n, 3).
         levels: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         harmonics: Transformed harmonics, int32 (n, harmonics); rounded in place.
-        rows: Output: decoded integers, int64 (n, columns), with positions relative to the origin of the lattice.
+        rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns), with positions relative to
+            the origin of the lattice.
     """
     axis = np.zeros(3, np.int64)
     for i in range(len(rows)):

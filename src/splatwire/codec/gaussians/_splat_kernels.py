@@ -34,13 +34,13 @@ def convert(
 
     Args:
         rows: Decoded integers, int64 (n, columns).
-        places: Index of each Gaussian in the outputs, int64 (n).
+        places: Index in the outputs of each of the n Gaussians, int64 (n).
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
-        powers: Table from `exponentials`.
-        colours: Transform from RGB to Y Co Cg divided by the harmonic of degree 0, float64 (3, 3).
+        powers: Table of powers of two, from `exponentials`.
+        colours: Matrix from RGB to Y Co Cg, divided by the constant of degree 0, float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
         means: Output, float32 (N, 3).
         quats: Output, unit quaternions (w, x, y, z), float32 (N, 4).

@@ -31,7 +31,7 @@ this package.
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Encoder input: attributes of N Gaussians, mostly in fixed point.
+    """Attributes of N Gaussians as input of the encoder, mostly in fixed point.
 
     Attributes:
         logs: int64 (N, 4), base-2 logarithms of the opacity and of the scales (relative to the scene's size, largest
@@ -53,7 +53,7 @@ def scene_middle(splats: Splats) -> np.ndarray:
 
 
 def scene_log(splats: Splats) -> int:
-    """Returns log2 of the median distance of the Gaussians from the scene's centre, rounded down."""
+    """Returns the size of a scene as a power of two: log2 of the median distance of Gaussians from the centre."""
     means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
 
     def squares(some: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ def scene_log(splats: Splats) -> int:
 
 
 def to_sources(splats: Splats, size_log: int) -> Sources:
-    """Converts Gaussians to the encoder's input: fixed-point attributes and sorted principal axes.
+    """Converts Gaussians to fixed-point attributes and sorted principal axes, as input of the encoder.
 
     Args:
         splats: The Gaussians.
@@ -77,11 +77,11 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
 
 
 def to_logs(splats: Splats, size_log: int) -> np.ndarray:
-    """Returns base-2 logarithms of the opacity and of the scales (largest first) in fixed point, int64 (N, 4).
+    """Returns base-2 logarithms of opacity and scales (largest first) in fixed point, int64 (N, 4).
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size, to which scales are relative.
+        size_log: log2 of the scene's size in world units; scales are relative to this size.
     """
     logs = np.empty((splats.num_gaussians, 4), np.int64)
     logs[:, 0] = _fixed(np.log2(splats.opacities.astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
@@ -124,7 +124,7 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
-    """Transforms spherical harmonics above degree 0 to the integers that packets contain.
+    """Applies the decorrelating transform to spherical harmonics above degree 0; returns the integers to be coded.
 
     Args:
         splats: The n Gaussians, with K harmonics above degree 0.
@@ -213,7 +213,7 @@ def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
-    """Adds the decoded integers of one block to a hash, by which receivers check their decoding.
+    """Adds the decoded integers of one block to a hash, with which receivers verify their decoding.
 
     Args:
         digest: hashlib object that is updated.

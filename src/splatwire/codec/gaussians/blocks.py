@@ -32,11 +32,11 @@ BOX_BITS = 8
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Bounding boxes of B blocks on the lattice of positions. The corners of each box lie on a coarser grid.
+    """Bounding boxes of B blocks of Gaussians, whose corners lie on coarse grids.
 
     Attributes:
         shifts: int64 (B), log2 of the spacing of each box's grid, in lattice spacings.
-        origins: int64 (B, 3), lower corner of each box, as coordinates on the grid of this box.
+        origins: int64 (B, 3), lower corner of each box, in spacings of its grid.
         extents: int64 (B, 3), sides of each box in spacings of its grid, minus one.
     """
 
@@ -46,14 +46,14 @@ class Boxes:
 
     @functools.cached_property
     def bits(self) -> np.ndarray:
-        """Number of bits of a lattice coordinate relative to the corner of each box, int64 (B)."""
+        """Number of bits per axis of a position within each box, int64 (B)."""
         return self.shifts + np.array(
             [int(e).bit_length() for e in self.extents.max(axis=1, initial=0)], dtype=np.int64
         )
 
     @functools.cached_property
     def corners(self) -> np.ndarray:
-        """Lower corners of the boxes in lattice spacings, int64 (B, 3)."""
+        """Lower corners of the boxes, in lattice spacings, int64 (B, 3)."""
         return self.origins << self.shifts[:, None]
 
 
@@ -83,7 +83,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(some: np.ndarray) -> np.ndarray:
-        """Compresses large distances from the centre logarithmically."""
+        """Compresses large distances from the centre of the scene logarithmically."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
         return np.arcsinh((some - middle) / spread * 2)
 
@@ -103,10 +103,10 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Chooses the cell size of the coarse grid for coding a block's positions; returns its log2 in lattice spacings.
+    """Returns log2 of the cell size of the coarse grid by which a block's positions are coded, in lattice spacings.
 
     Args:
-        places: int64 (n, 3), lattice positions relative to the corner of the block's box.
+        places: int64 (n, 3), positions relative to the corner of the block's box, in lattice spacings.
         bits: Number of bits of a coordinate within the box.
     """
     # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
@@ -115,7 +115,7 @@ def cell_shift(places: np.ndarray, bits: int) -> int:
 
 
 def _extent_bits(places: np.ndarray) -> int:
-    """Returns the number of bits that coordinates of positions need, relative to their bounding box."""
+    """Returns the number of bits per axis of positions within their bounding box."""
     # A few positions far away from the others have limited influence.
     ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
     axes = np.ascontiguousarray(places.T)
@@ -144,8 +144,8 @@ def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
     """Computes the bounding box of each block of Gaussians, with corners on a coarse grid.
 
     Args:
-        low: int64 (B, 3), smallest lattice coordinates of each block.
-        high: int64 (B, 3), largest lattice coordinates of each block.
+        low: int64 (B, 3), smallest coordinates of each block, in lattice spacings.
+        high: int64 (B, 3), largest coordinates of each block, in lattice spacings.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings. Box corners are multiples of
             this side.
     """
@@ -158,17 +158,17 @@ def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
 
 
 def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
-    """Returns Morton codes of lattice positions within a bounding box.
+    """Returns Morton codes of positions within a bounding box.
 
     Args:
-        places: int64 (n, 3), lattice positions relative to the corner of the box.
+        places: int64 (n, 3), positions relative to the corner of the box, in lattice spacings.
         bits: Number of bits of a coordinate within the box.
     """
     return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the typical cell size of the coarse grids for coding positions, from a sample of the scene.
+    """Estimates the typical cell size of the coarse grids by which positions are coded, from a sample of the scene.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
@@ -188,7 +188,7 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
 
 
 def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
-    """Rounds positions down to lattice coordinates, int64 (N, 3).
+    """Converts positions to integers, rounded down, in units of the lattice spacing, int64 (N, 3).
 
     Args:
         means: float64 (N, 3), positions.

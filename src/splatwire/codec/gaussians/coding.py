@@ -1,4 +1,4 @@
-"""Serialises the quantisation parameters of a decoded scene, with which it can be encoded without further loss."""
+"""Serialises the quantisation parameters of a decoded scene, with which the scene can be encoded again without loss."""
 
 import numpy as np
 

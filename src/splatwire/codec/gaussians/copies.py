@@ -1,4 +1,4 @@
-"""Redundant copies of important Gaussians in the side information, drawn where packets are lost (docs/format.md)."""
+"""Redundant copies of important Gaussians in the side information, which receivers draw where packets were lost."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def _place_bits(num_gaussians: int) -> int:
 
 
 def write_head(growth: tuple[float, float, float], count: int, blocks: bytes) -> bytes:
-    """Serialises the beginning of the section of redundant copies.
+    """Serialises the header of the section with redundant copies of Gaussians.
 
     Args:
         growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
@@ -84,7 +84,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
-    """Returns the precision class of a stream's redundant copies, 0 for the lowest.
+    """Returns the precision class of a stream's redundant copies of Gaussians; it selects their quantisation steps.
 
     Args:
         info: The stream's side information.
@@ -121,10 +121,10 @@ def _read(
 
 
 def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
-    """Returns the section of redundant copies (`sketch`) for a stream whose packets were rearranged.
+    """Returns the section with redundant copies (`sketch`) for a stream whose packets were rearranged.
 
     Args:
-        section: Content of the section before.
+        section: Content of the section before the rearrangement.
         place_at: Index in the new stream of each Gaussian of the old stream, int64 (N).
     """
     # A copy refers to its Gaussian by index, which the rearrangement changes.
@@ -137,7 +137,7 @@ def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
 
 
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Decodes the redundant copies of important Gaussians to integers: attributes, and harmonics."""
+    """Decodes the redundant copies of Gaussians to integers: attributes, and harmonics."""
     rows, harmonics = empty_rows(count, info.num_harmonics)
     data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(

@@ -23,7 +23,7 @@ def write_copies(
         splats: All Gaussians of the stream, in stream order.
         places: int64, indices in `splats` of the Gaussians to copy.
         info: The stream's side information.
-        level: Precision class of all copies, 0 for the lowest.
+        level: Precision class of all copies (their set of quantisation steps), 0 for the coarsest.
         growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
 
     Returns:

@@ -223,10 +223,10 @@ def store_block(
 
 
 def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Estimates the integers of a block's lost Gaussians from the positions of the received ones (`near`).
+    """Estimates the decoded integers of a block's lost Gaussians; places them near received ones (positions `near`).
 
     Returns:
-        Integers of the lost Gaussians, int64 (lost, COLUMNS).
+        Integers of the lost Gaussians, int64 (lost, columns).
     """
     rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults[block]
     rows[:, SCALE0] = np.clip(defaults[1], -MAX_LOG, MAX_LOG)

@@ -39,12 +39,12 @@ BYTES_PER_HARMONIC = 12
 def prepare_splats(
     scene: SplatScene, options: Options, like: SideInfo | None = None, *, sorted_already: bool = False
 ) -> Prepared:
-    """Prepares Gaussians for encoding: sorts them into blocks and computes the side information.
+    """Prepares Gaussians for encoding: sorts them into spatial blocks and computes the side information.
 
     Args:
         scene: The Gaussians; each must have a visible effect.
         options: Encoding options; the default packetization is the preset "paper".
-        like: Side information of the stream from which the Gaussians were decoded, to reuse parts of it.
+        like: Side information of the stream from which the Gaussians were decoded, parts of which are used again.
         sorted_already: True if the Gaussians are in block order.
 
     Raises:
@@ -87,8 +87,8 @@ def fit_side_info(
     Args:
         scene: The Gaussians, sorted into blocks.
         sections: Named sections to include, content by name.
-        known: Transform of the spherical harmonics; None to fit it to a part of the scene.
-        like: Side information with context tables to reuse; None to fit the tables to a part of the scene.
+        known: Decorrelating transform of the spherical harmonics; None to fit it to a sample of the scene.
+        like: Side information whose probability tables are used; None to fit the tables to a sample of the scene.
         threads: Number of threads; None for one per processor.
     """
     ends = np.array(list(ordered_map(scene.ends, range(scene.num_blocks), threads)))
@@ -129,7 +129,7 @@ def fit_side_info(
 
 
 def scene_transform(scene: SourceScene) -> np.ndarray:
-    """Fits the transform of spherical harmonics to a sample of the scene's Gaussians, int64 (K, K)."""
+    """Fits the decorrelating transform of spherical harmonics to a sample of the scene, int64 (K, K)."""
     if not scene.splats.degree:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.some_blocks()
@@ -145,9 +145,9 @@ class CodedBlock:
     Attributes:
         sizes: int64 (P), number of Gaussians in each packet.
         payloads: Content of each packet without its header.
-        rows: int64 (n, columns), integers of each Gaussian except harmonics, as a decoder obtains them.
-        harmonics: int32 (n, harmonics), integers of the spherical harmonics, as a decoder obtains them.
-        statistics: Counts of coded bits and residuals by context, see `empty_statistics`.
+        rows: int64 (n, columns), decoded integers of each Gaussian except harmonics.
+        harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics.
+        statistics: Numbers of coded symbols by context, see `empty_statistics`.
     """
 
     sizes: np.ndarray
@@ -191,7 +191,7 @@ class GaussianEncoder:
     Args:
         scene: The Gaussians, sorted into blocks.
         plan: Packet plan: assignment of elements to packets.
-        info: Side information, as a decoder reads it after quantisation.
+        info: Side information as decoders read it, with quantised values.
     """
 
     def __init__(self, scene: SourceScene, plan: PacketPlan, info: SideInfo) -> None:

@@ -1,4 +1,4 @@
-"""Fits the context tables of the entropy coder to statistics of coded symbols."""
+"""Fits the entropy coder's probability tables to the symbols that were coded in each context."""
 
 import numpy as np
 
@@ -32,17 +32,17 @@ from the entries' mixture distributions needs `scipy.special`, and its import ta
 
 
 def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
-    """Returns zero counters for statistics of coded symbols.
+    """Allocates counters for the symbols that the entropy coder codes in each context, initially zero.
 
     Returns:
-        Number of zeros and ones of each adaptive bit model, int64 (contexts, 2); and number and sum of magnitudes of
-        the residuals in each context, int64 (streams, spreads, seconds, 2).
+        Number of zeros and ones by adaptive bit model, int64 (contexts, 2); and number of residuals and sum of their
+        magnitudes by context, int64 (streams, spreads, seconds, 2), see `Coder` for the three indices of a context.
     """
     return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros((len(STREAMS), SPREADS, SECONDS, 2), np.int64)
 
 
 def fit_bits(counts: np.ndarray) -> np.ndarray:
-    """Computes the initial probability of a zero for each adaptive bit model.
+    """Computes the initial probability of a zero of each adaptive bit model, from counts of coded bits.
 
     Args:
         counts: Number of zeros and ones coded with each model, int64 (contexts, 2).
@@ -55,13 +55,15 @@ def fit_bits(counts: np.ndarray) -> np.ndarray:
 
 
 def fit_scales(residuals: np.ndarray) -> np.ndarray:
-    """Chooses the width of the residual distribution in each context, from the mean magnitude of its residuals.
+    """Chooses the width of the probability distribution of each residual context, from the mean magnitude of residuals.
 
     Args:
-        residuals: Number and sum of magnitudes of residuals by context, int64 (streams, spreads, seconds, 2).
+        residuals: Number of residuals and sum of their magnitudes in each context, int64 (A, B, C, 2) for three context
+            indices.
 
     Returns:
-        Index of each context's width in the scale table, divided by `SCALE_UNIT`, int64 (streams, spreads, seconds).
+        Index of each context's width in the coder's table of standard deviations, divided by `SCALE_UNIT`, int64 (A, B,
+        C).
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)
@@ -75,9 +77,9 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Estimates the mean magnitude of residuals in each context as a product of two factors.
+    """Estimates the mean magnitude of residuals in each context, as a product of two factors to need fewer samples.
 
-    A context has three indices (a, b, c); one factor depends on (a, b), the other on (a, c).
+    A context has three indices (a, b, c). One factor depends on (a, b), the other on (a, c).
 
     Args:
         number: Number of residuals in each context, float64 (A, B, C).
@@ -94,5 +96,5 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns the initial scales of residual distributions, equal in all contexts."""
+    """Returns the widths of residual distributions before any statistics are known, equal in all contexts."""
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

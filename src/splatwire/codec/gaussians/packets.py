@@ -12,7 +12,7 @@ from splatwire.types import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class PacketDivision:
-    """Division of a scene's Gaussians into packets, which are numbered in sending order.
+    """Division of a scene's Gaussians into packets, with packets numbered in sending order.
 
     Attributes:
         packet: Packet of each Gaussian, int64 (N).
@@ -24,7 +24,7 @@ class PacketDivision:
 
 
 def divide_into_packets(scene: SplatScene, packetization: Packetization) -> PacketDivision:
-    """Encodes Gaussians to determine the packet that contains each Gaussian, and the sizes of the packets.
+    """Encodes Gaussians to find out which packet contains each Gaussian, and how large the packets are.
 
     Args:
         scene: The Gaussians; each must have a visible effect.

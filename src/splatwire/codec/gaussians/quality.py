@@ -23,13 +23,14 @@ at equal PSNR (40 dB and more) on three scenes, for views that were not used to 
 
 @dataclass(frozen=True)
 class Quality:
-    """Quality setting, from which the quantisation steps of Gaussians are derived.
+    """Quality setting of explicit Gaussians, from which their quantisation steps are derived.
 
     Attributes:
         level: Precision, -8 to 24: all quantisation steps are `2**-level` times as large as at level 0.
-        classes: Number of precision classes, 1 to 8. Each class has twice the steps of the next higher class.
-        position: Additional precision of positions, -16 to 16: their steps are `2**-position` times as large. For
-            scenes with many Gaussians at nearly equal depth.
+        classes: Number of precision classes, 1 to 8; an encoder assigns each Gaussian one of them. A class has twice
+            the quantisation steps of the next higher class.
+        position: Additional precision of positions, for scenes with many Gaussians at nearly equal depth, -16 to 16:
+            their quantisation steps are `2**-position` times as large.
         precision: Additional precision of each quantity in `layout.STEPS`, octaves, -16 to 16 each.
 
     Raises:
@@ -53,11 +54,11 @@ class Quality:
             raise InvalidValueError(f"classes of precision must be 1 to {MAX_CLASSES}, not {self.classes!r}")
 
     def num_classes(self, degree: int) -> int:
-        """Returns the number of precision classes used for a scene with spherical harmonics of the given degree."""
+        """Returns the number of precision classes for a scene with spherical harmonics of the given degree."""
         return min(self.classes, _SHADED_CLASSES) if degree else self.classes
 
     def bases(self, degree: int) -> np.ndarray:
-        """Returns the quantisation steps of all attributes in the lowest precision class.
+        """Returns the quantisation steps of all attributes in precision class 0 (the coarsest).
 
         Args:
             degree: Degree of the scene's spherical harmonics.

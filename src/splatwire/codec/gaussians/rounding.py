@@ -18,7 +18,7 @@ _PIECE = 1 << 13
 
 
 def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> SplatCoding:
-    """Chooses the quantisation steps of Gaussians as the encoder does.
+    """Returns the quantisation parameters of Gaussians, as the encoder would choose them.
 
     Args:
         splats: The Gaussians, at least one.

@@ -82,11 +82,11 @@ class SideInfo:
 
     @property
     def kernel_tables(self) -> tuple[np.ndarray, ...]:
-        """Tables of the entropy coder, in the argument order of the numba kernels."""
+        """Tables of the entropy coder, in the order of the numba kernels' arguments."""
         return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Returns the constants of the stream that numba kernels need."""
+        """Returns the parameters of the stream that the numba kernels need."""
         return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:
@@ -101,7 +101,7 @@ class SideInfo:
 
 @functools.lru_cache(maxsize=8)  # of megabytes each, and a stream may have thousands
 def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
-    """Tabulates the distributions of residuals, from the serialised `SideInfo.scales`."""
+    """Computes the probability tables of residuals, from the serialised widths `SideInfo.scales`."""
     return tuple(residual_windows(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
 
 
@@ -190,7 +190,7 @@ def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
 
     Args:
         boxes: Bounding boxes of the B blocks.
-        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
+        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in sixteenths.
     """
     writer = ByteWriter()
     for shift, origin, extent in zip(boxes.shifts, boxes.origins, boxes.extents, strict=True):
@@ -241,7 +241,7 @@ def _num_contexts(degree: int) -> int:
 
 
 def _write_contexts(info: SideInfo) -> bytes:
-    """Serialises the initial states of the entropy coder's contexts."""
+    """Serialises the initial probability tables of the entropy coder."""
     # A probability is one byte. A difference of scales is a flag, and the number itself if it is not 0.
     writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
     writer.blob(bytes(info.bit_zero[: _num_contexts(info.degree)].astype(np.uint8)))

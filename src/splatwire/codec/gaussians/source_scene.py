@@ -1,4 +1,4 @@
-"""Encoder input: Gaussians sorted into blocks, with lattice positions and precision classes."""
+"""Input of the Gaussian encoder: Gaussians sorted into blocks, with quantised positions and precision classes."""
 
 import functools
 import operator
@@ -58,14 +58,14 @@ quantisation steps are adapted to the scene.
 
 
 class BlockSource(NamedTuple):
-    """Input of the encoding kernels: n Gaussians of one block, sorted for the division into packets.
+    """Input of the encoding kernels: n Gaussians of one block, in the order in which packets are filled.
 
     Attributes:
-        cells_at: log2 of the cell size of the coarse grid of positions, in lattice spacings.
-        spread: 1 if each packet is spread over the block, 0 if a packet contains adjacent Gaussians.
+        cells_at: log2 of the cell size of the coarse position grid, in lattice spacings.
+        spread: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
         places: int64 (n, 3), positions relative to the corner of the block's bounding box, in lattice spacings.
-        classes: int64 (n), precision classes, 0 for the lowest.
+        classes: int64 (n), precision classes, which select the quantisation steps; 0 is the coarsest.
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
         colours: int64 (n, 3), base colours as Y Co Cg in fixed point.
@@ -85,19 +85,19 @@ class BlockSource(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SourceScene:
-    """Gaussians of a scene as encoder input, sorted into B blocks.
+    """Gaussians of a scene as input of the encoder, sorted into B blocks.
 
     Attributes:
         splats: The N Gaussians in input order.
         centres: float32 (N, 3), positions as a decoder obtains them, in input order.
         order: Integers (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
-        classes: uint8 (N), precision classes in input order, 0 for the lowest.
+        classes: uint8 (N), precision classes in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         bases: int64 (steps), `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
-        contiguous: True if a packet contains adjacent Gaussians, False if it is spread over its block.
+        contiguous: True if a packet contains adjacent Gaussians, False if it has Gaussians from all over its block.
     """
 
     splats: Splats
@@ -123,18 +123,18 @@ class SourceScene:
         sorted_already: bool = False,
         most_unit: int = ROOM,
     ) -> "SourceScene":
-        """Sorts Gaussians into the blocks of a packet plan and chooses their quantisation steps.
+        """Sorts Gaussians into the blocks of a packet plan, and chooses their quantisation steps.
 
         Args:
             splats: The Gaussians.
             plan: Packet plan with the size of each block.
             classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
                 coarser; None for the finest.
-            tiers: Tier of each Gaussian, 0 for the most important; None for one tier.
+            tiers: Importance tier of each Gaussian, 0 for the most important; None for one tier.
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
             sorted_already: True if the Gaussians are in block order.
-            most_unit: Upper bound of the attribute `unit`.
+            most_unit: Upper limit of the resolution of positions, see the attribute `unit`.
         """
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
@@ -170,34 +170,34 @@ class SourceScene:
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
-        """Returns the indices of a sample of blocks, to which an encoder fits its tables."""
+        """Returns the indices of the blocks to which an encoder fits its probability tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
-        """Returns the Gaussians of a block as a range of the attribute `order`."""
+        """Returns the range of a block's Gaussians in the attribute `order`."""
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:
-        """Returns the Gaussians at some positions of the attribute `order`."""
+        """Returns the Gaussians at the given positions of the attribute `order`."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians at some positions of the attribute `order`, int64."""
+        """Returns the precision classes of the Gaussians at the given positions of the attribute `order`, int64."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:
-        """Returns the positions of a block's Gaussians as lattice coordinates, int64 (n, 3), in coding order."""
+        """Returns the positions of a block's Gaussians in lattice spacings, int64 (n, 3), in coding order."""
         means = self.centres.take(self.order[self.members(block)], axis=0)
         return to_lattice(means.astype(np.float64), self.unit, self.size_log)
 
     def ends(self, block: int) -> np.ndarray:
-        """Returns the bounding box of a block's Gaussians: smallest and largest lattice coordinates, int64 (2, 3)."""
+        """Returns the smallest and largest coordinates of a block's Gaussians in lattice spacings, int64 (2, 3)."""
         places = self.places(block)
         return np.array([places.min(axis=0), places.max(axis=0)])
 
     def means(self, block: int) -> np.ndarray:
-        """Returns the mean opacity, scales and colour of the Gaussians of a block, int64 (7), 4 fractional bits."""
+        """Returns mean opacity, scales and colour of a block's Gaussians, int64 (7), 4 fractional bits."""
         here = self.pick(self.members(block))
         logs = to_logs(here, self.size_log).astype(np.float64)
         ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
@@ -263,13 +263,13 @@ def _input_order(count: int) -> np.ndarray:
 
 
 def coded_classes(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
-    """Converts precision classes from the numbers that callers use to those in the bitstream.
+    """Converts precision classes from the numbers of callers (0 is the finest) to those of the bitstream.
 
     Args:
         classes: Precision class of each Gaussian (its set of quantisation steps), (N), 0 for the finest, negative for
             coarser; None for the finest.
         count: Number of Gaussians, N.
-        most: Finest precision class in the bitstream, in which 0 is the coarsest.
+        most: Finest precision class of the bitstream, in which 0 is the coarsest.
 
     Returns:
         Class of each Gaussian in the bitstream, uint8 (N), from 0 to `most`.
@@ -288,12 +288,12 @@ def coded_classes(classes: np.ndarray | None, count: int, most: int) -> np.ndarr
 
 
 def raise_flat(splats: Splats, classes: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
-    """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
+    """Assigns flat Gaussians a finer precision class if rounding would make them much thicker.
 
     Args:
         splats: The N Gaussians.
         classes: uint8 (N), precision classes from `coded_classes`.
-        most: The finest precision class.
+        most: The finest precision class; 0 is the coarsest.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         size_log: log2 of the scene's size in world units.
 
@@ -317,13 +317,13 @@ def raise_flat(splats: Splats, classes: np.ndarray, most: int, bases: np.ndarray
 
 
 def _is_flat(scales: np.ndarray) -> np.ndarray:
-    """Returns a mask of Gaussians that are flatter than the format can represent."""
+    """Returns the mask of Gaussians that are flatter than the format can represent."""
     low, middle, _ = sort3(scales)
     return low < middle * np.float32(2.0**-MAX_THINNESS)
 
 
 def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
-    """Returns `-log2` of a scene's quantisation steps, in fixed point."""
+    """Returns `-log2` of the quantisation steps of a scene's attributes, in fixed point."""
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     bases = quality.bases(splats.degree)
     parts = list(runs(splats.scales))
@@ -370,7 +370,7 @@ def _quantised_positions(
 
 
 def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int) -> int:
-    """Chooses the spacing of the lattice of positions, as `-log2` relative to the scene's size."""
+    """Chooses the spacing of the lattice of positions; returns its `-log2`, relative to the scene's size."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(some: tuple[np.ndarray, np.ndarray]) -> float:

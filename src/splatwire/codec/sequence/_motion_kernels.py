@@ -48,14 +48,14 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_headers(coder, headers, n, frames, first_new):
-    """Encodes or decodes the headers of a packet's tracks: track numbers, states and lifetimes.
+    """Encodes or decodes the headers of a packet's tracks: track indices, whether tracks move, and their lifetimes.
 
     Args:
         coder: Entropy coder.
         headers: Headers, int64 (n, fields), ascending by track index; filled by a decoder.
         n: Number of tracks in the packet.
         frames: Number of frames in the group.
-        first_new: Index of the first track that begins in the group, among all tracks of the stream.
+        first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
         Number of headers found.
@@ -91,7 +91,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Returns the entropy coder's context of a residual, chosen by the magnitude of residuals coded before it."""
+    """Returns the entropy coder's context for a residual, given the magnitude of residuals coded before it."""
     level = 0
     while magnitude >> level and level < LEVELS - 1:
         level += 1
@@ -105,9 +105,9 @@ def _code_interval(coder, low, span, at, start, size, bits):
 
     Args:
         coder: Entropy coder of the packet.
-        low: State of the range coder.
-        span: State of the range coder.
-        at: State of the range coder.
+        low: Lower end of the range coder's interval.
+        span: Size of the range coder's interval.
+        at: Number of bytes read or written so far.
         start: Start of the interval, in units of `2**-bits`.
         size: Size of the interval, in units of `2**-bits`.
         bits: Number of bits of a probability.
@@ -143,7 +143,7 @@ def _code_interval(coder, low, span, at, start, size, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _bit(coder, low, span, at, context, bit):
-    """Encodes or decodes a bit with an adaptive model; returns it and the new state of the range coder."""
+    """Encodes or decodes a bit with an adaptive model; returns the bit and the new state of the range coder."""
     zero = adaptive_size(coder.models, context)
     if coder.decoding:
         bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
@@ -160,7 +160,7 @@ def _bit(coder, low, span, at, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _raw(coder, low, span, at, value, bits):
-    """Encodes or decodes `bits` bits with equal probabilities; returns them and the new state of the range coder."""
+    """Encodes or decodes `bits` equally probable bits; returns the bits and the new state of the range coder."""
     found = ZERO
     while bits > 0:
         some = min(bits, RAW_BITS)
@@ -176,15 +176,15 @@ def _raw(coder, low, span, at, value, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_coefficient(coder, low, span, at, kind, order, level, value):
-    """Encodes or decodes the residual of one motion coefficient: zero flag, octave, remaining bits and sign.
+    """Encodes or decodes the quantised prediction residual of one polynomial coefficient of a track's motion.
 
     Args:
         coder: Entropy coder of the packet.
-        low: State of the range coder.
-        span: State of the range coder.
-        at: State of the range coder.
-        kind: Kind of the channel, part of the context.
-        order: Degree of the coefficient's polynomial, part of the context.
+        low: Lower end of the range coder's interval.
+        span: Size of the range coder's interval.
+        at: Number of bytes read or written so far.
+        kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
+        order: Degree of the polynomial, part of the context.
         level: Octave of the magnitude of neighbouring residuals, part of the context.
         value: The residual; ignored by a decoder.
 
@@ -215,18 +215,18 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_motion(coder, headers, n, orders, quantised, frames, first_new):
-    """Encodes or decodes the motion of a packet's tracks.
+    """Encodes or decodes the motion of a packet's n tracks.
 
     Args:
         coder: Entropy coder of the packet.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index; filled by a decoder.
         n: Number of tracks in the packet.
-        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds); filled
-            by a decoder.
+        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds); filled by
+            a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
             zero before.
         frames: Number of frames in the group, F.
-        first_new: Index of the first track that begins in the group, among all tracks of the stream.
+        first_new: Index in the stream of the first track that begins in the group.
     """
     if coder.decoding:
         headers[:] = -1

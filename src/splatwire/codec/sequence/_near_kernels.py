@@ -1,4 +1,4 @@
-"""Numba kernels that search the nearest tracks among those with known motion in a packet."""
+"""Numba kernels that find the tracks nearest to a track, among those of a packet whose motion is known."""
 
 from typing import no_type_check
 
@@ -15,7 +15,7 @@ _PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def add_known(places, i, known, around, count):
-    """Adds a track to the list of tracks with known motion, from which the motion of later tracks is predicted.
+    """Adds a track to the list of tracks with known motion, by which the motion of later tracks is predicted.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).
@@ -37,13 +37,13 @@ def add_known(places, i, known, around, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_candidates(squares, count, lanes, some):
-    """Excludes most tracks from the search for nearest neighbours; returns the number of those that remain.
+    """Excludes tracks that cannot be nearest neighbours from the search; returns the number of remaining tracks.
 
     Args:
         squares: Squared distances, float64.
         count: Number of squared distances.
         lanes: Working array, float64 (LANES).
-        some: Output: indices of the tracks that remain, ascending.
+        some: Output: indices of the remaining tracks, ascending.
     """
     # The distances are divided into `NUM_NEIGHBOURS` groups. No distance above the largest of the groups' minima can be
     # among the smallest.
@@ -72,7 +72,7 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Finds the nearest of some candidates by their squared distances.
+    """Finds the nearest of some candidate tracks, given squared distances.
 
     Args:
         squares: Squared distances of all tracks, float64.
@@ -101,14 +101,14 @@ def _smallest_candidates(squares, some, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def nearest(places, known, around, count, i, squares, lanes, some, neighbours, far):
-    """Finds the tracks with known motion that are nearest to a track.
+    """Finds the tracks with known motion that are nearest to a given track.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).
         known: Indices of the tracks with known motion, from `add_known`.
         around: Positions of the tracks with known motion, from `add_known`.
         count: Number of tracks with known motion.
-        i: Index of the track for which neighbours are searched.
+        i: Index of the track whose neighbours are searched.
         squares: Working array, float64 (M).
         lanes: Working array, float64 (LANES).
         some: Working array, int64 (M).

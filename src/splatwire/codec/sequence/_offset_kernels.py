@@ -13,7 +13,7 @@ _COLOURS = NUM_CHANNELS - 3
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, found):
-    """Evaluates the decoded motion of tracks in one frame: their offsets from their keyframe Gaussians.
+    """Evaluates the decoded motion of n tracks in one frame: their changes relative to their keyframe Gaussians.
 
     Args:
         coefficients: Polynomial coefficients of the moving tracks of all packets, one after another, float32.
@@ -24,7 +24,7 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
         weights: Value of each basis polynomial in this frame, float64 (F).
         factors: Factor from fixed point to floats, by channel, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
-        found: Output: offsets, float32 (n, channels).
+        found: Output: the changes, float32 (n, channels).
     """
     values = np.zeros(NUM_CHANNELS)
     # `tests/reference/trajectories.py` is an equivalent implementation in plain Python.

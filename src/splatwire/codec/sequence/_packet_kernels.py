@@ -34,7 +34,7 @@ header of each track.
 @njit(error_model="numpy")
 @no_type_check
 def _no_tables():
-    """Returns empty tables for the constructor of the entropy coder."""
+    """Returns empty probability tables for the constructor of the entropy coder."""
     one = np.zeros(1, np.int64)
     # Motion packets are coded with adaptive bit models only, which need no tables.
     return (
@@ -51,7 +51,7 @@ def _no_tables():
 @njit(error_model="numpy")
 @no_type_check
 def _needed_orders(targets, rows, states, shifts, frames, orders):
-    """Determines how many polynomial coefficients of motion a packet must contain for each channel.
+    """Determines how many polynomial coefficients of each channel of motion a packet must contain.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
@@ -59,7 +59,7 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         frames: Number of frames in the group.
-        orders: Output: number of coefficients per channel, by kind of channel, int64 (kinds).
+        orders: Output: number of coefficients per channel, for each kind of channel, int64 (kinds).
     """
     orders[:] = 0
     for i in range(len(rows)):
@@ -76,12 +76,12 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Omits the coefficients of high polynomial degrees that are 0 in all tracks of a packet.
+    """Omits the polynomial coefficients of high degrees that are 0 in all tracks of a packet.
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds);
-            reduced in place.
+        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds); reduced in
+            place.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
@@ -97,7 +97,7 @@ def _trim(quantised, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(models, counts, frames, first_new, dead, headers, places, shifts, targets, rows, buffer, out):
-    """Encodes the motion of the tracks of one packet; returns the size of the packet in bytes."""
+    """Encodes the motion of one packet's tracks; returns the size of the packet in bytes."""
     n, used = len(headers), 0
     orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
     _needed_orders(targets, rows, states, shifts, frames, orders)
@@ -119,7 +119,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns how many of the next tracks can be in one packet, whose range of track numbers is limited."""
+    """Returns how many of the following tracks one packet may contain: their indices must be close together."""
     while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
         n -= 1
     return n
@@ -128,7 +128,7 @@ def _candidates(headers, begin, n):
 @njit(error_model="numpy")
 @no_type_check
 def _expected_tracks(costs, begin, end, scale, aim):
-    """Estimates how many of the next tracks fit into a packet of a given size.
+    """Estimates how many of the following tracks fit into a packet of a given size.
 
     Args:
         costs: Expected number of bytes for each track, float64.
@@ -167,17 +167,18 @@ def encode_cut(
     """Encodes a block of motion in packets of limited size, each with as many tracks as fit.
 
     Args:
-        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
-        counts: Number of zeros and ones coded with each model, int64 (contexts, 2), increased by the final packets.
+        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2); those of the final packets are
+            added.
         frames: Number of frames in the group, F.
-        first_new: Index of the first track that begins in the group, among all tracks of the stream.
-        dead: Widening of the quantiser's dead zone, in 64ths of a step.
+        first_new: Index in the stream of the first track that begins in the group.
+        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        places: Positions of the tracks' keyframe Gaussians, in halves of the lattice spacing, int64 (n, 3).
+        places: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
-        most: Maximum size of a payload, bytes.
+        most: Maximum size of a packet's payload, bytes.
         costs: Expected number of bytes for each track, above 0, float64 (n).
         buffer: Output: the payloads one after another, uint8.
         out: Output: residuals of coefficients, int32 (n, channels, frames).
@@ -222,17 +223,17 @@ def encode_cut(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_packets(models, frames, first_new, data, ends, starts, headers, orders, quantised):
-    """Decodes packets of motion.
+    """Decodes P packets with the motion of n tracks in total.
 
     Args:
-        models: Initial adaptive bit models of every packet, int64 (contexts, 2).
+        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
         frames: Number of frames in the group, F.
-        first_new: Index of the first track that begins in the group, among all tracks of the stream.
+        first_new: Index in the stream of the first track that begins in the group.
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
         headers: Output: headers of the tracks, int64 (n, fields), zero before.
-        orders: Output: number of coefficients per channel, by kind of channel, int64 (P, kinds), zero before.
+        orders: Output: number of coefficients per channel, for each kind of channel, int64 (P, kinds), zero before.
         quantised: Output: residuals of coefficients, int32 (n, channels, frames), zero before.
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)

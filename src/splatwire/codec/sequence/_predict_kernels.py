@@ -1,4 +1,4 @@
-"""Numba kernels that predict the motion of a track from its neighbours, equally on every machine."""
+"""Numba kernels that predict the motion of a track from neighbouring tracks, bit-identically on every machine."""
 
 from typing import no_type_check
 
@@ -61,7 +61,7 @@ def relative_positions(places):
 @njit(error_model="numpy")
 @no_type_check
 def prediction_order(places, moving, shifts):
-    """Orders the moving tracks of a packet for prediction from earlier tracks: spatially from coarse to fine.
+    """Sorts the moving tracks of a packet from spatially coarse to fine, so that each is predicted from earlier ones.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -69,7 +69,7 @@ def prediction_order(places, moving, shifts):
         shifts: log2 of the quantisation steps of motion, int64 (M, channels).
 
     Returns:
-        Indices of the moving tracks in this order, int64 (n).
+        Indices of the moving tracks in sorted order, int64 (n).
     """
     n = len(moving)
     codes = np.zeros(n, np.int64)
@@ -99,7 +99,7 @@ def prediction_order(places, moving, shifts):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights):
-    """Computes the weights of a track's neighbours for the prediction of its motion coefficients.
+    """Computes the weights of a track's neighbours for the prediction of its motion.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -172,10 +172,10 @@ def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _predict_coefficients(known, moving, neighbours, weights, found, means):
-    """Predicts the motion coefficients of a track from its neighbours.
+    """Predicts the motion coefficients of a track as a weighted mean over its neighbours.
 
     Args:
-        known: Decoded coefficients of the packet's M tracks, float64 (M, U) for U coded coefficients per track.
+        known: Decoded coefficients of the packet's M tracks, float64 (M, U), with U coefficients per track.
         moving: Mask of moving tracks, (M).
         neighbours: Indices of the neighbours.
         weights: Weights of the neighbours, from `_neighbour_weights`.
@@ -199,10 +199,10 @@ def _quantise(wanted, means, octaves, dead, steps):
     """Quantises the differences of a track's motion coefficients from their prediction.
 
     Args:
-        wanted: Coefficients before quantisation, float64 (U) for U coded coefficients.
+        wanted: The U coefficients before quantisation, float64 (U).
         means: Predicted coefficients, float64 (U).
         octaves: log2 of the quantisation step of each coefficient, int64 (U).
-        dead: Widening of the dead zone, in 64ths of a step.
+        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         steps: Output: residuals, int64 (U).
     """
     # Small differences become 0 even if they exceed half a step, because zeros take few bits.
@@ -216,10 +216,10 @@ def _quantise(wanted, means, octaves, dead, steps):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _reconstruct(means, octaves, steps, row):
-    """Reconstructs the coefficients of a track: prediction plus dequantised residuals.
+    """Reconstructs the motion coefficients of a track: prediction plus dequantised residuals.
 
     Args:
-        means: Predicted coefficients, float64 (U) for U coded coefficients.
+        means: The U predicted coefficients, float64 (U).
         octaves: log2 of the quantisation step of each coefficient, int64 (U).
         steps: Residuals in quantisation steps, int64 (U).
         row: Output: the coefficients, float64 (U).
@@ -232,11 +232,11 @@ def _reconstruct(means, octaves, steps, row):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _unpack_coefficients(flat, orders, rows):
-    """Unpacks the coded coefficients of M tracks into an array by channel and degree.
+    """Copies the coded motion coefficients of M tracks into an array by channel and degree.
 
     Args:
-        flat: The coded coefficients, (M, U) for U coded coefficients per track.
-        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
+        flat: The coded coefficients, (M, U), with U coefficients per track.
+        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames).
     """
     for i in range(len(rows)):
@@ -256,8 +256,8 @@ def pack_coefficients(values, rows, states, orders, flat):
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
-        flat: Output: packed coefficients, (M, U) for U coded coefficients per track.
+        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
+        flat: Output: the coded coefficients, (M, U), with U coefficients per track.
     """
     for i in range(len(rows)):
         if states[i] != MOVING:
@@ -272,17 +272,17 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
-    """Encodes or decodes the motion of each track of a packet as the difference from a prediction by its neighbours.
+    """Encodes or decodes the motion of the tracks of a packet, each predicted from neighbouring tracks.
 
     Args:
-        places: Positions of the keyframe Gaussians of the packet's M tracks, in halves of the lattice spacing, int64
+        places: Positions of the keyframe Gaussians of the packet's M tracks in the fixed-point unit of motion, int64
             (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
         wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
-        dead: Widening of the encoder's dead zone, in 64ths of a quantisation step.
+        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a quantisation step.
         coefficients: Decoded coefficients, float32 (M, channels, K), zero before; of length 0 for an encoder.
     """
     if not len(places):

@@ -20,10 +20,10 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def base_shifts(columns, bases, unit, coarsest, thinness, shifts):
-    """Computes the quantisation steps of keyframe Gaussians, from which those of their motion are derived.
+    """Computes the quantisation steps of keyframe Gaussians, from which the steps of their motion are derived.
 
     Args:
-        columns: Precision class, opacity and three scale values of each keyframe Gaussian, decoded integers, int64 (n,
+        columns: Decoded integers of each keyframe Gaussian: precision class, opacity and three scale values, int64 (n,
             5).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.

@@ -15,19 +15,19 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _relative_rotations(quats, base, begin, end, last, far, values):
-    """Computes the rotation of a track relative to its keyframe Gaussian, in some frames of a group.
+    """Computes the rotation of a track relative to its keyframe Gaussian, in a range of frames.
 
     Args:
         quats: Rotation of the track in each frame, as quaternions.
         base: Rotation of the keyframe Gaussian, as a quaternion.
         begin: First frame.
         end: End of the frames (exclusive).
-        last: Relative rotation in the frame before `begin`, as a quaternion; replaced by that in the last frame.
-        far: Largest rotation of the track in earlier frames, as the tangent of a quarter of the angle.
+        last: Relative rotation in the frame before `begin`, as a quaternion; replaced by that of the last frame.
+        far: Largest rotation in earlier frames, as the tangent of a quarter of the angle.
         values: Output: rotation vectors in these frames.
 
     Returns:
-        Largest rotation of the track so far, in the same form.
+        Largest rotation so far, as the tangent of a quarter of the angle.
     """
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     # The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
@@ -68,7 +68,7 @@ def _relative_rotations(quats, base, begin, end, last, far, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
-    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in some frames.
+    """Computes logarithms of a track's scales and opacity relative to its keyframe Gaussian, in a range of frames.
 
     Args:
         scales: Scales of the track in each frame, (F, 3).
@@ -102,7 +102,7 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _project(values, table, begin, end, own):
-    """Projects the motion in some frames onto the basis polynomials, and adds the result to a track's coefficients.
+    """Adds the motion in a range of frames to a track's coefficients, by projection onto the basis polynomials.
 
     Args:
         values: Motion in each frame, by channel.
@@ -122,16 +122,16 @@ def _project(values, table, begin, end, own):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
-    """Fits polynomials over time to the motion of tracks, frame by frame, before quantisation.
+    """Fits polynomials over time to the motion of n tracks, before quantisation.
 
-    Each call adds the contribution of some frames of the group, in ascending order.
+    Each call adds the contribution of a range of frames, in ascending order.
 
     Args:
         moves: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
         keyframes: T keyframe Gaussians: means, quaternions, scales, opacities and colours, float32 (T, 1, ...).
         numbers: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
             skipped.
-        unit: Units of the position channels per scene unit (halves of the lattice spacing).
+        unit: Factor from world units to the fixed-point unit of motion.
         luma: Matrix from colours to Y Co Cg, float64 (3, 3).
         table: Basis polynomials, float64 (F, F).
         begin: First frame of this call.
@@ -173,7 +173,7 @@ def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def find_moving(largest, turns, shifts, numbers, limits, far, moving):
-    """Finds tracks that move, and tracks whose motion is too large to be coded relative to their keyframe Gaussian.
+    """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).

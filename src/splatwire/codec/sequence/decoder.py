@@ -89,9 +89,7 @@ class TracksDecoder:
         self._held = self.scene_bytes
 
     def take_over(self, other: "TracksDecoder") -> None:
-        """Copies the keyframe Gaussians that another decoder of the same live stream has decoded.
-
-        Call `expect` before this method.
+        """Copies the keyframe Gaussians that an earlier decoder of the same live stream has decoded.
 
         Args:
             other: Decoder of the same stream before it grew.
@@ -139,7 +137,7 @@ class TracksDecoder:
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
-        """Keeps the received packets of a block of motion in memory, for decoding on demand.
+        """Keeps the received packets of a block of motion in memory; they are decoded when their frames are requested.
 
         Args:
             block: Index of the block.
@@ -165,7 +163,7 @@ class TracksDecoder:
         return ReceivedScene(sequence, self._loss_mask, concealer_sections(self.sections))
 
     def _motion(self, group: int, received: np.ndarray) -> GroupMotion:
-        """Decodes all received motion packets of one group of frames.
+        """Decodes the received motion packets of one group of frames.
 
         Args:
             group: Index of the group.
@@ -196,7 +194,7 @@ class TracksDecoder:
         )
 
     def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
-        """Decodes motion packets ahead of time, to reduce the latency when their frames are requested.
+        """Decodes motion packets ahead of time, so that their frames are available without delay.
 
         Args:
             packets: Packets of one group of frames; they must also be passed to `store` or `hold`.
@@ -222,7 +220,7 @@ class TracksDecoder:
 
         Args:
             packets: The packets, at least one.
-            received: Mask of tracks with a received keyframe Gaussian, bool (T) for T tracks.
+            received: Mask of tracks with a received keyframe Gaussian, bool (T).
 
         Returns:
             Headers and motion of each packet; None for a packet that cannot be used.
@@ -248,12 +246,12 @@ class TracksDecoder:
 def _combine_packets(
     headers: np.ndarray, offsets: Offsets, covered: np.ndarray, complete: bool, unchanged: bool
 ) -> GroupMotion:
-    """Combines the motion that was decoded from the packets of a group of frames.
+    """Combines the decoded motion of all packets of a group of frames.
 
     Args:
         headers: Headers of the tracks of all packets, int64 (n, fields).
         offsets: Motion of the moving tracks of all packets.
-        covered: Mask of tracks in the number range of a received packet, bool (T).
+        covered: Mask of the tracks for which a packet was received, moving or not, bool (T).
         complete: True if all motion packets of the group were received.
         unchanged: True if the group contains no motion packets because nothing changes.
     """
@@ -292,16 +290,16 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns the group of frames of a block, and its index among the blocks of keyframe Gaussians, or None."""
+        """Returns a block's group of frames, and its index among the blocks with keyframe Gaussians, or None."""
         return self._blocks[block]
 
     def blocks_of_tracks(self) -> np.ndarray:
-        """Returns the index of the block with the keyframe Gaussian of each track, int64 (T)."""
+        """Returns for each track the index of the block that contains its keyframe Gaussian, int64 (T)."""
         blocks = [block for block, (_, base) in enumerate(self._blocks) if base is not None]
         return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
 
     def track_range(self, base: int) -> tuple[int, int]:
-        """Returns the first track and the number of tracks whose keyframe Gaussians are in one block.
+        """Returns the index of the first keyframe Gaussian in a block, and the number of keyframe Gaussians in it.
 
         Args:
             base: Index of the block among all blocks of keyframe Gaussians.
@@ -309,12 +307,12 @@ class _BlockMap:
         return self._tracks[base]
 
     def motion_blocks(self, group: int) -> range:
-        """Returns the blocks that contain the motion of a group of frames, as a range."""
+        """Returns the range of blocks that contain the motion of a group of frames."""
         return self._motion.get(group, range(0))
 
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:
-    """Adds the decoded integers of one block to a hash, by which receivers check their decoding.
+    """Adds the decoded integers of one block to a hash, with which receivers verify their decoding.
 
     Args:
         digest: hashlib object that is updated.

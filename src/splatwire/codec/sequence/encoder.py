@@ -96,7 +96,7 @@ class TracksEncoder:
         self._costs = np.zeros(0)
 
     def add_frames(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
-        """Starts to fit the motion of the next group before all of its frames are available, to reduce latency.
+        """Starts to fit the motion of the next group before all of its frames are available, which reduces latency.
 
         Args:
             keys: Keys of the group's tracks so far, see `TrackGroup`.
@@ -205,10 +205,10 @@ class TracksEncoder:
         return write_side_info(info), tiers
 
     def _classify_tracks(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
-        """Determines which tracks of a group need a new keyframe Gaussian, and which move.
+        """Determines which tracks of a group need a new keyframe Gaussian, and which tracks move.
 
         Returns:
-            Number of each track in the stream, -1 for new tracks, int64 (n); masks of tracks that need a new keyframe
+            Index of each track in the stream, -1 for new tracks, int64 (n); masks of tracks that need a new keyframe
             Gaussian and of moving tracks, bool (n); and the motion of the tracks.
         """
         count, frames = len(group.keys), group.moves.num_frames
@@ -232,13 +232,13 @@ class TracksEncoder:
     def _encode_keyframes(
         self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray, *, cut: bool
     ) -> list[Packet]:
-        """Encodes the keyframe Gaussians of tracks that begin in a group; assigns track numbers to these tracks.
+        """Encodes the keyframe Gaussians of tracks that begin in a group, and assigns stream indices to these tracks.
 
         Args:
             group: The tracks of the group of frames.
             classes: Precision class of each track of the group, or None.
-            where: Indices of the new tracks in the group.
-            numbers: Track number of each track of the group; those of new tracks are filled in.
+            where: Indices in the group of the new tracks.
+            numbers: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if the group shows another scene than the group before.
         """
         if not len(where):
@@ -260,14 +260,14 @@ class TracksEncoder:
         self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
-        """Fills entries of a motion coder with the headers, positions, steps and expected sizes of tracks.
+        """Writes headers, positions, steps and expected sizes of tracks into a motion coder.
 
         Args:
             coder: The motion coder, changed in place.
             some: Range of the coder's entries to fill.
             group: The tracks of the group of frames.
-            by: Index in the group of each entry's track.
-            numbers: Track number of each track of the group.
+            by: Index in the group of each track of the coder.
+            numbers: Index in the stream of each track of the group.
             moving: Mask of moving tracks of the group.
         """
         rows, known, tracks = by[some], self._known, numbers[by[some]]
@@ -288,8 +288,8 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            coder: Motion coder of these tracks; tracks that need no new keyframe Gaussian come first.
-            known: Number of these first tracks.
+            coder: Motion coder of these tracks, first those that need no new keyframe Gaussian.
+            known: Number of tracks that need no new keyframe Gaussian.
             births: Function that encodes the keyframe Gaussians of new tracks, and fills the rest of the coder.
 
         Returns:
@@ -309,8 +309,8 @@ class TracksEncoder:
         """Encodes the motion of all tracks in packets of limited size.
 
         Args:
-            coder: Motion coder of the tracks; tracks that need no new keyframe Gaussian come first.
-            known: Number of these first tracks.
+            coder: Motion coder of the tracks, first those that need no new keyframe Gaussian.
+            known: Number of tracks that need no new keyframe Gaussian.
             births: Function that encodes the keyframe Gaussians of new tracks, and fills the rest of the coder.
 
         Returns:
@@ -340,12 +340,12 @@ class TracksEncoder:
         return self._renumbered(packets, len(parts), seen), np.concatenate(costs)
 
     def _renumbered(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:
-        """Gives newly encoded packets the next block numbers of the stream, and records their importance.
+        """Assigns the stream's next block numbers to newly encoded packets, and records the importance of the packets.
 
         Args:
             packets: The packets, with blocks numbered from 0.
             num_blocks: Number of these blocks.
-            seen: Visible weight of each element of the packets.
+            seen: Visibility of each element of the packets (squared opacity times area).
         """
         first = self._num_blocks
         self._num_blocks += num_blocks

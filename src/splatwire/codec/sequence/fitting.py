@@ -22,7 +22,7 @@ SPARE = 8
 
 
 class Fitting:
-    """Incremental fit of motion coefficients to the trajectories of a group's tracks.
+    """Fits motion coefficients to the trajectories of a group's tracks while the frames become available.
 
     Args:
         keys: Keys of the tracks so far, int64 (n).
@@ -101,7 +101,7 @@ def fit(
 def motion_masks(
     largest: np.ndarray, turns: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Finds tracks that move, and tracks whose motion is too large to be coded relative to their keyframe Gaussian.
+    """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).

@@ -39,7 +39,8 @@ class CodedKeyframes:
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in halves of the lattice spacing for motion, int64 (n, 3).
+        places: Positions relative to the scene's origin, in units of half the first group's lattice spacing, int64 (n,
+            3).
         digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
@@ -55,7 +56,7 @@ class CodedKeyframes:
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    """Gaussians that are ready to be encoded: their blocks, packet plan and side information."""
+    """Gaussians that are ready to be encoded: sorted into blocks, with packet plan and side information."""
 
     source: SourceScene
     plan: PacketPlan
@@ -63,7 +64,7 @@ class _Fitted:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the block size that divides elements into as few blocks as possible, of nearly equal size.
+    """Returns the size of blocks if elements are divided evenly into as few blocks as possible.
 
     Args:
         count: Number of elements, at least one.
@@ -89,7 +90,7 @@ class KeyframeEncoder:
 
     @property
     def shots(self) -> tuple[Shot, ...]:
-        """Side information of the keyframe Gaussians encoded so far; a new one may begin at a scene cut."""
+        """Side information of the keyframe Gaussians encoded so far, by shot; a new shot may begin at a scene cut."""
         shots, block = list[Shot](), 0
         for first_group, infos in self._infos:
             boxes = [info.boxes for info in infos]
@@ -103,7 +104,7 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information of the first group. Its lattice spacing is the unit of motion."""
+        """Side information of the first group of frames; its lattice of positions determines the unit of motion."""
         return self._infos[0][1][0]
 
     def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:
@@ -151,7 +152,7 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if steps or lattice of `info` differ much from the current ones."""
+        """True if quantisation steps or lattice spacing of `info` differ much from the current ones."""
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
         return bool(apart >= LEAST_CHANGE) and abs(spacing_of(info, self.reference)) <= MAX_SPACING
@@ -222,17 +223,18 @@ def _num_bytes(coded: CodedKeyframes) -> int:
 
 
 def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
-    """Converts the positions of a block's Gaussians to the units of motion.
+    """Converts the positions of a block's Gaussians to the fixed-point unit of motion.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, columns), with positions in halves of the lattice
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
+        spacing: log2 of the ratio of two lattice spacings: that of `info` to that of the first group, in which motion
+            is coded.
 
     Returns:
-        Positions in halves of the lattice spacing for motion, int64 (n, 3).
+        Positions in units of half the first group's lattice spacing, int64 (n, 3).
     """
     places = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = places << spacing if spacing > 0 else places >> -spacing

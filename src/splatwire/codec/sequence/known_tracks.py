@@ -16,12 +16,13 @@ class KnownTracks:
 
     Attributes:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
-        by_key: Track numbers sorted by key, int64 (T).
+        by_key: Track indices sorted by key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        places: Decoded position of each keyframe Gaussian in halves of the lattice spacing for motion, int64 (T, 3).
+        places: Decoded position of each keyframe Gaussian in units of half the first group's lattice spacing, int64 (T,
+            3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        weights: Visible weight of each track (squared opacity times area), float64 (T).
-        alive: Numbers of the tracks present at the end of the last group, ascending, int64.
+        weights: Visibility of each track (squared opacity times area), float64 (T).
+        alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """
 
     keys: np.ndarray
@@ -41,7 +42,7 @@ class KnownTracks:
         return KnownTracks(none, none, empty, places, shifts, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the track number of each key, int64; -1 for unknown keys."""
+        """Returns the index of the track with each key, int64; -1 for unknown keys."""
         if not len(self.keys):
             return np.full(len(keys), -1, np.int64)
         names = self.keys[self.by_key]
@@ -89,7 +90,7 @@ def _no_births(_: np.ndarray) -> Splats:
 
 
 def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """Returns the visible weight of Gaussians: squared opacity times the two largest scales, float64 (T).
+    """Returns the visibility of Gaussians: squared opacity times the two largest scales, float64 (T).
 
     Args:
         scales: Scales of the Gaussians, (T, 3).

@@ -1,4 +1,4 @@
-"""Lifetimes of tracks, which receivers know even if motion packets are lost (docs/format.md)."""
+"""Lifetimes of tracks in the side information, which is received even if motion packets are lost (docs/format.md)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ class Lifetimes:
     """Lifetimes of tracks as a list of exceptions: tracks that begin late or end early.
 
     Attributes:
-        late: Numbers of tracks that begin after the first frame of their group, ascending, int64 (m).
+        late: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).
         begins: First frame of each track in `late`, relative to the group in which the track begins, int64 (m).
-        early: Numbers of tracks that end before the sequence does, ascending, int64 (k).
+        early: Indices of tracks that end before the sequence does, ascending, int64 (k).
         ends: End of each track in `early`: first frame of the sequence without the track, int64 (k).
     """
 
@@ -41,10 +41,10 @@ class Lifetimes:
         return Lifetimes(values["late"][late], values["begins"][late], values["early"][early], values["ends"][early])
 
     def with_ended(self, tracks: np.ndarray, frame: int) -> "Lifetimes":
-        """Returns the lifetimes with additional entries for tracks that end at a given frame.
+        """Returns the lifetimes with entries added for tracks that end at a given frame.
 
         Args:
-            tracks: Numbers of the tracks, int64.
+            tracks: Indices of the tracks, int64.
             frame: First frame of the sequence without these tracks.
         """
         gone = Lifetimes(tracks[:0], tracks[:0], tracks, np.full(len(tracks), frame))
@@ -66,10 +66,10 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns only the entries of the `count` most visible tracks.
+        """Returns only the entries of the most visible tracks.
 
         Args:
-            seen: Visible weight of each track (squared opacity times area), float64 (T).
+            seen: Visibility of each track (squared opacity times area), float64 (T).
             count: Maximum number of tracks to keep.
         """
         some = np.union1d(self.late, self.early)

@@ -1,4 +1,4 @@
-"""Encodes the motion of a group's tracks into packets."""
+"""Encodes the motion of a group's tracks in packets."""
 
 import functools
 import itertools
@@ -66,11 +66,11 @@ class MotionCoder:
 
     Attributes:
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        places: Positions of the tracks' keyframe Gaussians, in halves of the lattice spacing, int64 (n, 3).
+        places: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames), in any order.
         rows: Index in `targets` of each track, int64 (n).
-        first_new: Index of the first track that begins in the group, among all tracks of the stream.
+        first_new: Index in the stream of the first track that begins in the group.
         most: Maximum size of a packet's payload, bytes.
         costs: Expected number of bytes for each track, float64 (n).
     """
@@ -91,7 +91,7 @@ class MotionCoder:
         Args:
             count: Number of tracks, n.
             targets: Motion coefficients before quantisation, float64 (N, channels, frames).
-            first_new: Index of the first track that begins in the group, among all tracks of the stream.
+            first_new: Index in the stream of the first track that begins in the group.
             most: Maximum size of a packet's payload, bytes.
         """
         headers, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)

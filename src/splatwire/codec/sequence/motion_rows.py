@@ -24,7 +24,7 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
-    """Adds the decoded integers of one block of motion to a hash, by which receivers check their decoding.
+    """Adds the decoded integers of one block of motion to a hash, with which receivers verify their decoding.
 
     Args:
         digest: hashlib object that is updated.
@@ -44,11 +44,11 @@ def decode_motion(
         group: Index of the group.
         counts: Number of tracks in each packet, int64 (packets).
         payloads: Content of each packet without its header.
-        first_new: Index of the first track that begins in the group, among all tracks of the stream.
+        first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
         Headers int64 (n, fields) and prediction residuals int32 (n, channels * frames) of all tracks; and the number of
-        coefficients per channel in each packet, by kind of channel, int64 (packets, kinds).
+        coefficients per channel in each packet, for each kind of channel, int64 (packets, kinds).
     """
     frames = len(info.timeline.frames_of(group))
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
@@ -71,8 +71,8 @@ def coefficients_of(
     Args:
         headers: Headers of the n tracks of the packet, int64 (n, fields).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
-        orders: Number of coded polynomial coefficients per channel of motion, by kind of channel, int64 (kinds).
-        places: Positions of the tracks' keyframe Gaussians, in halves of the lattice spacing, int64 (n, 3).
+        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
+        places: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:

@@ -28,7 +28,7 @@ MAX_OFFSET = 16
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers of new tracks and of tracks with motion in a group of frames.
+    """Numbers of tracks in a group of frames: new tracks, and tracks whose motion is coded.
 
     Attributes:
         births: Number of tracks that begin in the group.
@@ -41,7 +41,7 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Consecutive groups of frames whose keyframe Gaussians share quantisation steps and context tables.
+    """Consecutive groups of frames whose keyframe Gaussians share quantisation steps and probability tables.
 
     Attributes:
         first_group: Index of the first group.
@@ -61,9 +61,9 @@ class SequenceInfo:
     Attributes:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
-        shots: Side information of the keyframe Gaussians; a new one may begin at a scene cut.
-        coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, by
-            kind of channel, int64 (kinds).
+        shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
+        coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, for
+            each kind of channel, int64 (kinds).
         bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
         sections: Named sections, content by name.
         lifetimes: Lifetimes of tracks.
@@ -83,13 +83,13 @@ class SequenceInfo:
         return self.shots[0].info
 
     def shot_of(self, block: int) -> tuple[KeyframeInfo, int]:
-        """Finds the side information of a block of keyframe Gaussians.
+        """Returns the side information of the shot that contains a block of keyframe Gaussians.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.
 
         Returns:
-            The side information, and the index of the block in it.
+            The side information, and the index of the block within the shot.
         """
         shot = self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
         return shot.info, block - shot.first_block
@@ -150,7 +150,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the ratio of two lattice spacings: that of `info` to that of `reference`."""
+    """Returns log2 of the ratio of two lattice spacings: of `info` to `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 

@@ -17,9 +17,10 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
-        coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, by kind of
+        coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, for each kind of
             channel, int64 (kinds).
-        spacing: log2 of the lattice spacing of `info`, in units of the lattice spacing of motion.
+        spacing: log2 of the ratio of two lattice spacings: that of `info` to that of the first group, in which motion
+            is coded.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.

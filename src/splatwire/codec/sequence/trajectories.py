@@ -61,7 +61,7 @@ class Trajectories:
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Motion of n tracks relative to their keyframe Gaussians: polynomials over time, before quantisation.
+    """Motion of n tracks relative to their keyframe Gaussians, as polynomials over time before quantisation.
 
     Attributes:
         coefficients: Coefficients by channel of motion and degree of the polynomial, float64 (n, channels, frames), in
@@ -136,7 +136,8 @@ class PacketMoves:
 
     Attributes:
         coefficients: Polynomial coefficients, float32 (m, channels, K), padded with 0 to K coefficients per channel.
-        orders: Number of coefficients that the packet contains for each channel, by kind of channel, int64 (kinds).
+        orders: Number of coefficients that the packet contains for each channel, for each kind of channel, int64
+            (kinds).
     """
 
     coefficients: np.ndarray
@@ -150,7 +151,7 @@ class PacketMoves:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Evaluates the decoded motion of a group's tracks in any frame.
+    """Computes the motion of a group's tracks in any frame, from decoded polynomials.
 
     Args:
         moves: Decoded motion of the moving tracks of each packet.
@@ -198,7 +199,7 @@ class Offsets:
         return at
 
     def _factors(self) -> np.ndarray:
-        """Returns the factors that convert offsets from fixed point to floats, by channel, float64 (channels)."""
+        """Returns the factors that convert motion from fixed point to floats, by channel, float64 (channels)."""
         factors = np.ones(NUM_CHANNELS)
         factors[:3] = np.ldexp(1.0, self.size_log - self.unit - 1)
         factors[3:6] = 1 / _TURN

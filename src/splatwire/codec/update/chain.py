@@ -18,11 +18,11 @@ MAX_UPDATES = 256
 
 @dataclass(frozen=True, eq=False)
 class UpdateChain:
-    """Current state of a scene that a server sends, and the updates for receivers that have an earlier state.
+    """Current state of a scene that a server sends, with the updates for receivers that have an earlier state.
 
     Attributes:
         source: The scene's stream as read from the file, with all updates applied; the next update changes this stream.
-        scene: The stream that is sent: the same scene in packets that fit datagrams.
+        scene: The stream that is sent: the same scene, with packets that fit into datagrams.
         updates: Updates between successive states of `scene`, the newest last.
     """
 
@@ -36,14 +36,14 @@ class UpdateChain:
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:
-        """Returns all updates, by the name that receivers request; None for the next update."""
+        """Returns the updates that receivers can request, by name; the name of the next update has the value None."""
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
         }
         return offers | {update_name(manifest_digest(self.scene.manifest)): None}
 
     def extended(self, update: SceneStream) -> "UpdateChain":
-        """Applies an update to the scene (`source`), and returns the chain with the new state.
+        """Applies an update to the scene; returns the chain with the new state.
 
         Raises:
             InvalidValueError: If packets are missing, or the update is for another stream.
@@ -60,7 +60,7 @@ class UpdateChain:
         return self._with(source, change.result, change.update)
 
     def edited(self, scene: SplatScene) -> "UpdateChain":
-        """Encodes a changed scene as an update, and returns the chain that ends with the changed scene.
+        """Encodes a changed scene as an update; returns the chain with the new state.
 
         Args:
             scene: The changed scene.
@@ -74,7 +74,7 @@ class UpdateChain:
         return self._with(change.result, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
-        """Returns the chain extended by an update, from the previous `scene` to the new one."""
+        """Returns the chain with a new state of the scene, and the update that leads to it."""
         updates = (*self.updates, update)[-MAX_UPDATES:]
         sizes = accumulate(each.num_bytes for each in reversed(updates))
         useful = sum(size <= scene.num_bytes for size in sizes)

@@ -1,4 +1,4 @@
-"""Encodes updates: the Gaussians that an edited scene has and its stream does not have, and the removed ones."""
+"""Encodes the difference between a stream and an edited scene: new Gaussians, and a mask of removed ones."""
 
 import hashlib
 import logging
@@ -139,7 +139,7 @@ def _encode_new(
 
 
 def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
-    """Returns the stream of an update without new Gaussians."""
+    """Returns the stream of an update that adds no Gaussians."""
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
     side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))

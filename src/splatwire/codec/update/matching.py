@@ -1,4 +1,4 @@
-"""Finds the Gaussians of an edited scene that its stream already contains."""
+"""Finds the Gaussians of an edited scene that are unchanged since it was encoded."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.nda
 
 
 def _attribute_rows(splats: Splats) -> np.ndarray:
-    """Returns the attributes of N Gaussians as uint32 (N, columns), so that equal Gaussians have equal rows."""
+    """Returns the attributes of each Gaussian as one row, uint32 (N, columns); equal Gaussians have equal rows."""
     columns = [values.reshape(splats.num_gaussians, -1) for values in vars(splats).values()]
     return np.ascontiguousarray(np.concatenate(columns, axis=1, dtype=np.float32) + np.float32(0)).view(np.uint32)
 

@@ -16,7 +16,7 @@ GROUP, GROUPS = 16, 16
 
 
 def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
-    """Returns the indices of decoded Gaussians along a Morton curve, int64 (N).
+    """Returns the indices of decoded Gaussians sorted along a Morton curve, int64 (N).
 
     Args:
         splats: The decoded Gaussians.
@@ -78,7 +78,7 @@ def read_removed(data: bytes, count: int) -> np.ndarray:
 
 
 def _grouped(removed: np.ndarray) -> np.ndarray:
-    """Divides a mask into groups of `GROUP` bits for coding, bool (groups, GROUP)."""
+    """Divides a mask into groups of `GROUP` bits that are coded together, bool (groups, GROUP)."""
     padded = np.zeros(-(-len(removed) // (GROUPS * GROUP)) * GROUPS * GROUP, bool)
     padded[: len(removed)] = removed
     end = -(-len(removed) // GROUP) * GROUP

@@ -19,7 +19,7 @@ from splatwire.types.update_scene import UpdateScene
 
 
 class UpdateDecoder(GaussianDecoder):
-    """Decoder of an update of a stream; decodes the Gaussians that the update adds.
+    """Decodes the Gaussians that an update adds to a stream.
 
     Args:
         manifest: The update's manifest.

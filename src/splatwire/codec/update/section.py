@@ -1,4 +1,4 @@
-"""The named section of an update: identity of the stream that it changes, and the removed Gaussians."""
+"""Part of an update's side information: digests of the streams before and after, and the removed Gaussians."""
 
 import hashlib
 from typing import NamedTuple
@@ -14,13 +14,13 @@ _DIGEST_BYTES = 32
 
 
 class UpdateFields(NamedTuple):
-    """Content of the named section of an update.
+    """Data of an update besides its new Gaussians: digests of the streams before and after, and the removed Gaussians.
 
     Attributes:
-        base_digest: SHA-256 of the manifest of the stream that the update changes, hexadecimal.
-        result_digest: SHA-256 of the manifest of the changed stream, hexadecimal.
-        writer: Program that wrote the changed stream, for its manifest.
-        removed: Mask of removed Gaussians, serialised.
+        base_digest: SHA-256 of the manifest before the update, hexadecimal.
+        result_digest: SHA-256 of the manifest after the update, hexadecimal.
+        writer: Program that wrote the stream after the update, for its manifest.
+        removed: Mask of the removed Gaussians, serialised.
     """
 
     base_digest: str
@@ -30,12 +30,12 @@ class UpdateFields(NamedTuple):
 
 
 def manifest_digest(manifest: Manifest) -> str:
-    """Returns the SHA-256 of a manifest, hexadecimal, which identifies a stream and its content."""
+    """Returns the SHA-256 of a manifest, hexadecimal; it identifies a stream with its content."""
     return hashlib.sha256(manifest_to_bytes(manifest)).hexdigest()
 
 
 def update_name(base_digest: str) -> str:
-    """Returns the name under which a server offers the update of a stream.
+    """Returns the name by which receivers request the update of a stream from a server.
 
     Args:
         base_digest: Digest of the stream that the update changes (`manifest_digest`), hexadecimal.
@@ -44,7 +44,7 @@ def update_name(base_digest: str) -> str:
 
 
 def write_update(fields: UpdateFields) -> bytes:
-    """Serialises the content of an update's named section."""
+    """Serialises the fields of an update for its side information."""
     writer = ByteWriter()
     writer.u8(VERSION)
     head = writer.bytes() + bytes.fromhex(fields.base_digest) + bytes.fromhex(fields.result_digest)
@@ -54,7 +54,7 @@ def write_update(fields: UpdateFields) -> bytes:
 
 
 def read_update(data: bytes) -> UpdateFields:
-    """Parses the content of an update's named section.
+    """Parses the fields of an update from its side information.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote it.
