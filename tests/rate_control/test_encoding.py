@@ -109,6 +109,20 @@ def test_gaussians_that_draw_nothing_do_not_change_the_stream():
     )
 
 
+def test_rotations_of_spheres_take_no_bytes():
+    scene = shell()
+    scales = scene.splats.scales.copy()
+    scales[:1000] = scales[:1000, :1]
+    quats = scene.splats.quats.copy()
+    quats[:1000] = (1, 0, 0, 0)
+    rotated = replace(scene, splats=replace(scene.splats, scales=scales))
+    unrotated = replace(rotated, splats=replace(rotated.splats, quats=quats))
+    for effort, equal in (("default", True), ("fast", False)):
+        one, other = (encoded(each, effort, quality=quality_of("small")).stream for each in (rotated, unrotated))
+        assert (one.manifest.symbols_digest == other.manifest.symbols_digest) is equal
+        assert (one.num_bytes > other.num_bytes) is not equal
+
+
 def test_errors_of_impossible_targets_state_the_possible_range():
     scene = SplatScene(ball_of_gaussians())
     with pytest.raises(InvalidValueError, match=r"cannot be encoded to 100 bytes: the smallest stream has \d"):

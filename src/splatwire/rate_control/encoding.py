@@ -24,6 +24,7 @@ from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.precision import measure_gaussians, precision_classes
 from splatwire.types import Cameras, SplatScene
+from splatwire.types.splats import Splats
 
 Effort = Literal["fast", "default", "best"]
 """Work per scene: `fast` chooses precision classes and keeps all Gaussians; `default` also prunes; `best` prunes more
@@ -63,6 +64,8 @@ smallest share."""
 EXCESS_DB, EXCESS_LOG = 0.25, 0.06
 """Maximum difference of fine-tuned scenes from the smallest PSNR (decibels) or logarithm of bytes that is permitted,
 before coarser steps reduce it."""
+_IDENTITY = np.array([1, 0, 0, 0], np.float32)
+"""Quaternion (w, x, y, z) of no rotation."""
 _LOG = logging.getLogger(__name__)
 Encoder = Callable[[SplatScene, np.ndarray, Quality], SceneStream]
 """Encodes a scene with the given precision classes and quality setting."""
@@ -126,6 +129,8 @@ def encode_controlled(
     source = scene if rows.complete else scene.select(rows.kept)
     if not source.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
+    if effort != "fast":
+        source = replace(source, splats=_without_rotated_spheres(source.splats))
     if effort == "best":
         check_tunable(source)
     views = ViewSets.of(source, cameras)
@@ -156,6 +161,13 @@ def encode_controlled(
     if better is not found:
         _LOG.warning("fine-tuning gains nothing for this target: the scene is encoded as with effort default")
     return better
+
+
+def _without_rotated_spheres(splats: Splats) -> Splats:
+    """Sets the rotation of each Gaussian with three equal scales to the identity, which takes the fewest bytes."""
+    # The picture stays the same.
+    spheres = splats.scales.min(axis=1) == splats.scales.max(axis=1)
+    return replace(splats, quats=np.where(spheres[:, None], _IDENTITY, splats.quats))
 
 
 def _prune_and_tune(
