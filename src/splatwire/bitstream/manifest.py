@@ -104,7 +104,7 @@ class Manifest:
 
     @property
     def format_version(self) -> int:
-        """Version of the whole stream format."""
+        """Version of the stream format that a reader must support."""
         return self.schema.format_version
 
     @property

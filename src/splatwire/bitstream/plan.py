@@ -135,9 +135,9 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet; with hashed grouping, of every block.
+        """Lists the elements of every packet; with hashed grouping, of every block instead.
 
-        With hashed grouping, the manifest does not determine where packets begin.
+        With hashed grouping, packets are filled up to a size limit, and the manifest does not determine their elements.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]

@@ -1,4 +1,4 @@
-"""Decodes streams to scenes, for all codec schemas."""
+"""Decodes streams to scenes, for all kinds of scenes."""
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator

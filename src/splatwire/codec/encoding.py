@@ -1,4 +1,4 @@
-"""Encodes scenes to streams, for all codec schemas."""
+"""Encodes scenes to streams, for all kinds of scenes."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -48,13 +48,13 @@ def encode_scene(
 
     Args:
         scene: The scene, or any argument of `as_scene`.
-        packetization: Split into packets, or the name of a preset such as `datagram`; None for the default.
-        tiers: Tier of each element, integers (N), 0 for the most important (`Importance.tiers`). Each tier gets
-            separate packets, so that it can be protected separately. None for one tier.
+        packetization: Division into packets, or the name of a preset such as `datagram`; None for the default.
+        tiers: Importance tier of each element, integers (N), 0 for the most important (`Importance.tiers`). Each tier
+            gets separate packets, which can be protected separately. None for one tier.
         quality: Quantisation of explicit Gaussians: 0 to 100, `small`, `default` (also for None), `near-lossless`, or a
             `Quality` of their schema.
-        classes: Precision class of each explicit Gaussian (`splatwire.render.precision`); None for the finest class.
-            Not for anchors.
+        classes: Precision class of each explicit Gaussian, which selects its quantisation steps
+            (`splatwire.render.precision`); None for the finest. Not for anchors.
         noise: Tolerated quantisation error of the context networks of anchors; None for the default.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
@@ -152,7 +152,7 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
     """Encodes all packets of a prepared scene, and returns the stream.
 
     Args:
-        schema: Codec schema of the scene.
+        schema: Codec of the scene.
         prepared: The prepared scene.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1; None for no calls.

@@ -74,7 +74,7 @@ def decode_positions(data: bytes, count: int, order: str) -> np.ndarray:
         order: Order of the result, as in `anchor_order`.
 
     Returns:
-        int64 (count, 3), in coding order.
+        Voxel indices in coding order, int64 (count, 3).
 
     Raises:
         BitstreamError: If the code is too short for this number of points, or its extent is out of range.

@@ -63,10 +63,10 @@ class IntegerMlp:
         """Computes the outputs of the network from the sums of the first layer over all inputs.
 
         Args:
-            sums: (N, hidden) whole numbers in float64, without the bias of the layer; overwritten.
+            sums: Sums of the first layer without its bias, (N, hidden), whole numbers in float64; overwritten.
 
         Returns:
-            int32 (N, out), units of `2**-OUTPUT_BITS`.
+            Outputs of the network, int32 (N, out), units of `2**-OUTPUT_BITS`.
         """
         kernels.finish_hidden(sums, self.hidden.bias.astype(np.float64), self.leaky)
         products = sums @ self.output.matrix
@@ -78,9 +78,10 @@ class IntegerMlp:
         """Evaluates the network for a batch of inputs, in integers.
 
         Args:
-            inputs: (N, in) whole numbers in float64, units of `2**-ACTIVATION_BITS`, within `ACTIVATION_LIMIT`.
+            inputs: Inputs of the network, (N, in), whole numbers in float64, units of `2**-ACTIVATION_BITS`, within
+                `ACTIVATION_LIMIT`.
 
         Returns:
-            int32 (N, out), units of `2**-OUTPUT_BITS`.
+            Outputs of the network, int32 (N, out), units of `2**-OUTPUT_BITS`.
         """
         return self.finish(self.accumulate(inputs, slice(None)))

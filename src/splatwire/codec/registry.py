@@ -1,6 +1,6 @@
-"""Registry of codec schemas, by name and by scene type.
+"""Registry of codecs (schemas), by name and by type of scene.
 
-Other packages can add schemas with `register_schema` (docs/your-own-codec.md).
+Other packages can add codecs with `register_schema` (docs/your-own-codec.md).
 """
 # The registry is `splatwire.bitstream.limits.SCHEMAS`. A package announces a schema under the entry point group
 # `splatwire.schemas` (`splatwire.plugins`).
@@ -22,13 +22,13 @@ _OWN = "splatwire."
 
 @checked
 def register_schema(schema: StreamSchema) -> Schema:
-    """Registers a schema with the encoder, the decoder and all stream readers.
+    """Registers a codec (schema) for use by the encoder, the decoder and all stream readers.
 
     Args:
-        schema: The complete schema, a `splatwire.codec.schema.Schema`.
+        schema: The complete codec, a `splatwire.codec.schema.Schema`.
 
     Returns:
-        The schema.
+        The codec.
 
     Raises:
         InvalidValueError: If a part of it is missing or invalid, or its name is taken.
@@ -43,7 +43,7 @@ def register_schema(schema: StreamSchema) -> Schema:
 
 @checked
 def schema_named(name: str) -> Schema:
-    """Returns the schema with the name used in manifests.
+    """Returns the codec (schema) with a given name, as manifests contain it.
 
     Raises:
         UnknownNameError: If the name is unknown.
@@ -58,7 +58,7 @@ def schema_named(name: str) -> Schema:
 
 @checked
 def schema_of(scene: Any) -> Schema:
-    """Returns the schema (the codec for one type of scene) that encodes a scene.
+    """Returns the codec (schema) that encodes a scene.
 
     Raises:
         InvalidValueError: If no schema applies, or several packages have one for the same type.
@@ -107,7 +107,7 @@ def _complete(stream: StreamSchema) -> Schema:
 
 
 def _problem(schema: Schema) -> str:
-    """Returns a message about the first missing or invalid attribute of a schema; empty if it is complete."""
+    """Returns a message about the first missing or invalid attribute of a codec (schema); empty if it is complete."""
     if not isinstance(schema.name, str) or not _NAME.fullmatch(schema.name):
         return "its name must be 1 to 32 lower-case letters, digits and underscores"
     if type(schema.format_version) is not int or not 2 <= schema.format_version <= FORMAT_VERSION:

@@ -65,7 +65,7 @@ class Prepared:
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """Options of `splatwire.codec.encode_scene` that a schema receives."""
+    """Options of `splatwire.codec.encode_scene` that are passed to the codec of a scene."""
 
     packetization: Packetization | None = None
     tiers: np.ndarray | None = None
@@ -139,7 +139,7 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Schema(StreamSchema):
-    """A complete codec schema: stream properties, encoder and decoder. See `register_schema`.
+    """Codec of one kind of scene (schema): properties of its streams, encoder and decoder. See `register_schema`.
 
     Attributes:
         scene_type: Type of the scenes it encodes.
@@ -167,7 +167,7 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
-    """Creates a codec schema from the properties of its streams, and its encoder and decoder.
+    """Creates a codec (schema) from the properties of its streams, its encoder and its decoder.
 
     Args:
         stream: Properties of the streams, such as name and format version.

@@ -31,7 +31,7 @@ def decode_tiers(data: bytes, num_anchors: int, num_tiers: int) -> np.ndarray:
     """Decodes the importance tiers written by `encode_tiers`.
 
     Returns:
-        uint8 (N).
+        Importance tier of each anchor, uint8 (N).
     """
     models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_anchors, dtype=np.uint8)
     kernels.decode_tiers(np.frombuffer(data, dtype=np.uint8), num_tiers, models, tiers)
@@ -46,7 +46,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
         manifest: Its manifest.
 
     Returns:
-        uint8 (N).
+        Importance tier of each anchor, uint8 (N).
 
     Raises:
         BitstreamError: If manifest and side information contradict each other.

@@ -85,10 +85,10 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
     """Quantises the weights and bias of a layer as coarsely as the tolerated errors of its outputs allow.
 
     Args:
-        weight: float (out, in).
-        bias: float (out).
-        inputs: Sample of inputs, float (n, in).
-        noise: (out), tolerated standard deviation of the error of each output.
+        weight: Weights of the layer, float (out, in).
+        bias: Bias of the layer, float (out).
+        inputs: Sample of the layer's inputs, float (n, in).
+        noise: Tolerated standard deviation of the error of each output, (out).
 
     Returns:
         The layer in integers.
@@ -130,8 +130,8 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     """Converts a layer to quantised form without rounding, which is possible for decoded layers.
 
     Args:
-        weight: float (out, in).
-        bias: float (out).
+        weight: Weights of the layer, float (out, in).
+        bias: Bias of the layer, float (out).
 
     Returns:
         The layer; None if the format cannot represent its numbers exactly.

@@ -18,7 +18,11 @@ class TensorTree:
         self.tree = NeighborTree(support)
 
     def query(self, queries: Float[Tensor, "Q 3"], k: int) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-        """Returns the nearest `k` points of each query, or all points if there are fewer: indices and distances."""
+        """Finds the `k` points nearest to each query, or all points if there are fewer.
+
+        Returns:
+            Indices and distances of these points, nearest first.
+        """
         index, distance = self.tree.query(queries, k)
         return torch.from_numpy(index).to(queries.device), torch.from_numpy(distance).to(queries.device)
 

@@ -1,1 +1,1 @@
-"""Schemas of neural anchors: HAC++ streams (format 1) and the causal model (format 2)."""
+"""Codecs of neural anchors: HAC++ streams (format 1) and the causal model (format 2)."""

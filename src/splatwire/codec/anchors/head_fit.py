@@ -1,4 +1,4 @@
-"""Quantises the networks with which anchors are rendered; shared by all anchor schemas."""
+"""Quantises the networks with which neural anchors are rendered."""
 
 import numpy as np
 

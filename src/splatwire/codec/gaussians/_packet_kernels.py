@@ -120,13 +120,11 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in halves of the lattice
-            spacing.
+        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in half units of `place`.
         cell: Grid cell of the Gaussian, int64 (3).
-        place: Position relative to the corner of the block's bounding box, in lattice spacings; only used by an
-            encoder.
-        cells_at: log2 of the side of a grid cell, in lattice spacings.
-        shift: log2 of the quantisation step of the position, in lattice spacings.
+        place: Position relative to the corner of the block's bounding box, as integers; only used by an encoder.
+        cells_at: log2 of the side of a grid cell, in the units of `place`.
+        shift: log2 of the quantisation step, in the units of `place`.
         absolute: False for streams of version 2, which round positions differently.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.

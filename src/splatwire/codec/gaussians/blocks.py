@@ -35,7 +35,7 @@ class Boxes:
     """Bounding boxes of B blocks of Gaussians, whose corners lie on coarse grids.
 
     Attributes:
-        shifts: int64 (B), log2 of the spacing of each box's grid, in lattice spacings.
+        shifts: int64 (B), log2 of the spacing of each box's grid, in spacings of the position lattice.
         origins: int64 (B, 3), lower corner of each box, in spacings of its grid.
         extents: int64 (B, 3), sides of each box in spacings of its grid, minus one.
     """
@@ -53,7 +53,7 @@ class Boxes:
 
     @functools.cached_property
     def corners(self) -> np.ndarray:
-        """Lower corners of the boxes, in lattice spacings, int64 (B, 3)."""
+        """Lower corners of the boxes, in spacings of the position lattice, int64 (B, 3)."""
         return self.origins << self.shifts[:, None]
 
 
@@ -103,10 +103,12 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Returns log2 of the cell size of the coarse grid by which a block's positions are coded, in lattice spacings.
+    """Returns log2 of the cell size of the coarse grid by which a block's positions are coded.
+
+    The unit is the spacing of the position lattice.
 
     Args:
-        places: int64 (n, 3), positions relative to the corner of the block's box, in lattice spacings.
+        places: int64 (n, 3), positions relative to the corner of the block's box, in this unit.
         bits: Number of bits of a coordinate within the box.
     """
     # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
@@ -144,10 +146,10 @@ def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
     """Computes the bounding box of each block of Gaussians, with corners on a coarse grid.
 
     Args:
-        low: int64 (B, 3), smallest coordinates of each block, in lattice spacings.
-        high: int64 (B, 3), largest coordinates of each block, in lattice spacings.
-        coarsest: log2 of the largest quantisation step of positions, in lattice spacings. Box corners are multiples of
-            this side.
+        low: int64 (B, 3), smallest coordinates of each block, in spacings of the position lattice.
+        high: int64 (B, 3), largest coordinates of each block, in the same unit.
+        coarsest: log2 of the largest quantisation step of positions, in the same unit. Box corners are multiples of
+            this step.
     """
     # Corners are multiples of the largest position cell, so that position cells are the same in every box.
     shifts = np.array(
@@ -161,7 +163,7 @@ def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
     """Returns Morton codes of positions within a bounding box.
 
     Args:
-        places: int64 (n, 3), positions relative to the corner of the box, in lattice spacings.
+        places: int64 (n, 3), integer positions relative to the corner of the box.
         bits: Number of bits of a coordinate within the box.
     """
     return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))

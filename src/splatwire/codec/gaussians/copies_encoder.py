@@ -17,7 +17,7 @@ from splatwire.types.splats import Splats
 def write_copies(
     splats: Splats, places: np.ndarray, info: SideInfo, *, level: int, growth: tuple[float, float, float]
 ) -> bytes:
-    """Encodes redundant copies of Gaussians, with the stream's quantisation steps and context tables.
+    """Encodes redundant copies of Gaussians, with the stream's quantisation steps and probability tables.
 
     Args:
         splats: All Gaussians of the stream, in stream order.

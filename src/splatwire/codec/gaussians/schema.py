@@ -1,4 +1,4 @@
-"""Bitstream format of explicit Gaussians: connects the encoder, the decoder and repacketization (docs/format.md)."""
+"""Codec of explicit Gaussians: connects the encoder, the decoder and repacketization (docs/format.md)."""
 
 import math
 

@@ -61,10 +61,11 @@ class BlockSource(NamedTuple):
     """Input of the encoding kernels: n Gaussians of one block, in the order in which packets are filled.
 
     Attributes:
-        cells_at: log2 of the cell size of the coarse position grid, in lattice spacings.
+        cells_at: log2 of the cell size of the coarse position grid, in the unit of `places`.
         spread: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
-        places: int64 (n, 3), positions relative to the corner of the block's bounding box, in lattice spacings.
+        places: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the position
+            lattice.
         classes: int64 (n), precision classes, which select the quantisation steps; 0 is the coarsest.
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
@@ -187,12 +188,18 @@ class SourceScene:
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:
-        """Returns the positions of a block's Gaussians in lattice spacings, int64 (n, 3), in coding order."""
+        """Returns the positions of a block's Gaussians as integers, int64 (n, 3), in coding order.
+
+        The unit is the spacing of the position lattice.
+        """
         means = self.centres.take(self.order[self.members(block)], axis=0)
         return to_lattice(means.astype(np.float64), self.unit, self.size_log)
 
     def ends(self, block: int) -> np.ndarray:
-        """Returns the smallest and largest coordinates of a block's Gaussians in lattice spacings, int64 (2, 3)."""
+        """Returns the smallest and largest coordinates of a block's Gaussians, int64 (2, 3).
+
+        The unit is the spacing of the position lattice.
+        """
         places = self.places(block)
         return np.array([places.min(axis=0), places.max(axis=0)])
 

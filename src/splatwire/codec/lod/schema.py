@@ -1,4 +1,4 @@
-"""Bitstream format of Gaussians with levels of detail (docs/format.md)."""
+"""Codec of Gaussians with levels of detail: connects encoder and decoder (docs/format.md)."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ from splatwire.types.splats import Splats
 
 
 class LevelsDecoder(GaussianDecoder):
-    """Decoder of a stream of Gaussians with levels of detail.
+    """Decoder of Gaussians with levels of detail.
 
     Args:
         manifest: The stream's manifest.

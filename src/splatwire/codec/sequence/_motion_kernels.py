@@ -1,4 +1,4 @@
-"""Numba kernels that encode or decode the motion of a packet's tracks."""
+"""Numba kernels that encode or decode the motion of a packet's tracks (Gaussians over time)."""
 
 from typing import no_type_check
 
@@ -48,7 +48,7 @@ from splatwire.ops.compiled import njit
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_headers(coder, headers, n, frames, first_new):
-    """Encodes or decodes the headers of a packet's tracks: track indices, whether tracks move, and their lifetimes.
+    """Encodes or decodes the headers of a packet's tracks (Gaussians over time): index, motion flag and lifetime.
 
     Args:
         coder: Entropy coder.
@@ -176,7 +176,7 @@ def _raw(coder, low, span, at, value, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_coefficient(coder, low, span, at, kind, order, level, value):
-    """Encodes or decodes the quantised prediction residual of one polynomial coefficient of a track's motion.
+    """Encodes or decodes the prediction residual of one polynomial coefficient of a Gaussian's motion.
 
     Args:
         coder: Entropy coder of the packet.
@@ -215,7 +215,7 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_motion(coder, headers, n, orders, quantised, frames, first_new):
-    """Encodes or decodes the motion of a packet's n tracks.
+    """Encodes or decodes the motion of a packet's n tracks (Gaussians over time).
 
     Args:
         coder: Entropy coder of the packet.

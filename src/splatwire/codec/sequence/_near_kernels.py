@@ -1,4 +1,4 @@
-"""Numba kernels that find the tracks nearest to a track, among those of a packet whose motion is known."""
+"""Numba kernels that find, for a track (Gaussian over time), the nearest tracks with known motion in its packet."""
 
 from typing import no_type_check
 
@@ -15,7 +15,7 @@ _PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def add_known(places, i, known, around, count):
-    """Adds a track to the list of tracks with known motion, by which the motion of later tracks is predicted.
+    """Adds a track (Gaussian over time) to the list of tracks by which the motion of later tracks is predicted.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).
@@ -72,7 +72,7 @@ def _find_candidates(squares, count, lanes, some):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, some, count):
-    """Finds the nearest of some candidate tracks, given squared distances.
+    """Finds the nearest of some candidate tracks (Gaussians over time), given squared distances.
 
     Args:
         squares: Squared distances of all tracks, float64.
@@ -101,7 +101,7 @@ def _smallest_candidates(squares, some, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def nearest(places, known, around, count, i, squares, lanes, some, neighbours, far):
-    """Finds the tracks with known motion that are nearest to a given track.
+    """Finds the tracks (Gaussians over time) with known motion that are nearest to a given track.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).

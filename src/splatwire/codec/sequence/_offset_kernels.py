@@ -1,4 +1,4 @@
-"""Numba kernel that computes the motion of tracks in one frame."""
+"""Numba kernel that computes the motion of tracks (Gaussians over time) in one frame."""
 
 from typing import no_type_check
 

@@ -76,7 +76,7 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Omits the polynomial coefficients of high degrees that are 0 in all tracks of a packet.
+    """Omits the polynomial coefficients of high degrees that are 0 in all tracks (Gaussians over time) of a packet.
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
@@ -97,7 +97,7 @@ def _trim(quantised, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(models, counts, frames, first_new, dead, headers, places, shifts, targets, rows, buffer, out):
-    """Encodes the motion of one packet's tracks; returns the size of the packet in bytes."""
+    """Encodes the motion of one packet's tracks (Gaussians over time); returns the size of the packet in bytes."""
     n, used = len(headers), 0
     orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
     _needed_orders(targets, rows, states, shifts, frames, orders)
@@ -128,7 +128,7 @@ def _candidates(headers, begin, n):
 @njit(error_model="numpy")
 @no_type_check
 def _expected_tracks(costs, begin, end, scale, aim):
-    """Estimates how many of the following tracks fit into a packet of a given size.
+    """Estimates how many of the following tracks (Gaussians over time) fit into a packet of a given size.
 
     Args:
         costs: Expected number of bytes for each track, float64.
@@ -164,7 +164,7 @@ def encode_cut(
     sizes,
     ends,
 ):
-    """Encodes a block of motion in packets of limited size, each with as many tracks as fit.
+    """Encodes a block of motion in packets of limited size, each with as many tracks (Gaussians over time) as fit.
 
     Args:
         models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
@@ -223,7 +223,7 @@ def encode_cut(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_packets(models, frames, first_new, data, ends, starts, headers, orders, quantised):
-    """Decodes P packets with the motion of n tracks in total.
+    """Decodes P packets with the motion of n tracks (Gaussians over time) in total.
 
     Args:
         models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).

@@ -1,4 +1,4 @@
-"""Numba kernels that predict the motion of a track from neighbouring tracks, bit-identically on every machine."""
+"""Numba kernels that predict the motion of a track (Gaussian over time) from its neighbours, equal on every machine."""
 
 from typing import no_type_check
 
@@ -61,7 +61,7 @@ def relative_positions(places):
 @njit(error_model="numpy")
 @no_type_check
 def prediction_order(places, moving, shifts):
-    """Sorts the moving tracks of a packet from spatially coarse to fine, so that each is predicted from earlier ones.
+    """Sorts the moving tracks (Gaussians over time) of a packet for prediction, from spatially coarse to fine.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -99,7 +99,7 @@ def prediction_order(places, moving, shifts):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights):
-    """Computes the weights of a track's neighbours for the prediction of its motion.
+    """Computes the weights of a moving Gaussian's neighbours for the prediction of its motion.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -172,7 +172,7 @@ def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _predict_coefficients(known, moving, neighbours, weights, found, means):
-    """Predicts the motion coefficients of a track as a weighted mean over its neighbours.
+    """Predicts the motion coefficients of a track (Gaussian over time) as a weighted mean over its neighbours.
 
     Args:
         known: Decoded coefficients of the packet's M tracks, float64 (M, U), with U coefficients per track.
@@ -196,7 +196,7 @@ def _predict_coefficients(known, moving, neighbours, weights, found, means):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _quantise(wanted, means, octaves, dead, steps):
-    """Quantises the differences of a track's motion coefficients from their prediction.
+    """Quantises the differences of a Gaussian's motion coefficients from their prediction.
 
     Args:
         wanted: The U coefficients before quantisation, float64 (U).
@@ -216,7 +216,7 @@ def _quantise(wanted, means, octaves, dead, steps):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _reconstruct(means, octaves, steps, row):
-    """Reconstructs the motion coefficients of a track: prediction plus dequantised residuals.
+    """Reconstructs the motion coefficients of a track (Gaussian over time): prediction plus dequantised residuals.
 
     Args:
         means: The U predicted coefficients, float64 (U).
@@ -232,7 +232,7 @@ def _reconstruct(means, octaves, steps, row):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _unpack_coefficients(flat, orders, rows):
-    """Copies the coded motion coefficients of M tracks into an array by channel and degree.
+    """Copies the coded motion coefficients of M tracks (Gaussians over time) into an array by channel and degree.
 
     Args:
         flat: The coded coefficients, (M, U), with U coefficients per track.
@@ -250,7 +250,7 @@ def _unpack_coefficients(flat, orders, rows):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def pack_coefficients(values, rows, states, orders, flat):
-    """Copies the coded motion coefficients of each track into one array row.
+    """Copies the coded motion coefficients of each Gaussian (track) into one array row.
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).
@@ -272,7 +272,7 @@ def pack_coefficients(values, rows, states, orders, flat):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
-    """Encodes or decodes the motion of the tracks of a packet, each predicted from neighbouring tracks.
+    """Encodes or decodes the motion of a packet's tracks (Gaussians over time), predicted from neighbouring tracks.
 
     Args:
         places: Positions of the keyframe Gaussians of the packet's M tracks in the fixed-point unit of motion, int64

@@ -102,7 +102,7 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _project(values, table, begin, end, own):
-    """Adds the motion in a range of frames to a track's coefficients, by projection onto the basis polynomials.
+    """Adds the motion in a range of frames to a Gaussian's polynomial coefficients, by projection onto the basis.
 
     Args:
         values: Motion in each frame, by channel.
@@ -122,7 +122,7 @@ def _project(values, table, begin, end, own):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
-    """Fits polynomials over time to the motion of n tracks, before quantisation.
+    """Fits polynomials over time to the motion of n tracks (Gaussians over time), before quantisation.
 
     Each call adds the contribution of a range of frames, in ascending order.
 

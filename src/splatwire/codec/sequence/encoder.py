@@ -99,7 +99,7 @@ class TracksEncoder:
         """Starts to fit the motion of the next group before all of its frames are available, which reduces latency.
 
         Args:
-            keys: Keys of the group's tracks so far, see `TrackGroup`.
+            keys: Keys (identifiers) of the group's tracks so far, see `TrackGroup`.
             moves: Trajectories of these tracks over all frames of the group.
             end: Number of available frames; frames from `end` on may have any content.
         """
@@ -260,7 +260,7 @@ class TracksEncoder:
         self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
-        """Writes headers, positions, steps and expected sizes of tracks into a motion coder.
+        """Writes headers, positions, steps and expected sizes of tracks (Gaussians over time) into a motion coder.
 
         Args:
             coder: The motion coder, changed in place.
@@ -284,7 +284,7 @@ class TracksEncoder:
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
-        """Encodes the motion of all tracks in a group of frames.
+        """Encodes the motion of all tracks (Gaussians over time) in a group of frames.
 
         Args:
             group: The tracks of the group.
@@ -306,7 +306,7 @@ class TracksEncoder:
     def _encode_motion_blocks(
         self, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
-        """Encodes the motion of all tracks in packets of limited size.
+        """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
         Args:
             coder: Motion coder of the tracks, first those that need no new keyframe Gaussian.

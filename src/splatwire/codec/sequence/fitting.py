@@ -1,4 +1,4 @@
-"""Fits polynomials to the motion of a group's tracks, frame by frame."""
+"""Fits polynomials to the motion of a group's tracks (Gaussians over time), frame by frame."""
 
 import numpy as np
 
@@ -22,10 +22,10 @@ SPARE = 8
 
 
 class Fitting:
-    """Fits motion coefficients to the trajectories of a group's tracks while the frames become available.
+    """Fits motion coefficients to the trajectories of tracks (Gaussians over time), as frames become available.
 
     Args:
-        keys: Keys of the tracks so far, int64 (n).
+        keys: Keys (identifiers) of the tracks so far, int64 (n).
         known: Tracks of earlier groups with their keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
         frames: Number of frames in the group.
@@ -63,7 +63,8 @@ class Fitting:
         """Completes the fit of a group after all frames were added; returns the motion of all tracks.
 
         Args:
-            keys: Keys of all tracks of the group: first the tracks of this fit, then tracks that appeared later.
+            keys: Keys (identifiers) of all tracks of the group: first the tracks of this fit, then tracks that appeared
+                later.
             moves: Trajectories of all tracks over the group.
             stay: Mask of tracks present in all frames, bool (n).
         """
@@ -76,7 +77,7 @@ class Fitting:
         return found
 
     def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
-        """Adds the motion in frames `begin` to `end` (exclusive) to the fit of some tracks."""
+        """Adds the motion in a range of frames to the fit of some tracks (Gaussians over time)."""
         fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 
@@ -84,7 +85,7 @@ def fit(
     found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
-    """Continues to fit polynomials to the motion of tracks, with a further range of frames.
+    """Continues to fit polynomials to the motion of tracks (Gaussians over time), with a further range of frames.
 
     Args:
         found: Polynomial coefficients of the motion of n tracks, changed in place.

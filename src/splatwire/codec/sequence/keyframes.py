@@ -90,7 +90,7 @@ class KeyframeEncoder:
 
     @property
     def shots(self) -> tuple[Shot, ...]:
-        """Side information of the keyframe Gaussians encoded so far, by shot; a new shot may begin at a scene cut."""
+        """Side information of the keyframe Gaussians encoded so far; scene cuts may begin a new object (shot)."""
         shots, block = list[Shot](), 0
         for first_group, infos in self._infos:
             boxes = [info.boxes for info in infos]
@@ -146,7 +146,7 @@ class KeyframeEncoder:
         return coded
 
     def _begin_shot(self, fitted: "_Fitted", group: int) -> CodedKeyframes:
-        """Encodes the keyframe Gaussians of a group of frames with new quantisation steps and context tables."""
+        """Encodes the keyframe Gaussians of a group of frames with new quantisation steps and probability tables."""
         self._infos.append((group, [fitted.info]))
         self._like, self._level = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
@@ -169,7 +169,7 @@ class KeyframeEncoder:
                 coarser; None for the finest.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
-            like: Side information with context tables to use; None to fit new tables.
+            like: Side information with probability tables to use; None to fit new tables.
         """
         source = SourceScene.of(splats, plan, classes, None, self._quality, coding, most_unit=FINEST_UNIT)
         known = None if coding is None else coding.transform
@@ -230,8 +230,7 @@ def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> 
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of the ratio of two lattice spacings: that of `info` to that of the first group, in which motion
-            is coded.
+        spacing: log2 of the ratio of the lattice spacing of `info` to that of the first group.
 
     Returns:
         Positions in units of half the first group's lattice spacing, int64 (n, 3).

@@ -1,4 +1,4 @@
-"""Tracks that an encoder has encoded so far."""
+"""Tracks (Gaussians over time) that an encoder has encoded so far."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from splatwire.types.splats import Splats
 
 @dataclass(frozen=True, eq=False)
 class KnownTracks:
-    """Tracks of a sequence that were encoded so far, numbered in order of appearance.
+    """Tracks (Gaussians over time) of a sequence that were encoded so far, in order of appearance.
 
     Attributes:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
@@ -35,14 +35,14 @@ class KnownTracks:
 
     @staticmethod
     def empty() -> "KnownTracks":
-        """Returns the state before the first group, without tracks."""
+        """Returns the state before the first group."""
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
         places, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))
         return KnownTracks(none, none, empty, places, shifts, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the index of the track with each key, int64; -1 for unknown keys."""
+        """Returns the track index for each key, int64; -1 for unknown keys."""
         if not len(self.keys):
             return np.full(len(keys), -1, np.int64)
         names = self.keys[self.by_key]
@@ -64,11 +64,11 @@ class KnownTracks:
     def with_births(
         self, keyframes: Trajectories, keys: np.ndarray, places: np.ndarray, shifts: np.ndarray
     ) -> "KnownTracks":
-        """Returns the state with new tracks appended.
+        """Returns the state with new tracks (Gaussians over time) appended.
 
         Args:
             keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
-            keys: Keys of the new tracks, int64 (n).
+            keys: Keys (identifiers) of the new tracks, int64 (n).
             places: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
         """

@@ -1,4 +1,4 @@
-"""Lifetimes of tracks in the side information, which is received even if motion packets are lost (docs/format.md)."""
+"""Lifetimes of tracks (Gaussians over time) in the side information, which does not get lost (docs/format.md)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ so the section adds about one byte per 200.
 
 @dataclass(frozen=True, eq=False)
 class Lifetimes:
-    """Lifetimes of tracks as a list of exceptions: tracks that begin late or end early.
+    """Lifetimes of tracks (Gaussians over time) as a list of exceptions: tracks that begin late or end early.
 
     Attributes:
         late: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).
@@ -51,7 +51,7 @@ class Lifetimes:
         return Lifetimes.joined([self, gone])
 
     def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns when every track begins and ends.
+        """Returns when every track (Gaussian over time) begins and ends.
 
         Args:
             num_tracks: Number of tracks, T.
@@ -79,7 +79,7 @@ class Lifetimes:
 
 
 def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
-    """Serialises lifetimes as a named section."""
+    """Serialises lifetimes of tracks as a named section of the side information."""
     if not len(lifetimes.late) + len(lifetimes.early):
         return {}
     writer = ByteWriter()
@@ -92,7 +92,7 @@ def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
 
 
 def read_lifetimes(sections: Mapping[str, bytes], births: Sequence[int], timeline: Timeline) -> Lifetimes:
-    """Reads lifetimes from the named section of a stream.
+    """Reads lifetimes of tracks from a named section of the side information.
 
     Args:
         sections: Named sections of the stream, content by name.

@@ -1,4 +1,4 @@
-"""Encodes the motion of a group's tracks in packets."""
+"""Encodes the motion of a group's tracks (Gaussians over time) in packets."""
 
 import functools
 import itertools
@@ -23,7 +23,7 @@ FIRST_COST = 4.0
 
 @dataclass(frozen=True, eq=False)
 class CodedMotion:
-    """Encoded block with the motion of n tracks over F frames.
+    """Encoded block with the motion of n tracks (Gaussians over time) over F frames.
 
     Attributes:
         sizes: Number of tracks in each packet, int64 (packets).
@@ -45,13 +45,13 @@ class CodedMotion:
 
     @property
     def costs(self) -> np.ndarray:
-        """Number of bytes for each track, float64 (n)."""
+        """Number of bytes for the motion of each track, float64 (n)."""
         # The size of a packet is divided equally among its tracks.
         return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
 
 
 def all_stay(headers: np.ndarray, frames: int) -> bool:
-    """True if no track of a group moves, begins or ends.
+    """True if no Gaussian of a group of frames moves, begins or ends.
 
     Args:
         headers: Headers of the tracks, int64 (n, fields).
@@ -62,7 +62,9 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class MotionCoder:
-    """Encodes the motion of the n tracks of a group of F frames, block by block, in packets of limited size.
+    """Encodes the motion of tracks (Gaussians over time) in a group of frames, in packets of limited size.
+
+    There are n tracks and F frames.
 
     Attributes:
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
@@ -122,7 +124,7 @@ class MotionCoder:
         return zero
 
     def encode(self, zero: np.ndarray, ends: tuple[int, int]) -> CodedMotion:
-        """Encodes the motion of the tracks of one block.
+        """Encodes the motion of the tracks (Gaussians over time) of one block.
 
         Args:
             zero: Initial probability of a zero of each adaptive bit model, out of 2**8, int64 (contexts).

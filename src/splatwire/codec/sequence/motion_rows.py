@@ -11,14 +11,15 @@ from splatwire.codec.sequence.side_info import SequenceInfo
 
 
 def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Allocates zero arrays for the decoded integers of the motion of tracks.
+    """Allocates zero arrays for the decoded motion of tracks (Gaussians over time).
 
     Args:
         count: Number of tracks.
         frames: Number of frames in the group, F.
 
     Returns:
-        Headers int64 (count, fields), and prediction residuals of motion coefficients int32 (count, channels * frames).
+        Headers, int64 (count, fields), and prediction residuals of motion coefficients, int32 (count, channels *
+        frames).
     """
     return np.zeros((count, HEAD), np.int64), np.zeros((count, NUM_CHANNELS * frames), np.int32)
 
@@ -47,8 +48,8 @@ def decode_motion(
         first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
-        Headers int64 (n, fields) and prediction residuals int32 (n, channels * frames) of all tracks; and the number of
-        coefficients per channel in each packet, for each kind of channel, int64 (packets, kinds).
+        Headers of all tracks, int64 (n, fields); their prediction residuals, int32 (n, channels * frames); and the
+        number of coefficients per channel in each packet, for each kind of channel, int64 (packets, kinds).
     """
     frames = len(info.timeline.frames_of(group))
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
@@ -66,7 +67,7 @@ def decode_motion(
 def coefficients_of(
     headers: np.ndarray, residuals: np.ndarray, orders: np.ndarray, places: np.ndarray, shifts: np.ndarray
 ) -> np.ndarray:
-    """Reconstructs the motion coefficients of the moving tracks of one packet from prediction residuals.
+    """Reconstructs the motion of the moving tracks (Gaussians over time) of a packet from prediction residuals.
 
     Args:
         headers: Headers of the n tracks of the packet, int64 (n, fields).

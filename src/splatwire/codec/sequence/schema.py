@@ -1,4 +1,4 @@
-"""Codec schema of moving Gaussians (docs/format.md)."""
+"""Codec of moving Gaussians: connects encoder and decoder (docs/format.md)."""
 
 from typing import Any
 

@@ -28,7 +28,7 @@ MAX_OFFSET = 16
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers of tracks in a group of frames: new tracks, and tracks whose motion is coded.
+    """Numbers of tracks (Gaussians over time) in a group of frames: new tracks, and tracks whose motion is coded.
 
     Attributes:
         births: Number of tracks that begin in the group.
@@ -83,13 +83,13 @@ class SequenceInfo:
         return self.shots[0].info
 
     def shot_of(self, block: int) -> tuple[KeyframeInfo, int]:
-        """Returns the side information of the shot that contains a block of keyframe Gaussians.
+        """Returns the side information that applies to a block of keyframe Gaussians.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.
 
         Returns:
-            The side information, and the index of the block within the shot.
+            The side information, and the index of the block in it.
         """
         shot = self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
         return shot.info, block - shot.first_block
@@ -150,7 +150,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the ratio of two lattice spacings: of `info` to `reference`."""
+    """Returns log2 of the ratio of the spacings of two position lattices: that of `info` to that of `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 
@@ -198,7 +198,7 @@ def _check_shot(number: int, info: KeyframeInfo, reference: KeyframeInfo) -> Non
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
-    """Returns the number of tracks in each group of frames, from the manifest."""
+    """Returns the number of tracks (Gaussians over time) in each group of frames, from the manifest."""
     counts = [tier.num_elements for tier in manifest.tiers]
     groups, alive = tuple(itertools.starmap(Group, zip(counts[::2], counts[1::2], strict=True))), 0
     for group in groups:

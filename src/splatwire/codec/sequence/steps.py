@@ -1,4 +1,4 @@
-"""Quantisation steps of a track's motion, derived from the quantisation steps of its keyframe Gaussian."""
+"""Quantisation steps of a Gaussian's motion, derived from those of its state in the first frame."""
 
 import numpy as np
 
@@ -12,15 +12,14 @@ LARGEST_SHIFT = 30
 
 
 def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spacing: int = 0) -> np.ndarray:
-    """Returns the quantisation steps of the motion of tracks.
+    """Returns the quantisation steps of the motion of tracks (Gaussians over time).
 
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
         coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, for each kind of
             channel, int64 (kinds).
-        spacing: log2 of the ratio of two lattice spacings: that of `info` to that of the first group, in which motion
-            is coded.
+        spacing: log2 of the ratio of the lattice spacing of `info` to that of the first group.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.

@@ -1,4 +1,4 @@
-"""Input of the sequence encoder: tracks over a group of frames."""
+"""Input of the sequence encoder: tracks (Gaussians over time) in a group of frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

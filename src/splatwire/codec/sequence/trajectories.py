@@ -46,11 +46,11 @@ class Trajectories:
         return int(self.means.shape[1])
 
     def select(self, index: np.ndarray | slice) -> "Trajectories":
-        """Returns the trajectories of the tracks at `index`."""
+        """Returns the trajectories of the selected tracks."""
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
     def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
-        """Returns the state of some tracks at one frame each.
+        """Returns the state of some tracks (Gaussians over time) at one frame each.
 
         Args:
             index: Indices of the tracks, int64 (m).
@@ -102,7 +102,7 @@ def add_frames(
     found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
-    """Adds further frames to the polynomials that are fitted to the motion of tracks.
+    """Adds further frames to the polynomials that are fitted to the motion of tracks (Gaussians over time).
 
     Args:
         found: Polynomial coefficients of n tracks, changed in place.
@@ -132,12 +132,11 @@ def add_frames(
 
 @dataclass(frozen=True, eq=False)
 class PacketMoves:
-    """Decoded motion of the m moving tracks of a packet, as polynomials over time.
+    """Decoded motion of the m moving tracks (Gaussians over time) of a packet, as polynomials over time.
 
     Attributes:
         coefficients: Polynomial coefficients, float32 (m, channels, K), padded with 0 to K coefficients per channel.
-        orders: Number of coefficients that the packet contains for each channel, for each kind of channel, int64
-            (kinds).
+        orders: Number of coefficients per channel in the packet, for each kind of channel, int64 (kinds).
     """
 
     coefficients: np.ndarray
@@ -151,7 +150,7 @@ class PacketMoves:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Computes the motion of a group's tracks in any frame, from decoded polynomials.
+    """Computes the motion of a group's tracks (Gaussians over time) in any frame, from decoded polynomials.
 
     Args:
         moves: Decoded motion of the moving tracks of each packet.
@@ -166,7 +165,7 @@ class Offsets:
     size_log: int
 
     def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
-        """Returns a function that computes the motion of some tracks in a frame.
+        """Returns a function that computes the motion of some tracks (Gaussians over time) in a frame.
 
         Args:
             rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for one that does not move.

@@ -1,4 +1,4 @@
-"""Codec schema of updates (docs/format.md)."""
+"""Codec of updates of a stream: connects encoder and decoder (docs/format.md)."""
 
 from dataclasses import fields, replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Schema `causal`: anchors whose attributes are predicted by the causal model (docs/format.md, format 2).
+"""Codec `causal` for neural anchors, whose attributes a causal model predicts (docs/format.md, format 2).
 
 The causal model is a chain of small networks. Each network predicts some attributes of an anchor from its position and
 its attributes decoded before.

@@ -1,4 +1,4 @@
-"""Numba kernels of schema `causal`: they convert outputs of networks to contexts, and code many packets at once.
+"""Numba kernels of the codec `causal`: they convert network outputs to contexts, and code many packets at once.
 
 Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p.
 """

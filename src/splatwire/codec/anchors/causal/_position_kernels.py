@@ -51,7 +51,7 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _num_raw_bits(count):
-    """Returns how many low bits of a number below `count` are coded without a probability model."""
+    """Returns the number of low bits that are coded without a probability model, for numbers below `count`."""
     # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
     # part, and the low bits are coded with equal probabilities.
     shift = 0

@@ -32,7 +32,7 @@ EXP2_BITS = 40
 
 @dataclass(frozen=True)
 class Stage:
-    """Attributes of an anchor that one network predicts at once, given the attributes of earlier stages.
+    """Stage in the prediction of an anchor: attributes that one network predicts, given those of earlier stages.
 
     Attributes:
         name: Name of the network that predicts them.
@@ -147,7 +147,7 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndar
         spread: Extent of the scene, voxels, above 0, int64 (3).
 
     Returns:
-        float64 (n, 3 (1 + octaves)) whole numbers, `ACTIVATION_BITS` fractional bits.
+        Network inputs, float64 (n, 3 (1 + octaves)), whole numbers with `ACTIVATION_BITS` fractional bits.
     """
     # The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
     # frequencies.
@@ -164,7 +164,7 @@ def scale_indices(spreads: np.ndarray) -> np.ndarray:
     """Converts binary logarithms of standard deviations to indices in the coder's table, int16.
 
     Args:
-        spreads: Logarithms of the standard deviations in quantisation steps, int32, `OUTPUT_BITS` fractional bits.
+        spreads: Binary logarithms in quantisation steps, int32, `OUTPUT_BITS` fractional bits.
     """
     indices = np.empty(spreads.shape, dtype=np.int16)
     kernels.scale_indices(spreads, exp2_table(8, 20), indices)
@@ -179,7 +179,7 @@ def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
         step: Quantisation step of all columns, or one step for each column.
 
     Returns:
-        float32 (n, D).
+        The dequantised values, float32 (n, D).
     """
     # The product is rounded once to float64 and once to float32, so that it is identical on every machine.
     return (numbers.astype(np.float64) * (step * 2.0**-NUMBER_BITS)).astype(np.float32)
@@ -205,7 +205,7 @@ def exponential(logs: np.ndarray) -> np.ndarray:
     """Returns two to the power of fixed-point logarithms, float32, identical on every machine.
 
     Args:
-        logs: int64, `LOG_BITS` fractional bits.
+        logs: Base-2 logarithms, int64, `LOG_BITS` fractional bits.
     """
     logs = np.clip(logs, -60 << LOG_BITS, 60 << LOG_BITS)
     whole, rest = logs >> LOG_BITS, logs & ((1 << LOG_BITS) - 1)

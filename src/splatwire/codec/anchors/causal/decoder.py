@@ -1,4 +1,4 @@
-"""Decoder of schema `causal`."""
+"""Decoder of the codec `causal` for neural anchors."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Encoder of schema `causal`."""
+"""Encoder of the codec `causal` for neural anchors."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Fits the side information of schema `causal` to a scene.
+"""Fits the side information of the codec `causal` to a scene.
 
 The networks are quantised as coarsely as their predictions tolerate.
 """

@@ -1,4 +1,4 @@
-"""Encodes and decodes packets of schema `causal`; each contains complete anchors and decodes without the others."""
+"""Encodes and decodes packets of the codec `causal`; each contains complete anchors and decodes without the others."""
 # Encoding and decoding share the prediction (`Chain`). Packets are processed in chunks, which does not affect the
 # bytes.
 

@@ -1,4 +1,4 @@
-"""Codec schema of anchors with the causal model (format 2): connects its encoder, decoder and repacketization."""
+"""Codec `causal` of neural anchors (format 2): connects its encoder, decoder and repacketization."""
 
 from splatwire.bitstream import CAUSAL, Packetization, SceneStream
 from splatwire.bitstream.limits import SCHEMAS

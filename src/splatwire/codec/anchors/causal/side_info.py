@@ -1,4 +1,4 @@
-"""Side information of schema `causal` (docs/format.md)."""
+"""Side information of the codec `causal` for neural anchors (docs/format.md)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -78,7 +78,7 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
 
     Args:
         context: The stream's networks and constants.
-        outputs: int32 (n, prior outputs).
+        outputs: Outputs of the prior network for n anchors, int32 (n, prior outputs).
     """
     config, columns = context.config, prior_columns(context.config)
     f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
@@ -210,7 +210,8 @@ def decode_packets(
 
     Args:
         context: The stream's networks and constants.
-        outputs: int32 (n, prior outputs) of the anchors of all packets, packet by packet.
+        outputs: Outputs of the prior network for the anchors of all packets, packet by packet, int32 (n, prior
+            outputs).
         counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
         mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).

@@ -51,7 +51,7 @@ def factor_table() -> np.ndarray:
     """Returns the factors `1 + tanh(q)` on quantisation steps, for all values q of the network's output.
 
     Returns:
-        int64, fixed point with `FACTOR_BITS` fractional bits.
+        The factors, int64, in fixed point with `FACTOR_BITS` fractional bits.
     """
     return step_table(STEP_CELLS, STEP_LIMIT, FACTOR_BITS)
 
@@ -75,11 +75,11 @@ def step_indices(outputs: np.ndarray, config: ModelConfig) -> np.ndarray:
     """Returns the quantisation steps of feature, scaling and offset of each anchor, as indices into `factor_table`.
 
     Args:
-        outputs: int32 (N, prior outputs), `OUTPUT_BITS` fractional bits.
+        outputs: Outputs of the prior network for N anchors, int32 (N, prior outputs), `OUTPUT_BITS` fractional bits.
         config: Sizes of the model's networks and tables.
 
     Returns:
-        int64 (N, 3).
+        The indices, int64 (N, 3).
     """
     first = prior_columns(config).steps
     q = outputs[:, first : first + 3].astype(np.int64)
@@ -205,7 +205,7 @@ class CodingContext:
         """Converts decoded features to inputs of the channel networks, which predict later features.
 
         Args:
-            symbols: int32 (N, channels).
+            symbols: Decoded features in quantisation steps, int32 (N, channels).
             factors: Factor on the quantisation step of each anchor's features, int64 (N).
 
         Returns:

@@ -1,4 +1,4 @@
-"""Decoders of schema `hacpp`."""
+"""Decoders of HAC++ anchors (codec `hacpp`)."""
 
 import itertools
 from collections.abc import Iterator

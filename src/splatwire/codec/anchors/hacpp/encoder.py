@@ -1,4 +1,4 @@
-"""Encoder of schema `hacpp`."""
+"""Encoder of HAC++ anchors (codec `hacpp`)."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Fits the side information of schema `hacpp` to a scene: network precision and initial mask models."""
+"""Fits the side information of the codec `hacpp` to a scene: network precision and initial models of offset masks."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ STEP_TOLERANCE = 0.05
 
 
 def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
-    """Computes the side information of a scene: quantised networks and initial mask models.
+    """Computes the side information of a scene: quantised networks and initial models of offset masks.
 
     Args:
         scene: The scene.
@@ -68,7 +68,7 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
         step: Base quantisation step of the attribute.
 
     Returns:
-        float64 (D).
+        Standard deviation of each channel in quantisation steps, float64 (D).
     """
     # It is the median of the predicted standard deviations, increased by the rounding error.
     typical = lower_median(np.maximum(scale.astype(np.float64), step * 1e-3))

@@ -58,13 +58,14 @@ def unit_coordinates(
     """Converts voxels to fixed-point coordinates within the grid's bounding box, identically on every machine.
 
     Args:
-        voxels: int64 (N, 3).
+        voxels: Positions of N anchors in voxels, int64 (N, 3).
         voxel_size: World units per voxel.
-        bounds_min: float32 (3), lower corner of the box.
-        bounds_max: float32 (3), upper corner.
+        bounds_min: Lower corner of the box, world units, float32 (3).
+        bounds_max: Upper corner of the box, world units, float32 (3).
 
     Returns:
-        int64 (N, 3), `UNIT_BITS` fractional bits; outside [0, 1] means outside the box.
+        Coordinates from 0 to 1, int64 (N, 3), `UNIT_BITS` fractional bits; outside this range for points outside the
+        box.
 
     Raises:
         InvalidValueError: If the box is too thin for 64-bit coordinates.
@@ -85,15 +86,15 @@ def unit_coordinates(
 
 
 def lookup(units: np.ndarray, signs: np.ndarray, config: HashGridConfig) -> np.ndarray:
-    """Interpolates the hash grid at fixed-point positions.
+    """Interpolates the hash grid at given positions.
 
     Args:
-        units: int64 (N, 3) from `unit_coordinates`.
-        signs: int8 (rows, D), all levels.
+        units: Positions from `unit_coordinates`, int64 (N, 3).
+        signs: The hash tables of all levels, entries -1 or +1, int8 (rows, D).
         config: Resolutions and table sizes of the hash grid.
 
     Returns:
-        float64 (N, H) whole numbers, `ACTIVATION_BITS` fractional bits.
+        Hash-grid features, float64 (N, H), whole numbers with `ACTIVATION_BITS` fractional bits.
     """
     levels = grid_levels(config)
     out = np.empty((len(units), len(levels.rows) * config.features_per_level), dtype=np.float64)
@@ -105,11 +106,11 @@ def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
     """Returns the mask of the hash-table rows that at least one anchor reads.
 
     Args:
-        units: int64 (N, 3) from `unit_coordinates`.
+        units: Positions of the anchors from `unit_coordinates`, int64 (N, 3).
         config: Resolutions and table sizes of the hash grid.
 
     Returns:
-        bool (rows).
+        Mask of the rows, bool (rows).
     """
     # The stream contains only these rows.
     levels = grid_levels(config)

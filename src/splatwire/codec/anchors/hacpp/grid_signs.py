@@ -12,7 +12,7 @@ def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig)
     """Encodes the signs of all hash-table rows that at least one anchor reads.
 
     Args:
-        signs: int8 (rows, D), -1 or +1, all levels.
+        signs: The hash tables of all levels, entries -1 or +1, int8 (rows, D).
         touched: Mask of these rows, bool (rows).
         config: Resolutions and table sizes of the hash grid.
     """
@@ -32,7 +32,7 @@ def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np
         config: Resolutions and table sizes of the hash grid.
 
     Returns:
-        int8 (rows, D); untouched rows are +1.
+        The hash tables of all levels, int8 (rows, D); rows that no anchor reads are +1.
     """
     level_of, models = _levels(config)
     signs = np.empty((len(touched), config.features_per_level), dtype=np.int8)

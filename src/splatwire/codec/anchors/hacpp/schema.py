@@ -1,4 +1,4 @@
-"""Codec schema of HAC++ anchors (format 1): connects its encoder, decoder and repacketization."""
+"""Codec `hacpp` of HAC++ anchors (format 1): connects its encoder, decoder and repacketization."""
 
 from typing import Any
 

@@ -115,7 +115,7 @@ def decode_parts(
 
     Args:
         context: The stream's networks and constants.
-        outputs: int32 (n, prior outputs) of the anchors.
+        outputs: Outputs of the prior network for these anchors, int32 (n, prior outputs).
         mask: Mask of the offsets that exist, uint8 (n, K).
         payloads: Payloads of the received packets, by attribute (`PacketId.part`).
     """
@@ -175,7 +175,7 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
     """Returns the normal distributions for coding the scalings or the offsets of some anchors.
 
     Args:
-        pair: Means and scale indices of all anchors, (n, D) each.
+        pair: Means of all anchors, and indices of the standard deviations in the coder's table, (n, D) each.
         rows: Range of the anchors.
         keep: Mask of the values that packets contain, bool (anchors, D); None if packets contain all.
     """
@@ -194,7 +194,7 @@ def _feature_mixtures(
         columns: Range of the group's channels.
         mean: Means of the second normal distribution for these anchors and channels.
         scale: Indices of the second distribution's standard deviations in the coder's table.
-        weight: Weight of the first distribution, as indices in the weight table.
+        weight: Weight of the first distribution, as indices in the coder's table of weights.
     """
     first = (values[rows, columns] for values in predicted.feature)
     parts = (*first, mean, scale, weight_table()[weight])

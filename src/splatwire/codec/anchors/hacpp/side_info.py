@@ -1,4 +1,4 @@
-"""Side information of schema `hacpp`, serialised with a version number (docs/format.md)."""
+"""Side information of HAC++ anchors (codec `hacpp`), serialised with a version number (docs/format.md)."""
 # A decoder needs only these bytes and the packets. An encoder reads the bytes back after writing them, so that it
 # predicts from the same numbers as a decoder.
 
@@ -35,10 +35,10 @@ class SideInfo:
     Attributes:
         config: Sizes of the model's networks and tables.
         voxel_size: World units per voxel.
-        bounds_min: float32 (3), lower corner of the grid's box.
-        bounds_max: float32 (3), upper corner.
-        voxels: int64 (N, 3), voxel indices of all anchors; in coding order after reading.
-        signs: int8 (rows, D), hash grid.
+        bounds_min: Lower corner of the hash grid's bounding box, float32 (3).
+        bounds_max: Upper corner of the hash grid's bounding box, float32 (3).
+        voxels: Positions of all anchors in voxels, int64 (N, 3); in coding order after reading.
+        signs: Entries of the binary hash grid, -1 or +1, int8 (rows, D).
         prior: Prior network.
         channel: Networks of the channel context, one per feature group.
         heads: Rendering networks: opacity, covariance, colour.
