@@ -195,7 +195,7 @@ class PacketPlan:
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Maximum number of elements of a packet, exact without hashed grouping; 0 if there is no such packet."""
+        """Number of elements of a packet (with hashed grouping: upper limit); 0 if there is no such packet."""
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
             return 0

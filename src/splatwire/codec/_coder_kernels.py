@@ -260,7 +260,7 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual between two entries of a probability table, which omits entries of wide distributions.
+    """Decodes a residual whose probability interval is between two entries of the probability table.
 
     Args:
         coder: Entropy coder.

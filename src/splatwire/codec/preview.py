@@ -43,6 +43,8 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 class PreviewFrame:
     """Ranges of a preview's positions and sizes, which determine its quantisation.
 
+    A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
+
     Attributes:
         middle: Centre of the scene, world units.
         spread: Distance up to which positions have nearly uniform precision, world units.

@@ -289,7 +289,7 @@ def _neighborhoods(
 
 
 def _with_floor(context: ReceivedScene, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
-    """Raises estimated scalings of lost anchors that are below the smallest received scaling to that value."""
+    """Raises estimated scalings of lost anchors to at least the smallest received scaling."""
     # They may be negative.
     missing = ~context.loss_mask.column(Attribute.SCALING)[:, None]
     return torch.where(missing, plausible_scalings(context.scene.anchors, context.loss_mask, scalings), scalings)

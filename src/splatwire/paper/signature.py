@@ -60,7 +60,7 @@ def residuals_of(context: ReceivedScene) -> Residuals:
 
 
 def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
-    """Returns the paper's compact signature `g` of each anchor: mean residuals of its attribute groups."""
+    """Returns the paper's signature `g` of each anchor: the mean residual of each of its attribute groups."""
     # CARI compares signatures by cosine similarity. Missing attributes have residual zero, so a completely lost
     # anchor has the zero signature.
     *means, offsets = residuals.parts
@@ -69,7 +69,10 @@ def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
 
 
 def uncertainties(prior: Prior, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
-    """Returns the paper's signature `g` of each anchor, which is the mean residual of each of its attribute groups."""
+    """Returns the paper's uncertainty `sigma` of each anchor, one number per attribute group.
+
+    It is the mean of the prior's standard deviations over the channels of the group.
+    """
     # The mask, which has no prior, has the uncertainty of the offsets.
     columns = [part.mean(dim=1) for part in prior.feature.scale.split(layout.feature_groups, dim=1)]
     offset = prior.offset.scale.mean(dim=1)

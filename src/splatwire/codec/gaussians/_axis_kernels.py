@@ -1,6 +1,6 @@
-"""Numba kernels that encode or decode one principal axis of a Gaussian (primary axis), before the rotation about it.
+"""Numba kernels that encode or decode one principal axis of a Gaussian (primary axis).
 
-It is the axis of either the largest or the smallest scale.
+It is the axis of the largest or the smallest scale. The rotation about this axis is coded separately.
 """
 
 from typing import no_type_check
@@ -104,7 +104,7 @@ def _quotient(number, divisor):
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
     """Encodes or decodes one principal axis of a Gaussian (primary axis), predicted from the axes of its neighbours.
 
-    It is the axis of either the largest or the smallest scale.
+    It is the axis of the largest or the smallest scale. The rotation about this axis is coded separately.
 
     Args:
         coder: Entropy coder.

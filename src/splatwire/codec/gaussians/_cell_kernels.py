@@ -1,6 +1,6 @@
 """Numba kernels that encode or decode the coarse positions of a packet's Gaussians: sorted Morton codes of grid cells.
 
-Codes are coded as a binary tree. A node is a range of sorted codes that agree in all higher bits.
+The codes form a binary tree. A node is a range of sorted codes that agree in all higher bits.
 """
 
 from typing import no_type_check

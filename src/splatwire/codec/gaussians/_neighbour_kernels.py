@@ -32,9 +32,9 @@ class Near(NamedTuple):
     Attributes:
         cells: int64 (3, n), grid cells of the Gaussians.
         narrow: float32 (3, `WINDOW` + n), the same cells for a faster search; the first columns are padding.
-        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: its distance, then its distance in coding order.
+        keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance, then distance in coding order.
         close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
-        lanes: int32 (`LANES`), smallest keys, for vector instructions.
+        lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` preceding Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
         values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted as means.

@@ -77,7 +77,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
 
 
 def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Estimates the mean magnitude of residuals in each context, as a product of two factors to need fewer samples.
+    """Estimates the mean magnitude of residuals in each context as a product of two factors.
 
     A context has three indices (a, b, c). One factor depends on (a, b), the other on (a, c).
 

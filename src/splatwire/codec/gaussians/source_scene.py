@@ -171,7 +171,7 @@ class SourceScene:
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
-        """Returns the indices of the blocks to which an encoder fits its probability tables."""
+        """Returns the indices of a sample of blocks, to which an encoder fits its probability tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:

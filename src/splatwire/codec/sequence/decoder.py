@@ -91,6 +91,8 @@ class TracksDecoder:
     def take_over(self, other: "TracksDecoder") -> None:
         """Copies the keyframe Gaussians that an earlier decoder of the same live stream has decoded.
 
+        Call `expect` before this method.
+
         Args:
             other: Decoder of the same stream before it grew.
         """

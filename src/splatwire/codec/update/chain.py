@@ -74,7 +74,7 @@ class UpdateChain:
         return self._with(change.result, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
-        """Returns the chain with a new state of the scene, and the update that leads to it."""
+        """Returns the chain, extended by a new state of the scene and the update that leads to this state."""
         updates = (*self.updates, update)[-MAX_UPDATES:]
         sizes = accumulate(each.num_bytes for each in reversed(updates))
         useful = sum(size <= scene.num_bytes for size in sizes)
