@@ -105,7 +105,7 @@ def _code_interval(coder, low, span, at, start, size, bits):
 
     Args:
         coder: Entropy coder of the packet.
-        low: Lower end of the range coder's interval.
+        low: Lower end of the range coder's interval; for a decoder, position of the code in the interval.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
         start: Start of the interval, in units of `2**-bits`.
@@ -180,7 +180,7 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
 
     Args:
         coder: Entropy coder of the packet.
-        low: Lower end of the range coder's interval.
+        low: Lower end of the range coder's interval; for a decoder, position of the code in the interval.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
         kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
