@@ -61,6 +61,21 @@ def cut_frames(count: int, frames: int, sizes: Collection[float]) -> list[Splats
     ]
 
 
+def lasting_frames(frames: int, sizes: Collection[float], lasting: int = 40) -> list[Splats]:
+    """Frames with scene cuts as of `cut_frames`, in which some more Gaussians of the first size move on and on."""
+    last = moving_frames(lasting, frames * len(sizes), seed=9)
+    scenes = [moving_frames(300, frames, seed=number) for number in range(len(sizes))]
+    found = []
+    for time, kept in enumerate(last):
+        rows = [kept]
+        for number, size in enumerate(sizes):
+            splats, here = scenes[number][time % frames], time // frames == number
+            means, scales = splats.means * np.float32(size), splats.scales * np.float32(size)
+            rows.append(replace(splats, means=means, scales=scales, opacities=splats.opacities * np.float32(here)))
+        found.append(Splats(*(np.concatenate([getattr(r, name) for r in rows]) for name in vars(kept))))
+    return found
+
+
 def shuffled(frames: list[Splats], seed: int = 0) -> list[Splats]:
     """The frames, each with its present Gaussians in random order."""
     rng = Numbers(seed)

@@ -7,14 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from moving_sequences import cloud, cut_frames, drawn, errors, moving_frames
+from moving_sequences import cloud, cut_frames, drawn, errors, lasting_frames, moving_frames
 from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.side_info import write_header
-from splatwire.codec.sequence.layout import MAX_SPACING
+from splatwire.codec.sequence.layout import MAX_PLACE, MAX_SPACING, NUM_CHANNELS
 from splatwire.codec.sequence.side_info import SequenceInfo, Shot, open_side_info, write_side_info
+from splatwire.codec.sequence.steps import in_other_units
 from splatwire.errors import BitstreamError
 from splatwire.sequence import SequenceDecoder, SequenceEncoder, SequenceOptions, decode_frames, encode_sequence
+from splatwire.types.splats import Splats
 
 pytestmark = pytest.mark.slow
 COUNT, FRAMES = 600, 4
@@ -59,6 +61,61 @@ def test_keyframes_after_a_cut_equal_those_of_a_first_scene(stream):
     assert np.array_equal(alone.scales, again.scales)
 
 
+def worst(frames: list[Splats], stream: SceneStream) -> float:
+    """The 95th percentile of the errors, in the worst frame."""
+    shown = decode_frames(decode_stream(stream).scene)
+    found = zip(frames, shown, strict=True)
+    return max(float(np.quantile(errors(drawn(frame), one.scene.splats), 0.95)) for frame, one in found)
+
+
+@pytest.mark.parametrize("sizes", [[1.0, 1 / 300, 1.0], [1.0, 1 / 5000, 1.0], [1 / 300, 1.0]])
+def test_motion_of_far_smaller_scenes_is_kept(sizes):
+    """In units of the first scene, the motion of a scene 5000 times smaller is off by two sizes of its Gaussians."""
+    frames = cut_frames(COUNT, FRAMES, sizes)
+    stream = encode_sequence(frames, OPTIONS)[0]
+    assert worst(frames, stream) < 0.25
+    assert write_side_info(info_of(stream)) == stream.side_info
+
+
+def test_scene_that_is_cut_within_a_group_gets_a_shot_of_its_own():
+    frames = cut_frames(COUNT, FRAMES + 2, [1.0, 1 / 300])
+    stream = encode_sequence(frames, OPTIONS)[0]
+    assert [shot.first_group for shot in info_of(stream).shots] == [0, 1]
+    assert worst(frames, stream) < 0.25
+
+
+@pytest.mark.parametrize("sizes", [[1.0, 1 / 300, 1.0], [1.0, 1 / 5000, 1.0]])
+def test_tracks_move_on_through_shots_with_other_units(sizes):
+    frames = lasting_frames(FRAMES, sizes)
+    stream = encode_sequence(frames, OPTIONS)[0]
+    info = info_of(stream)
+    assert len({shot.motion_spacing for shot in info.shots}) == 2
+    assert sum(group.births for group in info.groups) < 300 * len(sizes) + 45, "lasting tracks have one base"
+    assert worst(frames, stream) < 0.3
+
+
+def test_units_change_without_loss_to_finer_ones_and_back():
+    places = np.array([[5, -7, 1 << 40], [0, 1, -1]])
+    shifts = np.full((2, NUM_CHANNELS), 4)
+    finer = in_other_units(places, shifts, np.array([6, 0]))
+    assert finer[0].tolist() == [[320, -448, 1 << 46], [0, 1, -1]]
+    assert finer[1][:, 0].tolist() == [10, 4]
+    assert (finer[1][:, 3:] == 4).all()
+    back = in_other_units(*finer, np.array([-6, 0]))
+    assert np.array_equal(back[0], places)
+    assert np.array_equal(back[1], shifts)
+    mixed = in_other_units(places, shifts, np.array([-3, 20]))[0]
+    assert mixed.tolist() == [[0, -1, 1 << 37], [0, 1 << 20, -(1 << 20)]]
+    assert np.abs(in_other_units(places, shifts, np.array([40, 40]))[0]).max() == MAX_PLACE
+
+
+def test_shots_of_like_sizes_keep_version_2_and_others_take_version_3(stream):
+    alike = encode_sequence(cut_frames(COUNT, FRAMES, [1.0, 8.0]), OPTIONS)[0]
+    assert alike.side_info[1] == 2
+    assert stream.side_info[1] == 3
+    assert info_of(stream).motion_spacings[1] < -3
+
+
 def test_sequence_without_another_lattice_keeps_version_1():
     frames = moving_frames(300, 8)
     stream = encode_sequence(frames, OPTIONS)[0]
@@ -101,6 +158,13 @@ def with_spacing(info: SequenceInfo, spacing: int) -> SequenceInfo:
     return changed(info, size_log=max(level, 0), unit=max(-level, 0))
 
 
+def with_unit(info: SequenceInfo, number: int, spacing: int) -> SequenceInfo:
+    """The side information with another unit of motion for a shot."""
+    shots = list(info.shots)
+    shots[number] = replace(shots[number], motion_spacing=spacing)
+    return replace(info, shots=tuple(shots))
+
+
 def test_impossible_shots_are_refused(stream):
     info = info_of(stream)
     shot = info.shots[1].info
@@ -113,6 +177,10 @@ def test_impossible_shots_are_refused(stream):
         (with_spacing(info, -MAX_SPACING - 1), "lattice"),
         (with_spacing(info, MAX_SPACING + 1), "lattice"),
         (changed(info, **whole), "degree"),
+        (with_unit(info, 0, MAX_SPACING + 1), "unit of motion"),
+        (with_unit(info, 1, MAX_SPACING - 4), "unit of motion"),  # the lattice is 5 octaves finer
+        (with_unit(info, 2, -MAX_SPACING - 1), "unit of motion"),
+        (with_unit(info, 2, 1 << 50), "unit of motion"),
     ]:
         with pytest.raises(BitstreamError, match=message):
             open_side_info(stream.manifest, write_side_info(bad))
@@ -126,6 +194,28 @@ def test_extreme_lattices_decode_to_finite_frames(stream, spacing):
         decoder.push(packet)
     for number in range(3 * FRAMES):
         assert np.isfinite(decoder.frame(number).scene.splats.means).all()
+
+
+@pytest.mark.parametrize("units", [(-MAX_SPACING, 15, -15), (MAX_SPACING, -MAX_SPACING, 15)])
+def test_extreme_units_decode_to_finite_frames(stream, units):
+    info = info_of(stream)
+    for number, spacing in enumerate(units):
+        info = with_unit(info, number, spacing)
+    decoder = SequenceDecoder(stream.manifest, write_side_info(info))
+    for packet in stream.packets[:-1]:
+        decoder.push(packet)
+    for number in range(3 * FRAMES):
+        assert np.isfinite(decoder.frame(number).scene.splats.means).all()
+
+
+@pytest.mark.parametrize(("live", "size"), [(True, 1e-3), (True, 1e-7), (False, 1e-7)])
+def test_scenes_too_small_for_the_lattice_give_a_warning(caplog, live, size):
+    encoder = SequenceEncoder(OPTIONS, live=live)
+    for frame in cut_frames(COUNT, FRAMES, [1.0, size]):
+        encoder.push(frame)
+    encoder.finish()
+    assert "smaller than" in caplog.text
+    assert "of 601 new Gaussians" in caplog.text
 
 
 def test_unmatched_frames_of_one_size_share_a_lattice():

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
-from moving_sequences import cut_frames, darkened, moving_frames
+from moving_sequences import cut_frames, darkened, lasting_frames, moving_frames
 from mutations import HOSTILE, mutated_bytes, mutated_json
 from random_numbers import Numbers
 from splatwire.bitstream import (
@@ -42,6 +42,7 @@ from splatwire.codec import encode_scene
 from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
 from splatwire.codec.sequence.lifetimes import SECTION as LIFETIMES
+from splatwire.codec.sequence.side_info import open_side_info, write_side_info
 from splatwire.codec.weight_bytes import framed
 from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.files.byte_io import ByteReader, ByteWriter
@@ -68,7 +69,7 @@ WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS.registered(), "splatwire/str
 def golden_streams() -> dict[str, SceneStream]:
     pinned = json.loads((GOLDEN / "gaussians.json").read_text())
     found = {name: stream_from_bytes(base64.b64decode(case["swz"]))[0] for name, case in pinned.items()}
-    files = ("tiny_causal", "tiny", "tiny_clip", "tiny_shots", "tiny_levels")
+    files = ("tiny_causal", "tiny", "tiny_clip", "tiny_shots", "tiny_units", "tiny_levels")
     return found | {name: read_stream(GOLDEN / f"{name}.swz")[0] for name in files}
 
 
@@ -246,6 +247,23 @@ def hostile_lifetimes(stream: SceneStream, cases: int, rng: random.Random) -> li
     return found
 
 
+def hostile_units(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
+    """Side information with another unit of motion of a shot, and whether it is accepted."""
+    info, found = open_side_info(stream.manifest, stream.side_info), []
+    for _ in range(cases):
+        shots, hit = list(info.shots), rng.randrange(len(info.shots))
+        spacing = rng.choice([1, -1]) * rng.choice([rng.randrange(45), *EDGES[:-7]])
+        shots[hit] = replace(shots[hit], motion_spacing=spacing)
+        data = write_side_info(replace(info, shots=tuple(shots)))
+        try:
+            open_decoder(stream.manifest, data)
+        except SplatwireError:
+            found.append((base64.b64encode(data).decode(), False))
+        else:
+            found.append((base64.b64encode(data).decode(), True))
+    return found
+
+
 def hostile_views(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
     """Side information with other viewpoint and copies sections, and whether it is accepted."""
     found = []
@@ -360,7 +378,16 @@ def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None
     confused = encode_sequence(map(Frame.of, wild), SequenceOptions(group_frames=4, order="tracked"))[0]
     dark = encode_sequence(darkened(moving_frames(300), range(3, 8)), SequenceOptions(group_frames=4))[0]
     shots = encode_sequence(cut_frames(300, 4, [1.0, 0.02, 30.0]), SequenceOptions(group_frames=4))[0]
-    clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark, "shots": shots}
+    units = encode_sequence(lasting_frames(4, [1.0, 1 / 5000, 1.0]), SequenceOptions(group_frames=4))[0]
+    write_stream(units, tmp_path / "units.swz")
+    turned = hostile_units(units, cases // 2, rng)
+    assert len(turned) / 20 < sum(fine for _, fine in turned) < len(turned) * 0.95, "too few units of one kind"
+    heads[str(tmp_path / "units.swz")] = [*turned, *hostile_heads(units, cases // 5, rng)]
+    packets[str(tmp_path / "units.swz")] = hostile_packets(units, cases // 5, rng)
+    clips = {
+        "tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark, "shots": shots,
+        "units": units,
+    }  # fmt: skip
     frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}

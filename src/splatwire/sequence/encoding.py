@@ -196,7 +196,7 @@ class SequenceEncoder:
             assert classes is not None
             return self._encode_single_frames(group, frames, scenes, classes)
         self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
-        return self._writer.add(group, classes, cut=0 in scenes and not self._live)
+        return self._writer.add(group, classes, cut=bool(scenes) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
         """Joins the frames of the current group of pictures to tracks."""

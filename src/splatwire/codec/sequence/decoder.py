@@ -21,8 +21,8 @@ from splatwire.codec.sequence.keyframes import scene_places
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
-from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info, spacing_of
-from splatwire.codec.sequence.steps import motion_shifts
+from splatwire.codec.sequence.side_info import SequenceInfo, open_side_info
+from splatwire.codec.sequence.steps import in_other_units, motion_shifts
 from splatwire.codec.sequence.trajectories import Offsets, PacketMoves
 from splatwire.codec.threads import ordered_map
 from splatwire.types import LossMask, ReceivedScene
@@ -62,6 +62,7 @@ class TracksDecoder:
         self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
         self.sections = info.sections
         self._spans = _BlockMap(info, manifest)
+        self._motion_spacings = info.motion_spacings
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.keyframes.degree + 1) ** 2
         self.scene_bytes = self._num_tracks * (4 * (12 + side) + 24 + NUM_CHANNELS + 24 + SHOWN_BYTES) + self._num
@@ -130,12 +131,12 @@ class TracksDecoder:
             begin = end
         here = np.arange(first, first + count)
         keyframes, block = self.info.shot_of(base)
-        spacing = spacing_of(keyframes, self.info.keyframes)
+        spacing = self.info.shot_spacing(base)
         store_block(self._splats, here, whole, harmonics, received, keyframes, block)
         self._places[here] = scene_places(whole, keyframes, block, spacing)
         self._shifts[here] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
         self._received[here] = received
-        exponents = self._shifts[here, 0] + self.info.keyframes.size_log - self.info.keyframes.unit - 1
+        exponents = self._shifts[here, 0].astype(np.int32) + keyframes.size_log - keyframes.unit - spacing - 1
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
@@ -190,7 +191,8 @@ class TracksDecoder:
             held += rows.nbytes + 2 * does.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
-        offsets = Offsets(moves, frames, keyframes.unit, keyframes.size_log)
+        size_log = keyframes.size_log + int(self._motion_spacings[group])
+        offsets = Offsets(moves, frames, keyframes.unit, size_log)
         return _combine_packets(
             np.concatenate([np.zeros((0, HEAD), np.int64), *headers]), offsets, covered, complete, not blocks
         )
@@ -234,7 +236,8 @@ class TracksDecoder:
         tracks = headers[:, TRACK]
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
         own = np.where(good, tracks, 0)
-        places, shifts = self._places[own], self._shifts[own].astype(np.int64)
+        spacings = self._motion_spacings[self._spans.born[own]] - self._motion_spacings[group]
+        places, shifts = in_other_units(self._places[own], self._shifts[own].astype(np.int64), spacings)
         found, end = list["_Moved | None"](), 0
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count

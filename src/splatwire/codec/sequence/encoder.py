@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import itertools
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -41,6 +42,7 @@ from splatwire.types.background import BLACK, Background
 from splatwire.types.sequence_scene import Timeline
 from splatwire.version import __version__
 
+LOG = logging.getLogger(__name__)
 DATAGRAMS = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_bytes=1150)
 """Default packetization of sequences: packets that fit a datagram, in blocks of thousands of tracks, so that most
 neighbours of a lost track are received. Blocks of 1200 tracks take 0.82 to 0.93 of the bytes, but a packet is then most
@@ -114,7 +116,7 @@ class TracksEncoder:
             group: The tracks of the group.
             classes: Precision class of each track (its set of quantisation steps), 0 for the finest and negative for
                 coarser; None for a default.
-            cut: True if the group shows another scene than the group before.
+            cut: True if another scene begins in the group.
 
         Returns:
             Packets of the group in sending order, without a stream id: keyframe Gaussians of new tracks, then motion.
@@ -150,6 +152,11 @@ class TracksEncoder:
             return packets
 
         self._fill_coder(coder, slice(len(old)), group, by, numbers, moving)
+        if cut:
+            before = self._keyframes.motion_spacing
+            births()
+            self._change_unit(targets, old, numbers, moving, before)
+            self._fill_coder(coder, slice(len(old)), group, by, numbers, moving)
         motions, moved = self._encode_motion(group, coder, len(old), births)
         self._groups.append(Group(len(born), motions))
         count = sum(packet.num_bytes for packet in [*births(), *moved]) // BYTES_OF_ONE
@@ -221,10 +228,37 @@ class TracksEncoder:
         targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
         new = fitting.numbers < 0
         known = np.maximum(fitting.numbers, 0)
-        far, moving = motion_masks(targets.largest, targets.turns, self._known.shifts, known)
+        _, shifts = self._known.in_units(slice(None), self._keyframes.motion_spacing)
+        far, moving = motion_masks(targets.largest, targets.turns, shifts, known)
         anew = np.flatnonzero(far & ~new)
         targets.put(anew, Targets.zero(len(anew), frames))
         return fitting.numbers, new | far, moving, targets
+
+    def _change_unit(
+        self, targets: Targets, old: np.ndarray, numbers: np.ndarray, moving: np.ndarray, before: int
+    ) -> None:
+        """Converts the motion of earlier tracks to the unit of motion of a new shot.
+
+        Args:
+            targets: Motion of the group's tracks, changed in place.
+            old: Indices of the tracks that began in earlier groups.
+            numbers: Track number of each track of the group.
+            moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
+            before: log2 of the former unit, in half lattice units of the first shot.
+        """
+        after = self._keyframes.motion_spacing
+        if before == after or not len(old):
+            return
+        targets.rescale_positions(old, before - after)
+        _, shifts = self._known.in_units(numbers[old], after)
+        far, _ = motion_masks(targets.largest[old], targets.turns[old], shifts, np.arange(len(old)))
+        lost = moving[old] & far
+        moving[old[lost]] = False
+        if lost.any():
+            LOG.warning(
+                "%s Gaussians of the scene before a cut stand still in the %d frames around it: the new scene is too "
+                "small for their motion", f"{lost.sum():,}", self._group_frames,
+            )  # fmt: skip
 
     def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
         return Fitting(keys, self._known, self._keyframes.reference, moves.num_frames, self._threads)
@@ -239,7 +273,7 @@ class TracksEncoder:
             classes: Precision class of each track of the group, or None.
             where: Indices in the group of the new tracks.
             numbers: Index in the stream of each track of the group; changed in place for new tracks.
-            cut: True if the group shows another scene than the group before.
+            cut: True if another scene begins in the group.
         """
         if not len(where):
             return []
@@ -250,7 +284,9 @@ class TracksEncoder:
         keyframes = group.moves.at(born, np.zeros_like(born))
         shifts = self._keyframes.shifts_of(coded.rows, COARSER)
         first_new = len(self._known.keys)
-        self._known = self._known.with_births(keyframes, group.keys[born], coded.places, shifts)
+        self._known = self._known.with_births(
+            keyframes, group.keys[born], coded.places, shifts, self._keyframes.motion_spacing
+        )
         for rows in coded.digested:
             digest_bases(self._digest, rows)
         numbers[born] = np.arange(first_new, len(self._known.keys))
@@ -279,7 +315,7 @@ class TracksEncoder:
         if len(rows) and len(rows) + (some.start or 0) == len(by):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[some], coder.costs[some] = rows, self._costs[tracks]
-        coder.places[some], coder.shifts[some] = known.places[tracks], known.shifts[tracks]
+        coder.places[some], coder.shifts[some] = known.in_units(tracks, self._keyframes.motion_spacing)
 
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]

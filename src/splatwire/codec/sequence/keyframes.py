@@ -4,6 +4,7 @@ A track is a Gaussian that persists over frames. Its keyframe Gaussian is its in
 from it.
 """
 
+import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,10 +23,19 @@ from splatwire.codec.threads import ordered_map
 from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
+LOG = logging.getLogger(__name__)
 FINEST_UNIT = 28
 """`-log2` of the smallest lattice spacing, relative to the scene's size. Float32 positions are rarely more precise. On
 a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and the track needs a new base: this costs
 bytes, and its loss leaves a ghost (a stale Gaussian that is still drawn).
+"""
+KEPT_UNITS = range(-3, 11)
+"""Lattice spacings of a new shot for which the unit of motion stays, log2 in units of motion. If the lattice is finer
+by more than 3 octaves, the smallest steps of motion (see `encoder.COARSER`) are finer than the unit.
+"""
+WARNED_COUNT, WARNED_SHARE = 64, 0.5
+"""Warning of a lattice that is too coarse: minimum number, and minimum fraction, of the new Gaussians of a group that
+are smaller than two lattice spacings. A lattice that is fitted to Gaussians is finer than this.
 """
 LEAST_CHANGE = 16
 """Smallest change of quantisation steps at a scene cut for which a new shot begins, octaves with `STEP_BITS` fractional
@@ -39,8 +49,7 @@ class CodedKeyframes:
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in units of half the first group's lattice spacing, int64 (n,
-            3).
+        places: Positions relative to the scene's origin, in units of motion, int64 (n, 3).
         digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
@@ -85,27 +94,37 @@ class KeyframeEncoder:
     def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
         self._quality, self._packetization, self._threads = quality, packetization, threads
         self._infos: list[tuple[int, list[SideInfo]]] = []
+        self._references: list[SideInfo] = []
         self._like: SideInfo | None = None
+        self._warned = False
         self._level = 0
 
     @property
     def shots(self) -> tuple[Shot, ...]:
         """Side information of the keyframe Gaussians encoded so far; scene cuts may begin a new object (shot)."""
         shots, block = list[Shot](), 0
-        for first_group, infos in self._infos:
+        for (first_group, infos), reference in zip(self._infos, self._references, strict=True):
             boxes = [info.boxes for info in infos]
             joined = Boxes(
                 *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
             )
             info = replace(infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in infos]))
-            shots.append(Shot(first_group, block, info))
+            shots.append(Shot(first_group, block, info, self._spacing_to_first(reference)))
             block += len(info.defaults)
         return tuple(shots)
 
     @property
     def reference(self) -> SideInfo:
-        """Side information of the first group of frames; its lattice of positions determines the unit of motion."""
-        return self._infos[0][1][0]
+        """Side information of the shot in whose half lattice units the current shot's motion is coded."""
+        return self._references[-1]
+
+    @property
+    def motion_spacing(self) -> int:
+        """log2 of the current unit of motion, in half lattice units of the first shot."""
+        return self._spacing_to_first(self.reference) if self._references else 0
+
+    def _spacing_to_first(self, info: SideInfo) -> int:
+        return spacing_of(info, self._infos[0][1][0])
 
     def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:
         """Returns the quantisation steps of the motion of tracks; see `motion_shifts`."""
@@ -120,7 +139,7 @@ class KeyframeEncoder:
             classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
                 coarser; None for a default.
             group: Index of the group of frames.
-            cut: True if the group shows another scene than the group before.
+            cut: True if another scene begins in the group.
 
         Raises:
             InvalidValueError: If a Gaussian is too far away from the others.
@@ -135,6 +154,7 @@ class KeyframeEncoder:
             if self._differs(fresh.info):
                 return self._begin_shot(fresh, group)
         coding = self._coding(splats, classes, like, level)
+        self._warn_of_coarse_lattice(splats, like)
         shared = self._fitted(splats, classes, plan, coding, like)
         coded = self._coded(shared)
         if cut:
@@ -145,9 +165,24 @@ class KeyframeEncoder:
         self._infos[-1][1].append(shared.info)
         return coded
 
+    def _warn_of_coarse_lattice(self, splats: Splats, info: SideInfo) -> None:
+        """Logs a warning once if most Gaussians of a group are too small for the lattice of `info`."""
+        spacing = float(np.ldexp(1.0, info.size_log - info.unit))
+        small = int((splats.scales.max(axis=1) < 2 * spacing).sum())
+        if self._warned or small < max(WARNED_COUNT, WARNED_SHARE * splats.num_gaussians):
+            return
+        self._warned = True
+        LOG.warning(
+            "%s of %s new Gaussians are smaller than two steps of their positions (a step is %.3g): earlier frames "
+            "show a scene that is far larger. Encode the scenes as separate clips",
+            f"{small:,}", f"{splats.num_gaussians:,}", spacing,
+        )  # fmt: skip
+
     def _begin_shot(self, fitted: "_Fitted", group: int) -> CodedKeyframes:
         """Encodes the keyframe Gaussians of a group of frames with new quantisation steps and probability tables."""
         self._infos.append((group, [fitted.info]))
+        keep = self._references and spacing_of(fitted.info, self.reference) in KEPT_UNITS
+        self._references.append(self.reference if keep else fitted.info)
         self._like, self._level = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
 
@@ -155,7 +190,7 @@ class KeyframeEncoder:
         """True if quantisation steps or lattice spacing of `info` differ much from the current ones."""
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
-        return bool(apart >= LEAST_CHANGE) and abs(spacing_of(info, self.reference)) <= MAX_SPACING
+        return bool(apart >= LEAST_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
 
     def _fitted(
         self, splats: Splats, classes: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
@@ -204,7 +239,7 @@ class KeyframeEncoder:
             return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
 
         order, rows, places, digested, packets = [], [], [], [], []
-        spacing = spacing_of(info, self.reference) if self._infos else 0
+        spacing = spacing_of(info, self.reference)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
@@ -230,10 +265,10 @@ def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> 
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of the ratio of the lattice spacing of `info` to that of the first group.
+        spacing: log2 of half the lattice spacing of `info`, in units of motion.
 
     Returns:
-        Positions in units of half the first group's lattice spacing, int64 (n, 3).
+        Positions in units of motion, int64 (n, 3).
     """
     places = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = places << spacing if spacing > 0 else places >> -spacing

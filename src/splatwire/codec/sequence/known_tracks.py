@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.codec.sequence.layout import NUM_CHANNELS
+from splatwire.codec.sequence.steps import in_other_units
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import Trajectories
 from splatwire.types.splats import Splats
@@ -18,9 +19,9 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Track indices sorted by key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        places: Decoded position of each keyframe Gaussian in units of half the first group's lattice spacing, int64 (T,
-            3).
+        places: Decoded position of each keyframe Gaussian in the unit of motion of its shot, int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
+        spacings: log2 of the unit of motion of each track's shot, in half lattice units of the first shot, int64 (T).
         weights: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """
@@ -30,6 +31,7 @@ class KnownTracks:
     keyframes: Trajectories
     places: np.ndarray
     shifts: np.ndarray
+    spacings: np.ndarray
     weights: np.ndarray
     alive: np.ndarray
 
@@ -39,7 +41,7 @@ class KnownTracks:
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
         places, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))
-        return KnownTracks(none, none, empty, places, shifts, np.zeros(0), none)
+        return KnownTracks(none, none, empty, places, shifts, none, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
         """Returns the track index for each key, int64; -1 for unknown keys."""
@@ -49,6 +51,15 @@ class KnownTracks:
         # Of several tracks with the same key, the latest.
         at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
         return np.where(names[at] == keys, self.by_key[at], -1)
+
+    def in_units(self, tracks: np.ndarray | slice, spacing: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns `places` and `shifts` of tracks in a unit of motion.
+
+        Args:
+            tracks: Numbers of the tracks.
+            spacing: log2 of the unit, in half lattice units of the first shot.
+        """
+        return in_other_units(self.places[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
 
     def empty_group(self, frames: int) -> TrackGroup:
         """Returns a group of frames without visible Gaussians.
@@ -62,7 +73,7 @@ class KnownTracks:
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
-        self, keyframes: Trajectories, keys: np.ndarray, places: np.ndarray, shifts: np.ndarray
+        self, keyframes: Trajectories, keys: np.ndarray, places: np.ndarray, shifts: np.ndarray, spacing: int
     ) -> "KnownTracks":
         """Returns the state with new tracks (Gaussians over time) appended.
 
@@ -71,6 +82,7 @@ class KnownTracks:
             keys: Keys (identifiers) of the new tracks, int64 (n).
             places: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
+            spacing: log2 of the unit of motion, in half lattice units of the first shot.
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
         names = np.concatenate([self.keys, keys])
@@ -80,6 +92,7 @@ class KnownTracks:
             Trajectories(**joined),
             np.concatenate([self.places, places]),
             np.concatenate([self.shifts, shifts]),
+            np.concatenate([self.spacings, np.full(len(keys), spacing, np.int64)]),
             np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),
             self.alive,
         )

@@ -22,7 +22,8 @@ from splatwire.types.sequence_scene import Timeline
 
 VERSION = 1
 WITH_SHOTS = 2
-"""Versions of the side information: with one shot; and with several shots."""
+WITH_MOTION_UNITS = 3
+"""Versions of the side information: with one shot; with several shots; and with a unit of motion for each shot."""
 MAX_OFFSET = 16
 
 
@@ -47,11 +48,14 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
+        motion_spacing: log2 of the unit of positions in the motion of these groups, in half lattice units of the first
+            shot.
     """
 
     first_group: int
     first_block: int
     info: KeyframeInfo
+    motion_spacing: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +95,27 @@ class SequenceInfo:
         Returns:
             The side information, and the index of the block in it.
         """
-        shot = self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
+        shot = self._shot(block)
         return shot.info, block - shot.first_block
+
+    @property
+    def motion_spacings(self) -> np.ndarray:
+        """log2 of the unit of positions in the motion of each group, in half lattice units of the first shot, int64."""
+        ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
+        counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
+        return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
+
+    def shot_spacing(self, block: int) -> int:
+        """Returns log2 of the lattice spacing of a block's shot, in units of the motion in the groups of this shot.
+
+        Args:
+            block: Index of the block among all blocks of keyframe Gaussians.
+        """
+        shot = self._shot(block)
+        return spacing_of(shot.info, self.keyframes) - shot.motion_spacing
+
+    def _shot(self, block: int) -> Shot:
+        return self.shots[bisect.bisect_right(self.shots, block, key=lambda shot: shot.first_block) - 1]
 
     def models(self) -> np.ndarray:
         """Returns the adaptive bit models in their state at the start of every motion packet, int64 (contexts, 2)."""
@@ -102,7 +125,8 @@ class SequenceInfo:
 def write_side_info(info: SequenceInfo) -> bytes:
     """Serialises the side information of a sequence."""
     clip, motion, time = ByteWriter(), ByteWriter(), info.timeline
-    clip.u8(VERSION if len(info.shots) == 1 else WITH_SHOTS)
+    version = _version_of(info.shots)
+    clip.u8(version)
     for value in (time.rate.numerator, time.rate.denominator, time.num_frames, time.group_frames):
         clip.unsigned(value)
     for octaves in info.coarser.tolist():
@@ -110,7 +134,7 @@ def write_side_info(info: SequenceInfo) -> bytes:
     writer = ByteWriter()
     for part in (
         clip.bytes(),
-        _write_shots(info.shots),
+        _write_shots(info.shots, version),
         motion.bytes() + bytes(info.bit_zero.astype(np.uint8)),
     ):
         writer.blob(part)
@@ -154,13 +178,22 @@ def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 
-def _write_shots(shots: Sequence[Shot]) -> bytes:
-    if len(shots) == 1:
+def _version_of(shots: Sequence[Shot]) -> int:
+    """Returns the lowest version of the side information that can describe the shots."""
+    if any(shot.motion_spacing for shot in shots):
+        return WITH_MOTION_UNITS
+    return VERSION if len(shots) == 1 else WITH_SHOTS
+
+
+def _write_shots(shots: Sequence[Shot], version: int) -> bytes:
+    if version == VERSION:
         return write_keyframes(shots[0].info)
     writer, before = ByteWriter(), 0
     writer.unsigned(len(shots))
     for shot in shots:
         writer.unsigned(shot.first_group - before)
+        if version == WITH_MOTION_UNITS:
+            writer.signed(shot.motion_spacing)
         writer.blob(write_keyframes(shot.info))
         before = shot.first_group
     return writer.bytes()
@@ -171,30 +204,35 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     if version == VERSION:
         return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
     reader, num_groups = ByteReader(data, "side information of shots"), len(blocks) - 1
-    firsts, parts = list[int](), list[bytes]()
+    firsts, spacings, parts = list[int](), list[int](), list[bytes]()
     for _ in range(reader.unsigned()):
         firsts.append(reader.unsigned() + (firsts[-1] if firsts else 0))
+        spacings.append(reader.signed() if version == WITH_MOTION_UNITS else 0)
         parts.append(reader.blob())
     reader.finish()
     if firsts[:1] != [0] or any(group >= after for group, after in itertools.pairwise([*firsts, num_groups])):
         raise BitstreamError(f"side information: {len(firsts)} shots do not divide {num_groups} groups of frames")
     ends = [blocks[group] for group in [*firsts[1:], num_groups]]
     shots = tuple(
-        Shot(first, blocks[first], read_keyframes(part, end - blocks[first]))
-        for first, part, end in zip(firsts, parts, ends, strict=True)
+        Shot(first, blocks[first], read_keyframes(part, end - blocks[first]), spacing)
+        for first, part, end, spacing in zip(firsts, parts, ends, spacings, strict=True)
     )
     for number, shot in enumerate(shots):
-        _check_shot(number, shot.info, shots[0].info)
+        _check_shot(number, shot, shots[0].info)
     return shots
 
 
-def _check_shot(number: int, info: KeyframeInfo, reference: KeyframeInfo) -> None:
+def _check_shot(number: int, shot: Shot, reference: KeyframeInfo) -> None:
+    info = shot.info
     if info.degree != reference.degree:
         raise BitstreamError(
             f"side information: shot {number} has harmonics of degree {info.degree}, the first one {reference.degree}"
         )
-    if abs(spacing_of(info, reference)) > MAX_SPACING:
+    spacing, motion = spacing_of(info, reference), shot.motion_spacing
+    if abs(spacing) > MAX_SPACING:
         raise BitstreamError(f"side information: the lattice of shot {number} is too unlike that of the first one")
+    if max(abs(motion), abs(spacing - motion)) > MAX_SPACING:
+        raise BitstreamError(f"side information: the unit of motion of shot {number} is out of range")
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
@@ -212,9 +250,9 @@ def _read_timeline(data: bytes) -> tuple[int, Timeline]:
     """Reads the version of the side information, and the timeline."""
     reader = ByteReader(data, "side information of the clip")
     version = reader.u8()
-    if version not in (VERSION, WITH_SHOTS):
+    if version not in (VERSION, WITH_SHOTS, WITH_MOTION_UNITS):
         raise UnsupportedVersionError(
-            f"side information has version {version}, this release reads versions {VERSION} and {WITH_SHOTS}"
+            f"side information has version {version}, this release reads versions {VERSION} to {WITH_MOTION_UNITS}"
         )
     numerator, denominator, frames, size = (reader.unsigned() for _ in range(4))
     possible = 0 < denominator <= MAX_FRAMES and 0 < numerator <= MAX_FRAME_RATE * denominator

@@ -6,7 +6,7 @@ from splatwire.codec.gaussians.layout import CLASS, DIRECTION_BITS, OPACITY, SCA
 from splatwire.codec.gaussians.side_info import SideInfo as KeyframeInfo
 from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.codec.sequence import _step_kernels as kernels
-from splatwire.codec.sequence.layout import KIND_OF, NUM_CHANNELS
+from splatwire.codec.sequence.layout import KIND_OF, MAX_PLACE, NUM_CHANNELS
 
 LARGEST_SHIFT = 30
 
@@ -29,6 +29,24 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     kernels.base_shifts(columns, info.bases, info.unit, max(info.coarsest, 0), thinness_table(), shifts)
     shifts[:, :3] += spacing
     return np.clip(shifts + coarser[KIND_OF], 0, LARGEST_SHIFT)
+
+
+def in_other_units(places: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Converts positions and quantisation steps of tracks to another unit of motion.
+
+    Args:
+        places: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.
+        shifts: log2 of the quantisation steps of motion, int64 (n, channels).
+        spacings: log2 of the former unit in new units, by track, int64 (n).
+
+    Returns:
+        Positions and steps for the new unit.
+    """
+    if not spacings.any():
+        return places, shifts
+    moved, steps = np.floor(np.ldexp(places.astype(np.float64), spacings[:, None])), shifts.copy()
+    steps[:, :3] = np.clip(steps[:, :3] + spacings[:, None], 0, LARGEST_SHIFT)
+    return np.clip(moved, -MAX_PLACE, MAX_PLACE).astype(np.int64), steps
 
 
 assert DIRECTION_BITS == 14, "rotations are out of 2**14, as axes are"

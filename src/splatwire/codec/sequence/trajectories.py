@@ -97,6 +97,11 @@ class Targets:
         for name, values in vars(self).items():
             values[index] = getattr(others, name)
 
+    def rescale_positions(self, index: np.ndarray, octaves: int) -> None:
+        """Multiplies the position coefficients of the tracks at `index` by `2 ** octaves`, in place."""
+        for values in (self.coefficients, self.largest):
+            values[index, :3] = np.ldexp(values[index, :3], octaves)
+
 
 def add_frames(
     found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,

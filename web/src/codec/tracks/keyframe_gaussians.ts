@@ -6,8 +6,8 @@ import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { HEAD, MAX_PLACE, NUM_CHANNELS, TRACK } from "./layout.ts";
 import type { TrackBases } from "./motion_packets.ts";
-import { type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
-import { MotionSteps } from "./steps.ts";
+import { motionUnit, type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
+import { limitShift, MotionSteps } from "./steps.ts";
 
 /** Largest number of tracks. Each announced track takes four bytes. */
 const MAX_TRACKS = 1 << 24;
@@ -22,7 +22,7 @@ export class KeyframeGaussians {
   tracks = new Int32Array(MIN_CAPACITY);
   /** Birth group of each track, by slot. */
   birthGroups = new Int32Array(MIN_CAPACITY);
-  /** Positions in half units of the first shot's lattice, shape (slots, 3). */
+  /** Positions in the units of motion of the birth groups, shape (slots, 3). */
   places = new Float64Array(3 * MIN_CAPACITY);
   /** log2 of the motion steps, shape (slots, channels). */
   shifts = new Int32Array(NUM_CHANNELS * MIN_CAPACITY);
@@ -64,8 +64,7 @@ export class KeyframeGaussians {
       this.tracks[slot] = first + i;
       this.birthGroups[slot] = group;
       for (let a = 0; a < 3; a++) {
-        const place = Math.floor((rows[row + LATTICE + a] + 2 * corners[corner + a]) * scale);
-        this.places[3 * slot + a] = Math.min(Math.max(place, -MAX_PLACE), MAX_PLACE);
+        this.places[3 * slot + a] = scaledPlace(rows[row + LATTICE + a] + 2 * corners[corner + a], scale);
       }
       this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * slot);
     }
@@ -76,16 +75,24 @@ export class KeyframeGaussians {
     }
   }
 
-  /** Returns the positions and steps of the tracks of a packet with these headers; null if one was not received. */
-  of(headers: Int32Array): TrackBases | null {
+  /**
+   * Returns the positions and steps of the tracks of a packet with these headers, for the unit of motion of a group;
+   * null if one was not received.
+   */
+  of(headers: Int32Array, group: number): TrackBases | null {
     const count = headers.length / HEAD,
+      unit = motionUnit(this.info, group),
       places = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
       const slot = this.slots[headers[HEAD * i + TRACK]] ?? -1;
       if (slot < 0) return null;
-      for (let a = 0; a < 3; a++) places[3 * i + a] = this.places[3 * slot + a];
       for (let c = 0; c < NUM_CHANNELS; c++) shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * slot + c];
+      const octaves = motionUnit(this.info, this.birthGroups[slot]) - unit;
+      for (let a = 0; a < 3; a++) {
+        places[3 * i + a] = scaledPlace(this.places[3 * slot + a], 2 ** octaves);
+        shifts[NUM_CHANNELS * i + a] = limitShift(shifts[NUM_CHANNELS * i + a] + octaves);
+      }
     }
     return { places, shifts };
   }
@@ -103,6 +110,10 @@ export class KeyframeGaussians {
     this.places = copyInto(this.places, new Float64Array(3 * larger));
     this.shifts = copyInto(this.shifts, new Int32Array(NUM_CHANNELS * larger));
   }
+}
+
+function scaledPlace(place: number, scale: number): number {
+  return Math.min(Math.max(Math.floor(place * scale), -MAX_PLACE), MAX_PLACE);
 }
 
 function stepsOf({ coarser }: SequenceInfo, { bases, spacing }: Shot): MotionSteps {

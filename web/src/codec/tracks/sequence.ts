@@ -13,7 +13,7 @@ import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { HELD, HIDDEN, MOVED, placesOf, select } from "./selection.ts";
-import type { SequenceInfo } from "./side_info.ts";
+import { motionUnit, type SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
 import { movedSplats } from "./trajectories.ts";
 
@@ -227,8 +227,9 @@ export class Sequence implements SequenceDecoder {
     if (known) return known;
     const { payload, count } = packet,
       { firstNew } = info.groups[group],
-      decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) => this.bases.of(headers));
+      decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) => this.bases.of(headers, group));
     if (!decoded) return null;
+    scalePositions(decoded.offsets, 2 ** motionUnit(info, group));
     this.#addToCache(packet, decoded);
     return decoded;
   }
@@ -366,7 +367,8 @@ export class Sequence implements SequenceDecoder {
       wasExtrapolated: before?.wasExtrapolated ?? null,
       isNew: (slot) => bases.birthGroups[slot] === group,
       hasUnknownBirth: (slot) => bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
-      positionStep: (slot) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
+      positionStep: (slot) =>
+        unit * 2 ** (bases.shifts[NUM_CHANNELS * slot] + motionUnit(info, bases.birthGroups[slot])),
     };
   }
 
@@ -460,6 +462,12 @@ function rowsWhere(count: number, holds: (row: number) => boolean): Int32Array {
   let some = 0;
   for (let n = 0; n < count; n++) if (holds(n)) found[some++] = n;
   return found.subarray(0, some);
+}
+
+/** Multiplies the position channels of offsets, in place. */
+function scalePositions(offsets: Float32Array, scale: number): void {
+  if (scale === 1) return;
+  for (let at = 0; at < offsets.length; at += NUM_CHANNELS) for (let a = 0; a < 3; a++) offsets[at + a] *= scale;
 }
 
 function resized(old: Float32Array, length: number): Float32Array {

@@ -9,18 +9,21 @@ import { MAX_SPACING, NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
 import { type Lifetimes, readLifetimes } from "./lifetimes.ts";
 import type { Group, Timeline } from "./timeline.ts";
 
-/** Versions: with one shot; and with several shots. */
+/** Versions: with one shot; and with a unit of motion for each of several shots. */
 const VERSION = 1,
-  WITH_SHOTS = 2;
+  WITH_MOTION_UNITS = 3;
 const MAX_OFFSET = 16;
 
 /** Consecutive groups with the same lattice, steps and tables for their bases. */
 export interface Shot {
   /** First of the shot's blocks among all blocks of bases. */
   readonly firstBlock: number;
+  readonly firstGroup: number;
   readonly bases: SideInfo;
-  /** Lattice spacing in units of that of the first shot, log2. */
+  /** Half the lattice spacing in units of motion, log2. */
   readonly spacing: number;
+  /** Unit of motion in half lattice units of the first shot, log2. */
+  readonly motion: number;
 }
 
 export interface SequenceInfo {
@@ -28,7 +31,7 @@ export interface SequenceInfo {
   readonly groups: readonly Group[];
   readonly numTracks: number;
   readonly shots: readonly Shot[];
-  /** Side information of the bases of the first shot. Motion is in units of its lattice. */
+  /** Side information of the bases of the first shot. */
   readonly bases: SideInfo;
   /** Ratio of motion steps to those of the base in octaves, per kind of channel. */
   readonly coarser: readonly number[];
@@ -74,16 +77,26 @@ export function shotOf({ shots }: SequenceInfo, block: number): Shot {
   return shots[at];
 }
 
+/** Returns the unit of motion in a group of frames, in half lattice units of the first shot, log2. */
+export function motionUnit({ shots }: SequenceInfo, group: number): number {
+  let at = shots.length - 1;
+  while (shots[at].firstGroup > group) at--;
+  return shots[at].motion;
+}
+
 function readShots(bytes: Uint8Array, version: number, groups: readonly Group[], size: number): Shot[] {
   const blocks = [0];
   for (const { births } of groups) blocks.push(blocks[blocks.length - 1] + Math.ceil(births / size));
-  if (version === VERSION) return [{ firstBlock: 0, bases: readSideInfo(bytes, blocks[groups.length]), spacing: 0 }];
+  if (version === VERSION)
+    return [{ firstBlock: 0, firstGroup: 0, bases: readSideInfo(bytes, blocks[groups.length]), spacing: 0, motion: 0 }];
   const reader = new ByteReader(bytes, "side information of shots"),
     firsts: number[] = [],
+    motions: number[] = [],
     parts: Uint8Array[] = [];
   for (let left = reader.unsigned(), group = 0; left > 0; left--) {
     group += reader.unsigned();
     firsts.push(group);
+    motions.push(version === WITH_MOTION_UNITS ? reader.signed() : 0);
     parts.push(reader.blob());
   }
   reader.finish();
@@ -91,13 +104,16 @@ function readShots(bytes: Uint8Array, version: number, groups: readonly Group[],
     throw new BitstreamError(`side information: ${firsts.length} shots do not divide the groups`);
   const shots: Shot[] = [];
   for (let number = 0; number < parts.length; number++) {
-    const firstBlock = blocks[firsts[number]],
+    const firstGroup = firsts[number],
+      firstBlock = blocks[firstGroup],
+      motion = motions[number],
       bases = readSideInfo(parts[number], blocks[firsts[number + 1] ?? groups.length] - firstBlock),
       first = shots[0]?.bases ?? bases,
-      spacing = bases.sizeLog - bases.unit - (first.sizeLog - first.unit);
-    if (bases.degree !== first.degree || Math.abs(spacing) > MAX_SPACING)
+      apart = bases.sizeLog - bases.unit - (first.sizeLog - first.unit),
+      spacing = apart - motion;
+    if (bases.degree !== first.degree || [apart, motion, spacing].some((octaves) => Math.abs(octaves) > MAX_SPACING))
       throw new BitstreamError("side information: a shot does not match the first one");
-    shots.push({ firstBlock, bases, spacing });
+    shots.push({ firstBlock, firstGroup, bases, spacing, motion });
   }
   return shots;
 }
@@ -105,9 +121,9 @@ function readShots(bytes: Uint8Array, version: number, groups: readonly Group[],
 function readTimeline(bytes: Uint8Array): { version: number; timeline: Timeline } {
   const reader = new ByteReader(bytes, "side information of the clip"),
     version = reader.u8();
-  if (version !== VERSION && version !== WITH_SHOTS)
+  if (version < VERSION || version > WITH_MOTION_UNITS)
     throw new BitstreamError(
-      `side information has version ${version}, this version reads ${VERSION} and ${WITH_SHOTS}`,
+      `side information has version ${version}, this version reads ${VERSION} to ${WITH_MOTION_UNITS}`,
     );
   const numerator = reader.unsigned(),
     denominator = reader.unsigned(),

@@ -23,6 +23,11 @@ import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 
 const LARGEST_SHIFT = 30;
 
+/** Limits log2 of a step. */
+export function limitShift(shift: number): number {
+  return Math.min(Math.max(shift, 0), LARGEST_SHIFT);
+}
+
 /** log2 of the steps of each channel. */
 export class MotionSteps {
   readonly #steps: Steps;
@@ -30,7 +35,7 @@ export class MotionSteps {
   constructor(
     readonly info: SideInfo,
     readonly coarser: readonly number[],
-    /** Lattice spacing of `info` in units of that of motion, log2. */
+    /** Half the lattice spacing of `info` in units of motion, log2. */
     readonly spacing: number,
   ) {
     this.#steps = new Steps(info.bases);
@@ -62,7 +67,6 @@ export class MotionSteps {
     out[at + 6] = steps.shift(S_SCALE0, level, 0, 0, 0, opacity, BITS - 1);
     out[at + 7] = steps.shift(S_SCALE1, level, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
     out[at + 8] = Math.min(last + (thin >> BITS), BITS - 1);
-    for (let c = 0; c < NUM_CHANNELS; c++)
-      out[at + c] = Math.min(Math.max(out[at + c] + this.coarser[KIND_OF[c]], 0), LARGEST_SHIFT);
+    for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.coarser[KIND_OF[c]]);
   }
 }
