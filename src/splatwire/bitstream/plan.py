@@ -17,9 +17,10 @@ from splatwire.errors import InvalidValueError
 
 
 class PacketGroups(NamedTuple):
-    """Lists the elements of every packet in one array; the elements of a packet form a group.
+    """Elements of every packet, as one array that is divided into groups.
 
-    If each packet contains a single attribute, the packets of the same elements form one group.
+    A group has the elements of one packet. If packets contain single attributes, a group has the elements that share
+    packets.
 
     Attributes:
         ranks: Indices of all elements in coding order, group after group, int64 (N). Group g has the elements
@@ -183,7 +184,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the position of a packet's elements in the list of its block's elements (`block_ranks`).
+        """Returns the range of a packet's elements in the list of its block's elements (`block_ranks`).
 
         Args:
             packet_id: The packet.

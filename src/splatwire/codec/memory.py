@@ -88,7 +88,7 @@ def words_bytes(packets: Sequence[Packet]) -> int:
 
 @contextmanager
 def allocating(what: str) -> Iterator[None]:
-    """Context manager that converts a failed memory allocation to an error that names the stream.
+    """Context manager that converts a failed memory allocation to an error about the stream.
 
     Raises:
         BitstreamError: If the machine does not have enough memory.

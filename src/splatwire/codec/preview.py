@@ -112,12 +112,12 @@ class PreviewFrame:
         return low + levels * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Converts the ten numbers of each Gaussian that `values` returns to quantisation levels, without rounding."""
+        """Converts the ten numbers of each Gaussian (see `values`) to quantisation levels, without rounding."""
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
-        """Converts the ten numbers of each Gaussian that `values` returns to Gaussians."""
+        """Converts the ten numbers of each Gaussian (see `values`) to Gaussians."""
         places = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
         return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
@@ -231,7 +231,7 @@ def preview_gaussians(data: bytes) -> tuple[Gaussians, Background]:
     """Returns the Gaussians and the background of a serialised preview.
 
     Args:
-        data: The section's bytes, or those of a welcome message.
+        data: Bytes of the section `preview`, or those in a server's welcome message.
 
     Returns:
         Gaussians, and the RGB background colour.

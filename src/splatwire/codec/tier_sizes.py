@@ -16,7 +16,7 @@ _MOST = 255
 
 
 def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Encodes the typical size of each tier's anchors, which concealers use as the weight of lost anchors.
+    """Encodes the typical size of the anchors in each importance tier, with which concealers weight lost anchors.
 
     Args:
         anchors: The N anchors in coding order.
@@ -31,7 +31,7 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
 
 
 def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, num_tiers: int) -> np.ndarray:
-    """Returns the typical size of each tier's anchors, relative to the tier with the largest anchors.
+    """Returns the typical size of the anchors in each importance tier, relative to the tier with the largest anchors.
 
     Args:
         sizes: Base sizes of the anchors' Gaussians along three axes, (N, 3).
@@ -40,7 +40,7 @@ def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, 
         num_tiers: Number of tiers.
 
     Returns:
-        float64 (tiers), above 0 and at most 1.
+        Relative sizes, float64 (tiers), above 0 and at most 1.
     """
     # The size of a tier is the square root of the mean footprint of its anchors. An anchor's footprint is the product
     # of its two largest sizes times its number of Gaussians.
@@ -52,14 +52,14 @@ def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, 
 
 
 def read_tier_sizes(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray | None:
-    """Reads the typical size of the anchors in each importance tier, relative to the tier with the largest.
+    """Reads the typical size of the anchors in each importance tier, relative to the tier with the largest anchors.
 
     Args:
-        sections: Named sections of its side information.
-        manifest: Its manifest.
+        sections: Named sections of the stream's side information.
+        manifest: The stream's manifest.
 
     Returns:
-        float32 (tiers), above 0 and at most 1; None if the section is absent.
+        Relative sizes, float32 (tiers), above 0 and at most 1; None if the section is absent.
 
     Raises:
         BitstreamError: If the section is damaged, or the stream has no tiers.

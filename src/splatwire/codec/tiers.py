@@ -42,8 +42,8 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
     """Returns the importance tier of each anchor of a stream, in coding order.
 
     Args:
-        sections: Named sections of its side information.
-        manifest: Its manifest.
+        sections: Named sections of the stream's side information.
+        manifest: The stream's manifest.
 
     Returns:
         Importance tier of each anchor, uint8 (N).

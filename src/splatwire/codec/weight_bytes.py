@@ -99,7 +99,7 @@ def read_heads(data: bytes, layout: AnchorLayout) -> tuple[QuantisedMlp, Quantis
 
 
 def framed(data: bytes) -> bytes:
-    """Returns bytes preceded by their number (a variable-length integer), as `ByteReader.blob` reads them."""
+    """Returns bytes preceded by their length (a variable-length integer), as `ByteReader.blob` reads them."""
     writer = ByteWriter()
     writer.blob(data)
     return writer.bytes()

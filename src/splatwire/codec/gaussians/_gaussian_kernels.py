@@ -67,7 +67,7 @@ def magnitude_context(running):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_class(coder, context, value):
-    """Encodes or decodes the precision class of a Gaussian, which selects its quantisation steps; returns it.
+    """Encodes or decodes the precision class (set of quantisation steps) of a Gaussian, and returns it.
 
     Args:
         coder: Entropy coder.

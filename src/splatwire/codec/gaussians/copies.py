@@ -84,7 +84,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
-    """Returns the precision class of a stream's redundant copies of Gaussians; it selects their quantisation steps.
+    """Returns the precision class (set of quantisation steps) of a stream's redundant copies of Gaussians.
 
     Args:
         info: The stream's side information.

@@ -35,8 +35,8 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
     """Allocates counters for the symbols that the entropy coder codes in each context, initially zero.
 
     Returns:
-        Number of zeros and ones by adaptive bit model, int64 (contexts, 2); and number of residuals and sum of their
-        magnitudes by context, int64 (streams, spreads, seconds, 2), see `Coder` for the three indices of a context.
+        Number of zeros and ones by adaptive bit model, int64 (contexts, 2); and for each context of a residual (three
+        indices, see `Coder`) the number of residuals and the sum of their magnitudes, int64 (A, B, C, 2).
     """
     return np.zeros((NUM_CONTEXTS, 2), np.int64), np.zeros((len(STREAMS), SPREADS, SECONDS, 2), np.int64)
 
@@ -48,7 +48,7 @@ def fit_bits(counts: np.ndarray) -> np.ndarray:
         counts: Number of zeros and ones coded with each model, int64 (contexts, 2).
 
     Returns:
-        int64 (contexts), 1 to 255, out of 2**8.
+        Probability for each model, int64 (contexts), 1 to 255, out of 2**8.
     """
     share = (counts[:, 0] + 0.5) / (counts.sum(axis=1) + 1.0)
     return np.clip(np.rint(share * 256), 1, 255).astype(np.int64)

@@ -236,12 +236,12 @@ class SourceScene:
         return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
     def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
-        """Returns Gaussians of a block as input of the encoding kernels, in the order in which packets are filled.
+        """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
 
         Args:
             block: Index of the block.
             info: Side information with the bounding boxes and the transform of spherical harmonics.
-            some: Part of that order to return; by default all.
+            some: Part of this order to return; by default all.
         """
         bits = int(info.boxes.bits[block])
         places = self.places(block) - info.boxes.corners[block]

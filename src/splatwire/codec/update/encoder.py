@@ -50,8 +50,8 @@ def encode_update(
     Args:
         base: The stream of the scene before the change, complete.
         scene: The changed scene, in the same units and coordinates.
-        classes: Precision class of each Gaussian of `scene`, integers (M), 0 for the finest and negative for coarser;
-            None for the finest.
+        classes: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M), 0 for the
+            finest and negative for coarser; None for the finest.
         threads: Number of threads; None for one per processor.
 
     Returns:

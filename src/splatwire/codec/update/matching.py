@@ -13,7 +13,7 @@ def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.nda
 
     Args:
         before: Decoded Gaussians of the stream.
-        coding: Their quantisation steps and precision classes.
+        coding: Quantisation steps and precision classes of these Gaussians.
         after: Gaussians of the edited scene, of the same degree.
     """
     found = np.full(after.num_gaussians, -1, np.int64)

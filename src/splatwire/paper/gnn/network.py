@@ -173,7 +173,7 @@ class InpaintingNetwork(nn.Module):
 
     @property
     def edge_layers(self) -> list[_EdgeLayer]:
-        """The EdgeConv layers."""
+        """Layers of the graph convolution EdgeConv."""
         return [layer for layer in self.layers if isinstance(layer, _EdgeLayer)]
 
     def forward(

@@ -62,7 +62,7 @@ def causal_repack_encoder(
     """Creates the encoder that divides the anchors of a decoded stream into other packets.
 
     Returns:
-        The encoder, and the side information of the new stream, which is unchanged.
+        The encoder, and the unchanged side information of the stream.
 
     Raises:
         InvalidValueError: If the packets are separated by attribute, or the order is not Morton.

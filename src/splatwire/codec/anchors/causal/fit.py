@@ -68,7 +68,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 def _sampled(
     coding: CausalCoding, voxels: np.ndarray, features: np.ndarray, scalings: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Evaluates every network for a sample of anchors, which shows how coarsely its weights can be quantised.
+    """Evaluates every network for a sample of anchors, to measure how coarsely its weights can be quantised.
 
     Args:
         coding: The networks before quantisation, with quantisation steps.

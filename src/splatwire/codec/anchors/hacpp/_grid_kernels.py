@@ -77,7 +77,7 @@ def corner_weight(corner, bit, fraction, resolution):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def inside_box(units, n, axes, level, dims):
-    """True if an anchor is inside the grid's bounding box on each of the axes that a level spans.
+    """True if an anchor is inside the grid's bounding box, along the axes of one level of the grid.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
@@ -97,7 +97,7 @@ def inside_box(units, n, axes, level, dims):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def cell_of(units, n, axes, level, dims, resolution):
-    """Returns the cell of one level of the hash grid that contains an anchor.
+    """Finds the cell that contains an anchor, in one level of the hash grid.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.

@@ -33,7 +33,7 @@ MASK_ONES = 4
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def scale_index(scale):
-    """Returns the index of a standard deviation (12 fractional bits) in the entropy coder's logarithmic scale table."""
+    """Returns the index of a standard deviation (12 fractional bits) in the entropy coder's table."""
     value = min(max(scale, 64), (1 << 26) - 1)
     exponent = 6
     while value >> (exponent + 1):
@@ -79,7 +79,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Computes the second component of the mixture distributions of one feature group from network outputs.
+    """Computes the second component of one feature group's mixture distributions, from network outputs.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
@@ -216,7 +216,7 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates the bits of each anchor, its offset mask not included, and writes them to `bits`.
+    """Estimates how many bits each anchor takes without its offset mask, and writes the numbers to `bits`.
 
     The other arguments are those of `encode_packets`.
     """

@@ -24,7 +24,7 @@ class Symbols:
     """Quantised attributes of N anchors.
 
     Attributes:
-        mask: 1 for offsets that exist (mask), uint8 (N, K).
+        mask: 1 for offsets that exist, uint8 (N, K).
         feature: Feature channels in quantisation steps, int32 (N, F).
         scaling: Scalings in quantisation steps, int32 (N, 6).
         offset: Offsets in quantisation steps, int32 (N, 3 K); zero for offsets that do not exist.
@@ -96,7 +96,7 @@ class Mixture:
     Attributes:
         mean: Means in quantisation steps with 12 fractional bits, int32 (n, F).
         scale: Indices of the standard deviations in the coder's table, int16 (n, F).
-        weight: Index of the first component's weight in the weight table, uint8 (n, F).
+        weight: Index of the first component's weight in the coder's table of weights, uint8 (n, F).
     """
 
     mean: np.ndarray
@@ -140,8 +140,8 @@ def cut_packets(
         predicted: Predicted distributions of the anchors of all blocks, block by block.
         mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each block, int64 (blocks).
-        symbols: The anchors' symbols.
-        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
+        symbols: Quantised attributes of the anchors.
+        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
         payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
     Returns:
@@ -177,8 +177,8 @@ def encode_packets(
         context: The stream's networks and constants.
         predicted: Predicted distributions of the anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
-        symbols: The anchors' symbols.
-        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
+        symbols: Quantised attributes of the anchors.
+        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
         mixture: Second mixture component of the anchors' features; None to compute it.
 
     Returns:
@@ -214,7 +214,7 @@ def decode_packets(
             outputs).
         counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
-        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
+        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
 
     Returns:
         Symbols of the anchors; and factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).

@@ -64,7 +64,7 @@ def inverse_step_table(base: float) -> np.ndarray:
         base: Quantisation step of the attribute before multiplication with the factor.
 
     Returns:
-        int64, one entry for each entry of `factor_table`.
+        The reciprocals, int64, one for each entry of `factor_table`.
     """
     # one correctly rounded division and one correctly rounded product for each entry
     numerator = float(1 << (INVERSE_STEP_BITS + FACTOR_BITS)) / base

@@ -31,7 +31,7 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
 
     Args:
         masks: Masks of the anchors in coding order, bool or uint8 (N, K).
-        mask_models: Initial states of the adaptive bit models of offset masks, int64 (contexts, 2).
+        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
     """
     bits = masks.astype(np.int64)
     before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_ONES - 1)
@@ -69,7 +69,7 @@ def encode_parts(
         predicted: Prediction of the anchors, group by group.
         mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each group, int64 (groups).
-        symbols: The anchors' symbols.
+        symbols: Quantised attributes of the anchors.
 
     Returns:
         The payloads of all packets, group by group: scalings, offsets, feature groups.
