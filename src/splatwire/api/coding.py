@@ -52,8 +52,9 @@ class AnchorOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `paper`; None for the default.
         tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
-        noise: Tolerated error of the context model from the quantisation of its weights, in predicted standard
-            deviations; None for the default. Larger values give less side information and larger packets.
+        noise: Tolerated change of predictions if the context model's weights are rounded, as a multiple of the
+            predicted standard deviations; None for the default. Larger values give less side information and larger
+            packets.
     """
 
     packetization: Packetization | str | None = None

@@ -90,7 +90,7 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weights of the anchors for the average loss of the scene; None for equal weights.
+            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
         """
         return self.limited(received, known, tier_sizes) ** -self.exponent
 
@@ -100,15 +100,15 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Raises received shares that would cause an enlargement above `max_gain` or `max_excess`.
+        """Limits the enlargement of received anchors to `max_gain` and `max_excess`, by raising received shares.
 
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weights of the anchors for the average loss of the scene; None for equal weights.
+            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
 
         Returns:
-            The changed shares.
+            The shares `received`, raised where the enlargement would exceed a limit.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0

@@ -1,4 +1,4 @@
-"""Paths of open files, so that a command opens each file once."""
+"""Paths that keep their file open, so that format detection and readers open each file only once."""
 
 import os
 from io import BufferedReader

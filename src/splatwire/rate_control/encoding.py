@@ -304,10 +304,10 @@ class _Plan:
         return Quality(level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns a plan for fine-tuning, in which the precision of attributes was adapted only half as much.
+        """Returns the plan for fine-tuning, which undoes half of the changes of the attributes' precision.
 
         Args:
-            quality: Quality setting before the adaptation.
+            quality: Quality setting before these changes.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all

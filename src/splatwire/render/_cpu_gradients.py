@@ -161,7 +161,7 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
-    """Adds up the gradients of each Gaussian over all its tiles, and adds them to `sums`.
+    """Sums the gradients of each Gaussian over all its tiles, and adds the results to `sums`.
 
     Args:
         rows_of_sums: Gradient of each pair of Gaussian and tile.

@@ -73,12 +73,15 @@ _WEIGHTS = {
 def scene_precision_classes(
     scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False
 ) -> np.ndarray | None:
-    """Returns the precision class of each Gaussian, or None if a scene already has quantisation steps.
+    """Returns the precision class (set of quantisation steps) of each Gaussian.
 
     Args:
         scene: The scene.
         cameras: Cameras; None for views around the scene.
         recompute: True to ignore quantisation steps that the Gaussians already have.
+
+    Returns:
+        Classes, int8 (N); None if the scene already has quantisation steps.
     """
     splats = explicit_gaussians(scene)
     return (

@@ -176,7 +176,7 @@ class SequenceEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns how visible the loss of each packet of the last group would be: the visible motion in it."""
+        """Returns the importance of each packet of the last group: the amount of visible motion in it."""
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:

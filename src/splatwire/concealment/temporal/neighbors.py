@@ -31,15 +31,16 @@ AT_ONCE = 1 << 15
 class Neighbors:
     """Neighbours of tracks with lost motion, and weights to estimate motion and colour from them.
 
-    A track moves like the weighted mean of its neighbours. Its colour changes by their mean change, plus a correction
-    if its colour differs from theirs: the difference times the slope of change over colour.
+    A track is assumed to move like the weighted mean of its neighbours. The change of its colour is predicted by a
+    linear function of the colour, fitted to the neighbours.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights that turn the neighbours' colour changes into that slope, float32 (n, k, 3).
+        contrasts: Weights that give the slope of this function as a sum of the neighbours' colour changes, float32 (n,
+            k, 3).
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -95,7 +96,7 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes how the colour change of a lost track depends on its colour, by a linear fit to its neighbours.
+    """Fits the change of colour as a linear function of the colour to the neighbours of each lost track.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -103,7 +104,7 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        Weights that turn the neighbours' colour changes into the slope of the fit, (n, k, 3); and difference of each
+        Weights that give the slope as a sum of the neighbours' colour changes, (n, k, 3); and difference of each
         track's colour from the mean of its neighbours, (n, 3).
     """
     # a change of lighting brightens bright surfaces more than dark ones

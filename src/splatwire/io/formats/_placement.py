@@ -210,7 +210,7 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _unapplied_meaning(comment: str) -> str | None:
-    """Describes what a comment probably says about the file's values, if this package does not apply it.
+    """Describes what a comment probably changes about the file's values, if this package does not apply it.
 
     Returns:
         Description for a warning, such as `a shift of the positions`; None for all other comments.
@@ -223,7 +223,7 @@ def _unapplied_meaning(comment: str) -> str | None:
 
 
 def _unapplied_meaning_of_piece(comment: str) -> str | None:
-    """Describes what a part of a comment probably says, like `_unapplied_meaning`; None if nothing."""
+    """Describes what a part of a comment probably changes, such as `a shift of the positions`; None if nothing."""
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
     if _PROGRAM.match(comment) and sum(number is not None for number in numbers) < _VECTOR:

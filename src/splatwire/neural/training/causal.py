@@ -197,7 +197,7 @@ def number_bits_of(
     numbers: Sequence[Tensor],
     offset_mask: Float[Tensor, "M K"],
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M K"]]:
-    """Estimates the bits of each anchor's features and logarithms of sizes, and of each offset with its mask bit.
+    """Estimates the bits of anchors: features and logarithms of sizes per anchor, offsets and mask bits per offset.
 
     Args:
         networks: The networks by name.

@@ -211,8 +211,7 @@ class LossTraining:
 
     Attributes:
         models: Loss models in the syntax of `splatwire.channel.parse_loss`, chosen at random; empty for no packet loss.
-        first: Shares of the anchors, most important ones first, that arrive if only the first quality tiers of a stream
-            are received.
+        first: Shares of received anchors, 0 to 1, for simulating that only the most important anchors arrive.
         packets: Names of packetizations (`packetization_named`), chosen at random.
         share: Share of the iterations with packet loss in the last phase of the training.
     """

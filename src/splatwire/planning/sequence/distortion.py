@@ -96,7 +96,7 @@ def measure_sequence_distortion(
         method: The receiver's concealer of lost motion.
         cameras: Views to render.
         references: Reference renderings of the frames.
-        floor: Mean squared error that is added for the references themselves.
+        floor: Mean squared error of the references themselves, which is added to the measured errors.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
