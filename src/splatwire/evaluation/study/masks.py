@@ -1,4 +1,4 @@
-"""Files of lost packets, for evaluating other codecs under the same losses; and packet loss rates per datagram loss."""
+"""Files of loss masks for evaluating other codecs under the same losses; packet loss that results from datagram loss."""
 
 import io
 import statistics
