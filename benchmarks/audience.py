@@ -27,7 +27,7 @@ from splatwire.transport import Receiver, ReceiverOptions
 
 
 def looking(tiles: Tiles, seed: int) -> Viewpoint:
-    """Into the scene from somewhere around it."""
+    """Viewpoint that looks into the scene from a random place around it."""
     rng = np.random.default_rng(seed)
     low, high = np.percentile(tiles.low, 10, axis=0), np.percentile(tiles.high, 90, axis=0)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]

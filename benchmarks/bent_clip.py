@@ -29,11 +29,11 @@ class Field:
     """A smooth field that bends space over time.
 
     Attributes:
-        middle: Of the scene, float64 (3).
-        extent: Its size.
-        waves: Wave vectors of the sines that each axis is moved by, float64 (S, 3).
-        phases: Of them, float64 (S, 3).
-        speeds: Radians a second, float64 (S).
+        middle: Centre of the scene, float64 (3).
+        extent: Size of the scene, world units.
+        waves: Wave vectors of the S sines that move each axis, float64 (S, 3).
+        phases: Phase of each sine, radians, float64 (S, 3).
+        speeds: Angular frequency of each sine, radians per second, float64 (S).
     """
 
     middle: np.ndarray
@@ -61,7 +61,7 @@ class Field:
         return places + AMPLITUDE * self.extent * ramp * shift
 
     def turned(self, places: np.ndarray, seconds: float) -> np.ndarray:
-        """Rotation of space at positions, quaternions (w, x, y, z), float64 (N, 4): the polar part of the Jacobian."""
+        """Rotation of space at some positions, quaternions (w, x, y, z), float64 (N, 4): polar part of the Jacobian."""
         step = 1e-4 * self.extent
         sides = [
             self.moved(places + step * axis, seconds) - self.moved(places - step * axis, seconds) for axis in np.eye(3)
@@ -90,10 +90,10 @@ def bent_frames(splats: Splats, frames: int, *, rate: float = 30.0, seed: int = 
     """Frames of a clip; row i is the same Gaussian in each.
 
     Args:
-        splats: The capture.
-        frames: How many.
-        rate: Frames a second.
-        seed: Of field, births and deaths.
+        splats: Gaussians of the capture.
+        frames: Number of frames.
+        rate: Frames per second.
+        seed: Seed of the field, and of the Gaussians that appear and disappear.
     """
     field, rng = Field.of(splats, seed), np.random.default_rng(seed + 1)
     count, places = splats.num_gaussians, splats.means.astype(np.float64)

@@ -52,13 +52,13 @@ KEPT: dict[str, tuple[str, ...]] = {
 
 
 def mixed(truth: Anchors, filled: Anchors, kept: tuple[str, ...]) -> Anchors:
-    """Concealed anchors with some true attributes."""
+    """Concealed anchors in which some attributes are replaced by the true ones."""
     anchors = replace(filled, **{name: getattr(truth, name) for name in kept})
     return replace(anchors, offsets=anchors.offsets * anchors.mask[:, :, None])
 
 
 def fillings(complete: ReceivedScene, context: ReceivedScene) -> dict[str, Callable[[], AnchorScene]]:
-    """Yields every row: the scene drawn after a loss."""
+    """Yields one row for each setting, with the scene that it draws after a loss."""
     truth, received = complete.scene.anchors, context.scene.anchors
     lossy = replace(context, scene=complete.scene.with_elements(received))
 

@@ -25,7 +25,7 @@ TIMES = np.linspace(0, 3, 301)
 
 
 def order_of(way: str, sizes: list[int], rng: np.random.Generator, slots: int) -> tuple[np.ndarray, np.ndarray]:
-    """Level and number within the level of the packets in `slots` slots after a join; -1 numbers a fountain symbol."""
+    """Level and number of each packet that is sent after a join; number -1: a repair symbol of the file."""
     level, number = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([np.arange(n) for n in sizes])
     if way == "fountain":
         return np.zeros(slots, int), np.full(slots, -1)
@@ -42,7 +42,7 @@ def order_of(way: str, sizes: list[int], rng: np.random.Generator, slots: int) -
 
 
 def join(way: str, sizes: list[int], curve, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """PSNR at `TIMES`, in circles of the file, and the time of completion of one receiver."""
+    """Simulates one receiver: PSNR at `TIMES` in units of the file's duration, and time of completion."""
     total = sum(sizes)
     slots = int(TIMES[-1] * total) + 1
     levels, numbers = order_of(way, sizes, rng, slots)

@@ -59,7 +59,7 @@ FEWEST = 4
 
 
 def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
-    """Bytes, quality and time of a scene as a stream; `copies` of it side by side, if any, are timed, too."""
+    """Bytes, quality and time of a scene as a stream; also the time with `copies` of it in a row, if given."""
     if file.suffix == ".swz":
         stream = plain(read_stream(file)[0])
         scene = decode_stream(stream).scene
@@ -88,7 +88,7 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
 
 
 def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
-    """Microseconds on the clock, with all threads, that an anchor of a larger scene takes: the same one in a row."""
+    """Wall time per anchor in microseconds, with all threads, of a large scene made of copies in a row."""
     voxel, anchors = scene.coding.voxel_size, scene.anchors
     width = (np.ptp(anchors.positions[:, 0]) // voxel + 1) * voxel
     moved = [anchors.positions + np.float32([i * width, 0, 0]) for i in range(copies)]
@@ -101,7 +101,7 @@ def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
 
 
 def plain(stream: SceneStream) -> SceneStream:
-    """The stream without named sections, which shows the same complete picture except for a background."""
+    """Stream without named sections; its complete picture is the same, except for the background."""
     fixed = ByteReader(stream.side_info, "side information")
     num_sections = len(SCHEMAS[stream.manifest.codec].sections)
     side_info = b"".join(framed(fixed.blob()) for _ in range(num_sections))
@@ -119,7 +119,7 @@ def lossy_psnr(stream: SceneStream, test: Dataset, concealer: str) -> float:
 
 
 def encoding_time(scene: AnchorScene, repetitions: int = 5) -> float:
-    """Processor seconds of one thread that encode a scene."""
+    """Processor time of encoding a scene in one thread, seconds."""
     best = np.inf
     for _ in range(repetitions):
         before = time.process_time()
@@ -129,7 +129,7 @@ def encoding_time(scene: AnchorScene, repetitions: int = 5) -> float:
 
 
 def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
-    """Processor seconds of one thread that decode all packets of a stream after its side information was read."""
+    """Processor time of decoding all packets of a stream in one thread, seconds; side information is read before."""
     best = np.inf
     for _ in range(repetitions):
         decoder = open_decoder(stream.manifest, stream.side_info)
@@ -172,7 +172,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
 
 
 def bd_rate(rows: list[dict[str, Any]]) -> float | None:
-    """Mean change of the bytes from format 1 to the causal model, over the PSNR of both; None for short curves."""
+    """Mean change of bytes at equal PSNR, from format 1 to the causal model; None if curves are too short."""
     curves = {
         model: [RatePoint(row["bytes"], row["psnr"]) for row in rows if row["model"] == model]
         for model in ("hacpp", "causal")

@@ -164,7 +164,7 @@ async def receive_datagrams(log: Log) -> bool:
 
 
 def hurry() -> None:
-    """Goes before other processes of a busy machine: seconds are to be the network's."""
+    """Raises the priority of the process, so that the network determines the measured time."""
     os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))
 
 

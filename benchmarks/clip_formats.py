@@ -47,14 +47,14 @@ def score(shown: list[Splats], files: list[Path], cameras: Cameras) -> float:
 
 
 def of_clip(files: list[Path], cameras: Cameras, quality: str) -> dict:
-    """The clip of splatwire."""
+    """Encodes a clip with splatwire; returns bytes and PSNR."""
     stream, _ = encode_sequence(read_frames(files), SequenceOptions(quality=quality))
     shown = [frame.scene.drawn() for frame in decode_frames(decode_stream(stream).scene) if frame.number % EVERY == 0]
     return {"bytes": stream.num_bytes, "psnr": score(shown, files[::EVERY], cameras)}
 
 
 def of_spz(files: list[Path], folder: Path, cameras: Cameras) -> dict:
-    """A file a frame, and all frames in one."""
+    """Bytes and PSNR of one SPZ file for each frame, and of all frames in one file."""
     for number, path in enumerate(files):
         write_splats([read_splats(path)], folder / f"{number:03}.spz")
     made = sorted(folder.glob("*.spz"))
@@ -66,7 +66,7 @@ def of_spz(files: list[Path], folder: Path, cameras: Cameras) -> dict:
 
 
 def of_fourdgs(files: list[Path], folder: Path, cameras: Cameras, fps: float) -> dict:
-    """`.4dgs` by `convert`, and with key frames and deltas."""
+    """Bytes and PSNR of `.4dgs`, made by `convert`, and with key frames and deltas."""
     import fourdgs
     from fourdgs.convert import convert_ply_sequence
     from fourdgs.keyframe_delta_file import write_sequence
@@ -108,7 +108,7 @@ def of_fourdgs(files: list[Path], folder: Path, cameras: Cameras, fps: float) ->
 
 
 def of_splat4d(files: list[Path], folder: Path, cameras: Cameras, fps: float) -> list[dict]:
-    """`.splat4d` with several error bounds; the third one has the defaults of all but positions."""
+    """Bytes and PSNR of `.splat4d` at several error bounds; the third row has the defaults except for positions."""
     frames, found = folder / "splats", []
     frames.mkdir()
     for number, path in enumerate(files):
@@ -144,7 +144,7 @@ def bytes_at(ours: list[dict], decibels: float) -> float | None:
 
 
 def measure(source: Path, folder: Path, fps: float, wanted: list[str]) -> dict:
-    """All formats of a clip."""
+    """Measures a clip in all formats."""
     files = frame_files(source)
     first = read_splats(files[0])
     cameras = surrounding_cameras(SplatScene(first), 2, PIXELS)

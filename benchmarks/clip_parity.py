@@ -77,7 +77,7 @@ class Clip:
         self._known: dict = {}
 
     def _measure(self, name: str) -> None:
-        """Damage of losses for each quality with a concealer."""
+        """Measures how losses degrade each quality of the clip with a concealer."""
         damages = [
             measure_sequence_distortion(
                 stream, self.loads[level], temporal_concealer(name), self._cameras, self._references, 0.0, seed=1
@@ -88,7 +88,7 @@ class Clip:
             self.offers[level, name] = SequenceVariant(self.loads[level], damage)
 
     def shown(self, level: float, protection: Protection, name: str, loss: str, seed: int) -> float:
-        """Decibels of one transfer, mean over frames and views."""
+        """PSNR of one simulated transfer, mean over frames and views, decibels."""
         load, stream = self.loads[level], self.streams[level]
         there = delivered(load, protection, parse_loss(loss, "datagram"), seed)
         persistent = stream.manifest.plan.persistent
@@ -104,7 +104,7 @@ class Clip:
         return self._known[key]
 
     def row(self, way: str, budget: float, loss: str, drawn: int) -> dict:
-        """One point of the curve."""
+        """Computes one point of a curve."""
         channel, best = parse_loss(loss, "datagram"), None
         for name in WAYS[way]:
             fit = [level for level, load in self.loads.items() if load.num_bytes <= budget]
@@ -124,7 +124,7 @@ class Clip:
 
 
 def expected(offer: SequenceVariant, protection: Protection, loss: LossModel) -> float:
-    """Decibels by the damage curves, mean over frames and other transfers than those of the planner."""
+    """PSNR that the distortion model predicts for other random transfers, decibels, mean over groups."""
     found, rng = [], np.random.Generator(np.random.PCG64(99))
     for group in range(len(offer.load.groups)):
         way = model_motion_transfer(offer.load, protection, group)
@@ -136,7 +136,7 @@ def expected(offer: SequenceVariant, protection: Protection, loss: LossModel) ->
 
 
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
-    """All curves of a clip."""
+    """Computes all curves of a clip."""
     clip, rows = Clip(folder, arguments), []
     for budget in arguments.budgets:
         limit = clip.loads[budget].num_bytes
@@ -155,7 +155,7 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
 
 
 def plot(target: Path) -> None:
-    """The curves as a picture."""
+    """Draws the curves."""
     import matplotlib.pyplot as plt
 
     clips = json.loads(RESULTS.read_text())

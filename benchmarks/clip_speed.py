@@ -56,7 +56,7 @@ def swaying(count: int, frames: int) -> Iterator[Splats]:
 
 
 def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
-    """Frames a second of encoding, by wall and by processor time, and of decoding in one thread."""
+    """Frames per second of encoding, by wall and by processor time, and of decoding in one thread."""
     clip = list(bent_frames(capture(path, DEGREE, tracks), frames))
     for _ in range(2):  # kernels are loaded in the first
         encoder, taken = SequenceEncoder(SequenceOptions(group_frames=GROUP, threads=threads)), []
@@ -84,7 +84,10 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
 
 
 def live(path: Path, tracks: int) -> dict:
-    """Median processor time of each step between a group's last frame and its frames, seconds; not of the first."""
+    """Median processor time of each step from a group's last frame to its decoded frames, seconds.
+
+    The first group does not count.
+    """
     use_single_thread()
     encoder, decoder = SequenceEncoder(SequenceOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
     broadcast, steps = LiveSession(importance=encoder.importance), list[dict[str, float]]()

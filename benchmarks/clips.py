@@ -65,14 +65,14 @@ def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, flo
 
 
 def bytes_at(points: list[tuple[float, float]], decibels: float) -> float:
-    """Bytes of a frame at a PSNR, by the line through two qualities."""
+    """Bytes of a frame at a PSNR, interpolated between two qualities."""
     (low, few), (high, many) = points
     share = (decibels - low) / (high - low)
     return math.exp(math.log(few) + share * (math.log(many) - math.log(few)))
 
 
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
-    """All figures of one clip."""
+    """Measures one clip."""
     files, began = frame_files(folder), time.perf_counter()
     stream, tracking = encode_sequence(read_frames(files), SequenceOptions(quality=arguments.quality))
     seconds = time.perf_counter() - began

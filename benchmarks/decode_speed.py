@@ -71,7 +71,7 @@ def figure(command: list[str | Path], checkout: Path) -> float:
 
 
 def measure(path: Path, checkouts: dict[str, Path], runs: int, folder: Path) -> dict:
-    """Median processor time of a Gaussian of a scene by kind of run, microseconds."""
+    """Median processor time per Gaussian of a scene, by kind of run, microseconds."""
     splats = read_splats(path)
     files = {kind: folder / f"scene.{kind}" for kind in ("swz", "spz", "sog")}
     subprocess.run(["splatwire", "encode", path, "-o", files["swz"]], check=True, capture_output=True)

@@ -44,7 +44,7 @@ COPIES = (0.01, 0.05, 0.15, 0.3)
 
 
 def bytes_at(points: list[dict], wanted: float) -> float:
-    """Bytes at a PSNR; not a number outside of the measured range."""
+    """Bytes at a PSNR, interpolated; NaN outside of the measured range."""
     points = sorted(points, key=lambda point: point["psnr"])
     logs = np.log([point["bytes"] for point in points])
     return float(np.exp(np.interp(wanted, [point["psnr"] for point in points], logs, np.nan, np.nan)))
@@ -69,7 +69,7 @@ def received(stream: SceneStream, concealer: str, pictures: SourcePictures) -> f
 
 
 def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
-    """Results of one file."""
+    """Measures one file."""
     scene = open_scene(path)
     if not isinstance(scene, SplatScene):
         raise SystemExit(f"{path} holds no explicit Gaussians")

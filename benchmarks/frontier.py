@@ -1,4 +1,4 @@
-"""The frontier: picture quality over bytes sent, for several channels, without a way back.
+"""Rate-distortion curves: picture quality over bytes sent, for several channels, without feedback.
 
 (a) reliable delivery (the upper bound, at the bytes of HAC++'s files if given), (b) equal parity over the whole stream,
 (c) concealment without parity on packets, (d) the planner with importance tiers, parity where useful, and concealment.
@@ -59,7 +59,7 @@ COUNTED = 2000
 
 
 class Variant:
-    """One stream of the scene, with and without tiers, and cached scores of deliveries."""
+    """A stream of the scene with or without tiers, and the scores of transfers that were computed before."""
 
     def __init__(
         self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures, concealment_bytes: int = 0
@@ -71,7 +71,7 @@ class Variant:
         self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
     def psnr(self, head: bool, packets: np.ndarray) -> float:
-        """Mean PSNR of the views for received packets."""
+        """Mean PSNR of the views if the side information (`head`) and some packets are received."""
         if not head:
             return self.blank
         key = packets.tobytes()
@@ -80,7 +80,7 @@ class Variant:
         return self.cache[key]
 
     def expected(self, protection: Protection, loss_name: str, budget: float, pictures: int) -> dict:
-        """Mean PSNR over many transfers with the reported losses, with its parts."""
+        """Mean PSNR over many transfers with the losses of the report, and the parts of this mean."""
         outline, load = model_transfer(self.offer.load, protection), self.offer.load
         traces = draw_losses(parse_loss(loss_name), COUNTED, len(outline.kind), REPORTED_SEED)
         arrival = arrival_within(outline, traces, self.offer.budget_after_preview(budget))
@@ -98,14 +98,14 @@ class Variant:
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Cameras and their reference pictures."""
+    """Cameras and the reference pictures of their views."""
 
     cameras: Cameras
     pictures: list[np.ndarray]
 
 
 def looks_of(scene: Scene, arguments: argparse.Namespace) -> tuple[CalibrationViews, Looks, Looks]:
-    """Training views, those of the planner, and those that are reported; without photos the scene's own pictures."""
+    """Views for training, for the planner, and for the report; without photos, they are rendered."""
     if arguments.data:
         train, test = (open_dataset(arguments.data, split=split) for split in ("train", "test"))
         views = CalibrationViews.of_photos(train)
@@ -120,7 +120,7 @@ def looks_of(scene: Scene, arguments: argparse.Namespace) -> tuple[CalibrationVi
 
 
 class Bench:
-    """One scene: its streams and views."""
+    """Streams and views of one scene."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.scene, self.concealer = open_scene(arguments.scene), arguments.conceal
@@ -140,7 +140,7 @@ class Bench:
         return add_concealment(stream, PREVIEW, preview_for_scene(self.scene, self.train).section)
 
     def variant(self, stream: SceneStream, concealer: str | None = None, concealment_bytes: int = 0) -> Variant:
-        """A stream of the scene with the planner's data, concealed as requested or by this concealer."""
+        """A stream of the scene with lossy pictures for planning and for reporting, for a concealer."""
         complete = decode_stream(stream)
         seen, unseen = (
             LossyPictures(complete, looks.cameras, concealer or self.concealer, photos=looks.pictures)
@@ -183,7 +183,7 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
 
 
 def margin_of(row: dict) -> float:
-    """The planner against the better of the other two, decibels."""
+    """PSNR of the planner minus that of the better of the other two, decibels."""
     return row["planner"]["psnr"] - max(row["whole"]["psnr"], row["conceal"]["psnr"])
 
 
@@ -215,7 +215,7 @@ def draw(rows: list[dict], ceiling: float, path: Path) -> None:
 
 
 def margins_of(rows: list[dict]) -> dict:
-    """Margins over all rows, and the most at each channel."""
+    """All differences between the planner and the others, and the largest of each channel."""
     margins = [margin_of(row) for row in rows]
     most = {row["loss"]: -math.inf for row in rows}
     for row, margin in zip(rows, margins, strict=True):

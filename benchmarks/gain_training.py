@@ -109,7 +109,7 @@ def train_on(
     config: SceneFreeConfig,
     progress: Callable[[int, float], None] | None = None,
 ) -> Network:
-    """Trains a network on the losses of some scenes; see `train_scene_free`.
+    """Trains a network on the simulated losses of some scenes; see `train_scene_free`.
 
     Raises:
         InvalidValueError: If there is no scene.
@@ -163,7 +163,7 @@ def tensor_gains(
 
 
 class Lessons:
-    """Losses and views of one scene, with all that does not change while a network learns.
+    """Simulated losses and views of one scene, with everything that is constant during the training.
 
     Args:
         scene: The complete scene.
@@ -214,7 +214,7 @@ def _with_gains(g: Gaussians, size: Float[Tensor, "G"], opacity: Float[Tensor, "
 
 @dataclass(frozen=True, eq=False)
 class LossyStream:
-    """Training examples."""
+    """A stream and cameras, from which training examples are made."""
 
     stream: SceneStream
     cameras: Cameras

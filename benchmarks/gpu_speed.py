@@ -39,7 +39,7 @@ SPREAD = 12
 
 
 class Loop:
-    """Iterations as the trainer does them."""
+    """Training iterations as the trainer performs them."""
 
     def __init__(self, train: Dataset, config: TrainConfig, device: str) -> None:
         place = torch.device(device)
@@ -52,7 +52,7 @@ class Loop:
         self.views, self.on_gpu = train.num_views, place.type == "cuda"
 
     def run(self, state: TrainState, count: int, start: int | None = None) -> float:
-        """Seconds of some iterations, numbered from the one after `start`, or continued."""
+        """Seconds that some iterations take, from the one after `start`, or from where the last call ended."""
         state.iteration = state.iteration if start is None else start
         self._wait()
         began = time.perf_counter()
@@ -81,7 +81,7 @@ def multiply(state: TrainState, num_anchors: int) -> None:
 
 
 def profiled(loop: Loop, state: TrainState, count: int) -> dict[str, Any]:
-    """GPU activity of an iteration, from a profile."""
+    """GPU activity of one iteration, measured by a profile."""
     activities = [torch.profiler.ProfilerActivity.CPU]
     if loop.on_gpu:
         activities.append(torch.profiler.ProfilerActivity.CUDA)

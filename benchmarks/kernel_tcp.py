@@ -30,7 +30,7 @@ JOINS_S = 1.0
 
 
 def inside(space: str, *words: str) -> subprocess.Popen[bytes]:
-    """Starts something in a namespace."""
+    """Starts a process in a namespace."""
     return subprocess.Popen(["ip", "netns", "exec", space, *words], stdout=subprocess.DEVNULL)
 
 
@@ -59,7 +59,7 @@ def carry(files: list[int], rate: float, round_trip: float, queue_bytes: float, 
 
 
 def share(kind: str, rate: float, round_trip: float, products: float, seconds: float) -> dict[str, object]:
-    """One TCP flow, joined by a transfer after `JOINS_S`."""
+    """Shares of a TCP flow and of a transfer that joins it after `JOINS_S`, relative to half the link each."""
     with ends({"splat-a": HERE, "splat-b": THERE}) as files, contextlib.ExitStack() as stack:
         transfer = [sys.executable, __file__, "--seconds", str(seconds), "--rate", str(rate * 8e-6), "--role"]
         for space, words in (
@@ -81,7 +81,7 @@ def share(kind: str, rate: float, round_trip: float, products: float, seconds: f
 
 
 async def serve(rate: float, seconds: float) -> None:
-    """A stream that lasts longer than the link is watched."""
+    """Serves a stream that takes longer to send than the link is observed."""
     from splatwire.transport.protocol.served_stream import make_served_stream
     from splatwire.transport.udp import UdpServer
     from transport.network import datagram_stream

@@ -22,7 +22,7 @@ _END = b"end_header\n"
 
 
 def _ply_rows(data: bytes) -> tuple[bytes, dict[bytes, tuple[int, int, int]]] | None:
-    """Header, and where in the file the rows of each element begin, how many they are and how many bytes one has."""
+    """Header of a PLY; and for each element, the position of its rows in the file, their number, and bytes per row."""
     head, found, _ = data.partition(_END)
     elements = re.findall(rb"element (\w+) (\d+)\n((?:property \w+ \w+\n)*)", head)
     if not found or not elements:
@@ -87,7 +87,7 @@ def repair_spz(data: bytes, target: Path) -> bool:
 
 
 def repair_sog(data: bytes, target: Path) -> bool:
-    """Unpacks a bundled SOG without a look at checksums, by its directory or else by the members' own headers."""
+    """Unpacks a bundled SOG without verifying checksums, by its directory or else by the headers of its members."""
     target.mkdir(exist_ok=True)
     places = _directory(data) or _local_headers(data)
     for name, (start, size) in places.items():
@@ -112,7 +112,7 @@ def _directory(data: bytes) -> dict[str, tuple[int, int]]:
 
 
 def _local_headers(data: bytes) -> dict[str, tuple[int, int]]:
-    """The same by the headers in front of the members."""
+    """Start and size of each stored member, from the headers before the members."""
     found: dict[str, tuple[int, int]] = {}
     for match in re.finditer(re.escape(_LOCAL), data):
         header = data[match.start() : match.start() + _LOCAL_HEADER.size]

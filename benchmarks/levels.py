@@ -44,7 +44,7 @@ DIALS = ((7.0, 6), (7.5, 6), (8.0, 6), (8.5, 6), (9.0, 6), (9.0, 4), (9.5, 6), (
 
 
 def measured(path: str, rates: list[float]) -> dict[str, object]:
-    """All figures of a scene."""
+    """Measures a scene."""
     scene = open_scene(path)
     scene = scene.select(scene.drawable)
     cameras, classes = surrounding_cameras(scene, VIEWS), scene_precision_classes(scene, None)
@@ -86,7 +86,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
 
 
 def lossy(stream: SceneStream, rate: float, quality: Callable[[Scene], float]) -> dict[str, float]:
-    """PSNR of each concealer, mean over seeds; packets of coarser levels, which are protected, are not lost."""
+    """PSNR of each concealer, mean over seeds; packets of coarser levels are protected and never lost."""
     first, found = stream.manifest.plan.spans[-1].first_block, {}
     for name in ("drop", "grow", "scene_free", "coarse"):
         values = []
@@ -100,7 +100,7 @@ def lossy(stream: SceneStream, rate: float, quality: Callable[[Scene], float]) -
 
 
 def against_sog(path: str) -> dict[str, object]:
-    """Bytes of all levels at no less PSNR of the finest one."""
+    """Compares the bytes of all levels with streamed SOG at equal or higher PSNR of the finest level."""
     flat = SplatScene(read_splats(Path(path)).at_most_degree(0))
     cameras, classes = surrounding_cameras(flat, VIEWS), scene_precision_classes(flat, None)
     truth = render_scene(flat, cameras)

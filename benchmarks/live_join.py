@@ -34,7 +34,7 @@ STREAM_ID, GROUP, QUEUE_S, STEP_S = 7, 15, 0.05, 0.001
 
 
 class Link:
-    """One way of a path: datagrams wait for the bottleneck, no longer than its queue, and travel."""
+    """One direction of a path: datagrams wait in the queue of a bottleneck, then travel."""
 
     def __init__(self, bytes_per_second: float, delay: float) -> None:
         self._rate, self._delay, self._free = bytes_per_second, delay, 0.0
@@ -42,7 +42,7 @@ class Link:
         self._count = itertools.count()
 
     def put(self, data: bytes, now: float) -> None:
-        """Sends a datagram, which is dropped where the queue is full."""
+        """Sends a datagram; drops it if the queue is full."""
         begin = max(self._free, now)
         if begin - now > QUEUE_S:
             return
@@ -50,13 +50,13 @@ class Link:
         heapq.heappush(self._flying, (self._free + self._delay, next(self._count), data))
 
     def take(self, now: float) -> Iterator[bytes]:
-        """Received packets."""
+        """Returns the packets that have arrived."""
         while self._flying and self._flying[0][0] <= now:
             yield heapq.heappop(self._flying)[2]
 
 
 def program(frames: list[Splats]) -> tuple[LiveState, SceneStream]:
-    """Served program after these frames, and its stream."""
+    """Stream that is served after some frames, prepared for sending and as it is."""
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     broadcast = LiveSession(importance=encoder.importance)
     for splats in frames:
@@ -69,7 +69,7 @@ def program(frames: list[Splats]) -> tuple[LiveState, SceneStream]:
 def arrivals(
     edition: LiveState, rate: float, delay: float, until: float, given: float | None
 ) -> tuple[float, list[tuple[float, Packet]]]:
-    """Time at which a receiver knew the stream, after its request, and arrival of each packet."""
+    """Time at which a receiver knows the stream after its request, and arrival time of each packet."""
     rng = random.Random(1)
     server = Server({}, secret=bytes(16), random=rng.randbytes, limits=ServerLimits(fixed_rate=given))
     server.update("live", edition)

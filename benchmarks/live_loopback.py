@@ -37,7 +37,7 @@ LEFT_OUT = 2
 
 
 def shown(port: int, out: Connection) -> None:
-    """Receives a live clip and returns when each frame was ready."""
+    """Receives a live clip; returns the time at which each frame is decoded."""
     waiting, found = queue.SimpleQueue(), dict[int, float]()
 
     def work() -> None:
@@ -56,7 +56,7 @@ def shown(port: int, out: Connection) -> None:
 
 
 def pushed(frames: list[Splats], args: argparse.Namespace, renew, ready: Connection) -> list[float]:
-    """Pushes frames at their rate as `splatwire live` does; when each was."""
+    """Pushes frames at their rate as `splatwire live` does; returns the time of each push."""
     options = SequenceOptions(rate=Fraction(args.fps), group_frames=args.group, threads=args.threads)
     clip, times = LiveEncoder(options, lambda: int.from_bytes(os.urandom(4), "little")), list[float]()
     due = time.monotonic()

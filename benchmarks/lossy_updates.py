@@ -47,7 +47,7 @@ MAX_REQUESTS = 20
 
 
 def transfer(stream: SceneStream, loss: float, seed: int, feedback: bool) -> tuple[int, float, str]:
-    """Bytes sent to the receiver, seconds, and the reason for the end of one transfer."""
+    """Simulates one transfer; returns bytes sent to the receiver, seconds, and reason of its end."""
     rng = random.Random(seed)
     served = make_served_stream(stream, None if feedback else AHEAD)
     server = Server({"scene": served}, secret=bytes(16), random=rng.randbytes)
@@ -84,7 +84,7 @@ def transfer(stream: SceneStream, loss: float, seed: int, feedback: bool) -> tup
 
 
 def delivered(stream: SceneStream, loss: float, seed: int, feedback: bool) -> tuple[int, float, int]:
-    """Bytes, seconds and requests until a stream has arrived as a whole."""
+    """Simulates transfers until the stream has arrived completely; returns bytes, seconds and number of requests."""
     num_bytes, seconds = 0, 0.0
     for request in range(1, MAX_REQUESTS + 1):
         sent, end, reason = transfer(stream, loss, 1000 * request + seed, feedback)
@@ -101,7 +101,7 @@ def psnr(scene: Splats, cameras: Cameras, reference: np.ndarray) -> float:
 
 
 def curve(seconds: list[float], before: float, after: float) -> list[float]:
-    """Mean PSNR at `TIMES`, if the picture changes after so many seconds."""
+    """Mean PSNR at `TIMES`, if the picture changes from `before` to `after` at the given seconds."""
     return [round(float(np.mean([after if time >= end else before for end in seconds])), 2) for time in TIMES]
 
 

@@ -30,7 +30,7 @@ from splatwire.types.sequence_scene import GroupMotion, SequenceScene
 
 
 def best_packets(stream: SceneStream, share: float) -> np.ndarray:
-    """Mask of the motion packets with the greatest importance a byte, up to a share of the bytes, bool (P)."""
+    """Mask of the motion packets with the highest importance per byte, up to a share of the bytes, bool (P)."""
     importance = stream_importance(stream)
     sizes = np.array([len(packet.payload) for packet in stream.packets])
     worth = np.array([importance[packet.id] for packet in stream.packets]) / sizes
@@ -41,7 +41,7 @@ def best_packets(stream: SceneStream, share: float) -> np.ndarray:
 
 
 def best_tracks(clip: SequenceScene, share: float) -> list[np.ndarray]:
-    """Masks, bool (T), of each group's tracks of the greatest visible path length."""
+    """Masks of the tracks with the longest visible path in each group, up to a share of the tracks, bool (T)."""
     weights, found = weights_of(clip.tracks.splats.scales, clip.tracks.splats.opacities), []
     everyone = np.ones(clip.num_gaussians, bool)
     for group in range(clip.timeline.num_groups):
@@ -72,7 +72,7 @@ def with_tracks(clip: SequenceScene, complete: SequenceScene, copies: list[np.nd
 
 
 def psnr_of(clip: SequenceScene, frames: list[Frame], cameras: Cameras, available=None) -> float:
-    """Mean PSNR from the second group on."""
+    """Mean PSNR from the second group of pictures on."""
     found = []
     for shown, frame in zip(decode_frames(clip, available=available), frames, strict=True):
         scenes = (shown.scene, frame.scene(clip.background))

@@ -48,13 +48,13 @@ CONCEALERS = ("drop", "grow")
 
 
 class Gauge:
-    """Pictures of one complete scene, and how far from them another one is."""
+    """Pictures of a complete scene, with which pictures of damaged scenes are compared."""
 
     def __init__(self, scene: Scene, cameras: Cameras) -> None:
         self._cameras, self._truth = cameras, list(iterate_views(scene, cameras))
 
     def psnr(self, scene: Scene) -> float:
-        """Mean over views, dB, at most `CAP`."""
+        """Mean PSNR over the views, at most `CAP`, decibels."""
         pairs = zip(iterate_views(scene, self._cameras), self._truth, strict=True)
         return float(np.mean([min(float(psnr(a[None], b[None])[0]), CAP) for a, b in pairs]))
 
@@ -65,7 +65,7 @@ class Gauge:
 
 
 def fates(loss: str, packets: int, seeds: int) -> Iterator[np.ndarray]:
-    """Which packets arrive, bool (packets), for each seed; at least one does not."""
+    """Masks of received packets, bool (packets), one for each seed; each loses at least one packet."""
     model = parse_loss(loss, "datagram")
     for seed in range(seeds):
         rng = np.random.default_rng(seed)
@@ -76,14 +76,14 @@ def fates(loss: str, packets: int, seeds: int) -> Iterator[np.ndarray]:
 
 
 def damaged(data: bytes, arrived: np.ndarray) -> dict[str, bytes]:
-    """The file with zeros for lost packets, and truncated."""
+    """The file with zeros in place of lost packets, and the file cut before the first lost packet."""
     known = np.repeat(arrived, PACKET)[: len(data)]
     zeros = (np.frombuffer(data, np.uint8) * known).tobytes()
     return {"zeros": zeros, "cut": data[: int(np.argmin(arrived)) * PACKET]}
 
 
 def told(values: list[float | None]) -> dict[str, float | int | None]:
-    """Number of readable files, and their mean PSNR."""
+    """Result row: number of readable files, and their mean PSNR."""
     seen = [value for value in values if value is not None]
     return {"opened": len(seen), "of": len(values), "psnr": round(float(np.mean(seen)), 2) if seen else None}
 
@@ -97,14 +97,14 @@ def opened(path: Path, gauge: Gauge) -> float | None:
 
 
 def without(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
-    """PSNR of some rows of a whole file."""
+    """PSNR of a complete file if only some rows are kept."""
     splats, rows = read_rows(path)
     shown = rows.kept & kept
     return gauge.psnr(SplatScene(splats.select(shown))) if shown.any() else None
 
 
 def lost_file(path: Path, kind: str, gauge: Gauge, seeds: int, folder: Path) -> dict[str, object]:
-    """One file of explicit Gaussians under all losses."""
+    """Results of one file of explicit Gaussians under all losses."""
     data, rows = path.read_bytes(), {}
     for loss in LOSSES:
         found: dict[str, list[float | None]] = {}
@@ -129,7 +129,7 @@ def lost_file(path: Path, kind: str, gauge: Gauge, seeds: int, folder: Path) -> 
 
 
 def lost_stream(stream: SceneStream, gauge: Gauge, seeds: int, folder: Path) -> dict[str, object]:
-    """A stream as a file, and as datagrams behind protected side information."""
+    """Results of a stream as a file, and as datagrams with protected side information."""
     path = folder / "scene.swz"
     write_stream(stream, path)
     data, rows = path.read_bytes(), {}
@@ -159,7 +159,7 @@ def lost_stream(stream: SceneStream, gauge: Gauge, seeds: int, folder: Path) -> 
 
 
 def explicit(source: Path, options: argparse.Namespace) -> dict[str, object]:
-    """All formats of one file of explicit Gaussians; the source format is the file itself."""
+    """Results of all formats of one file of explicit Gaussians; its own format is the file itself."""
     splats, formats = read_splats(source), {}
     scene = SplatScene(splats)
     cameras = surrounding_cameras(scene, options.views, options.width)
@@ -179,7 +179,7 @@ def explicit(source: Path, options: argparse.Namespace) -> dict[str, object]:
 
 
 def neural(model: Path, options: argparse.Namespace) -> dict[str, object]:
-    """HAC++'s native files, and a stream of the same anchors."""
+    """Results of HAC++'s own files, and of a stream of the same anchors."""
     scene = import_hacpp(model)
     cameras = surrounding_cameras(scene, options.views, options.width)
     gauge, rows = Gauge(scene, cameras), {}

@@ -81,7 +81,7 @@ def walked(page: Browser, url: str, given: argparse.Namespace, pictures: Path | 
 
 
 def went(page: Browser, step: str, middle: tuple[float, float]) -> None:
-    """Has hands make a step."""
+    """Performs one step of the walk by mouse or keyboard."""
     if step in ("in", "out"):
         page.wheel(*middle, -250 if step == "in" else 250)
     elif step in DRAGS:
@@ -128,7 +128,7 @@ def traced(page: Browser) -> dict[str, Any]:
 
 
 async def served(stream: Path, given: argparse.Namespace) -> dict[str, Any]:
-    """The same of a file."""
+    """Measures a page that loads a file from a server while the camera moves."""
     async with PageServer(PageContent({"city": stream.read_bytes()})) as server:
 
         def drive() -> dict[str, Any]:

@@ -291,7 +291,7 @@ def figures(name: str, frames: list[tuple[float, float, bytes]], events: list[di
 
 
 def threads_of(events: list[dict[str, Any]]) -> tuple[set[tuple[int, int]], set[tuple[int, int]]]:
-    """The main thread of the page, and its workers. The browser's own pages have other processes."""
+    """The page's main thread and its workers; pages of the browser itself have other processes."""
     renderers = {e["pid"] for e in events if e["name"] == "process_name" and e["args"]["name"] == "Renderer"}
     calls = [e for e in events if e["name"] == "FunctionCall" and e["pid"] in renderers]
     ours = collections.Counter(e["pid"] for e in calls if "//127.0.0.1:" in json.dumps(e.get("args", {})))

@@ -90,7 +90,7 @@ class PooledSearch:
 
 @contextmanager
 def replaced(place: Any, name: str, value: Any) -> Iterator[None]:
-    """Puts something of our own in the place of a name for a while."""
+    """Context in which a name has another value."""
     before = getattr(place, name)
     setattr(place, name, value)
     try:
@@ -100,7 +100,7 @@ def replaced(place: Any, name: str, value: Any) -> Iterator[None]:
 
 
 def trusting(error: torch.Tensor) -> Any:
-    """A branch whose residual is on the interpolation, ungated, in units of its error, and its confidence likewise."""
+    """Branch of the network that adds its residual to the interpolation, without a gate, in units of the error."""
 
     def branch(residual: Any, prior: Any, interpolated: Any, settings: Any) -> fusion.Branch:
         if interpolated.shape[1] != len(error):  # scalings and offsets stay with the interpolation
@@ -178,7 +178,7 @@ def main() -> None:
 
 
 def pool_share(graphs: list[Any], data: CalibrationData) -> float:
-    """Share of the exact neighbours that a pool of the nearest by Euclid finds, in one graph."""
+    """Share of the exact neighbours in one graph that are among the nearest by Euclidean distance."""
     graph, anchors = graphs[0], to_tensors(data.complete.scene.anchors)
     known = torch.ones(anchors.num_anchors, dtype=torch.bool)
     known[graph.queries] = False

@@ -37,13 +37,13 @@ CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 
 
 def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[bytes]:
-    """Sections of some shares of the stream's bytes; they fit every stream of the same scene."""
+    """Sketch sections of several sizes, given as shares of the stream's bytes; valid for every stream of the scene."""
     complete = decode_stream(stream)
     return [sketch_of(stream, complete, bench.train, SketchConfig(share=s)).section for s in shares]
 
 
 def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.Namespace) -> dict:
-    """The planner's choice within the limit."""
+    """Results with datagram losses: the planner chooses within the byte limit."""
     loss = parse_loss(loss_name)
     plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60,
                            rendered_trials=4, seed=PLANNING_SEED, max_protection=arguments.limit)  # fmt: skip
@@ -55,16 +55,16 @@ def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.
 
 
 class Pak(NamedTuple):
-    """A way to spend the limit on `.pak` packets.
+    """A way to spend the byte limit on a stream of `.pak` packets.
 
     Attributes:
-        share: Anchors of the tier under parity.
-        repair: Parity packets.
-        num_bytes: Bytes of one.
-        sketch: Number of the pictures, 0 for those without a sketch.
-        spent: Bytes of the sketch and of parity.
-        total: All bytes.
-        top: Which packets are of the tier, bool (P).
+        share: Share of the anchors in the tier that parity protects.
+        repair: Number of parity packets.
+        num_bytes: Size of a parity packet in bytes.
+        sketch: Index of the pictures with this sketch; 0 without a sketch.
+        spent: Bytes of sketch and parity.
+        total: Bytes of the stream with sketch and parity.
+        top: Mask of the packets of the protected tier, bool (P).
         places: When packets and then parity leave: the tier, the other packets and parity each evenly over the
             transfer, lane by lane, so that a burst takes a little of everything; places, int64 (P + repair).
         cuts: Anchors of each packet.
@@ -82,7 +82,7 @@ class Pak(NamedTuple):
 
 
 def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
-    """Sizes of the tier times sketches; parity takes the rest of the limit."""
+    """Possible uses of the byte limit: sizes of the protected tier and sketches; parity gets the rest."""
     ways, importance = [], bench.importance
     for share in PAK_TIERS:
         stream = encode_scene(bench.scene, PRESETS["paper"], tiers=importance.tiers((share,)))
@@ -128,7 +128,7 @@ def pak_scores(way: Pak, pictures: LossyPictures, loss_name: str, seeds: int, se
 def over_paks(
     ways: list[Pak], pictures: list[tuple[LossyPictures, LossyPictures]], loss_name: str, arguments: argparse.Namespace
 ) -> dict:
-    """The way that is best on the planning views, scored on the reported ones."""
+    """The use of the byte limit that is best in the planning views, scored in the reported views."""
     planned = [pak_scores(way, pictures[way.sketch][1], loss_name, PLANNED, PLANNING_SEED) for way in ways]
     way = ways[int(np.argmax([np.mean(scores) for scores in planned]))]
     scores = pak_scores(way, pictures[way.sketch][0], loss_name, arguments.pictures, REPORTED_SEED)

@@ -54,11 +54,11 @@ def network():
 
 
 class Outcome(NamedTuple):
-    """One transfer.
+    """Result of one transfer.
 
     Attributes:
-        head: Whether the side information arrived.
-        packets: Which packets did, in sending order, bool (P).
+        head: True if the side information arrived.
+        packets: Mask of received packets in sending order, bool (P).
         spent: Bytes that the server sent beyond one pass without protection, as a share of all bytes.
     """
 
@@ -68,7 +68,7 @@ class Outcome(NamedTuple):
 
 
 def fates(loss_name: str, seed: int):
-    """Loss of each datagram of a path, one after another."""
+    """Function that says of one datagram after another whether it is lost."""
     rng = np.random.Generator(np.random.PCG64([REPORTED_SEED, seed]))
     received = parse_loss(loss_name).received(MAX_SEQUENCE, rng)
     return itertools.cycle((~received).tolist()).__next__
@@ -91,7 +91,7 @@ def one(program: ServedStream, plain_bytes: int, loss_name: str, seed: int) -> O
 
 
 def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bool) -> dict:
-    """Mean PSNR over transfers: nothing and everything are counted, some of the others drawn."""
+    """Mean PSNR over transfers; complete and empty transfers are counted, some of the others rendered."""
     views = variant.planning if planning else variant.pictures
     parts = [o for o in outcomes if o.head and not o.packets.all()]
     parts.sort(key=lambda o: int((~o.packets) @ variant.offer.load.elements))
@@ -111,7 +111,7 @@ def whole_psnr(views: LossyPictures) -> float:
 
 
 class Way(NamedTuple):
-    """A use of the limit: a sketch or none, and the rest for retransmission."""
+    """A use of the byte limit: for a sketch, if any, and for retransmission."""
 
     variant: Variant
     sketch_bytes: int
@@ -121,7 +121,7 @@ class Way(NamedTuple):
 
 
 def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options) -> Way | None:
-    """Looks for the most packets that may be sent again within the limit."""
+    """Finds the largest number of packets that may be retransmitted within the byte limit."""
     sizes = make_served_stream(stream, Protection(side_repair=0.0)).sizes()
     plain = sum(sizes.values()) - sketch_bytes
     lost = 1 - parse_loss(loss_name).received(200_000, np.random.Generator(np.random.PCG64(FIRST_PLANNED))).mean()
@@ -146,7 +146,7 @@ def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name:
 
 
 def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, options) -> dict:
-    """The way that is best on training photos, scored on test photos."""
+    """The use of the byte limit that is best on training photos, scored on test photos."""
     ways = [planned(variant, stream, size, loss_name, options) for variant, stream, size in found]
     way = max((way for way in ways if way is not None), key=lambda way: way.score)
     outcomes = [one(way.program, way.plain_bytes, loss_name, seed) for seed in range(options.transfers)]

@@ -187,7 +187,7 @@ def flipbook(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
 
 
 def kept(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
-    """The same points of a surface in all frames."""
+    """Shape whose points stay the same in all frames."""
 
     def begin(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
         at = rng.random((count, 2))
@@ -197,7 +197,7 @@ def kept(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float],
 
 
 def anew(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
-    """Other points of a surface in each frame."""
+    """Shape whose points are sampled anew in each frame."""
     return lambda rng, count: lambda seconds: surface(shape, rng.random((count, 2)), seconds)
 
 

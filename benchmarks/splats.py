@@ -81,7 +81,7 @@ def coded(
 
 
 def bytes_at(rows: list[dict], wanted: float) -> float | None:
-    """Bytes at a PSNR, logarithms of bytes in a straight line, from the two rows around it that no other betters."""
+    """Bytes at a PSNR, interpolated between the two Pareto-optimal rows around it, as logarithms of bytes."""
     best = [row for row in rows if not any(r["bytes"] < row["bytes"] and r["psnr"] > row["psnr"] for r in rows)]
     rows = sorted(best, key=lambda row: row["psnr"])
     for low, high in itertools.pairwise(rows):

@@ -80,9 +80,9 @@ def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
 
 
 def quick_row(scene: Scene, psnr_of: Callable[[SceneStream], float]) -> dict[str, float]:
-    """The sketch that `encode --preset datagram` adds, and its processor time over that of all else that encode does.
+    """Sketch that `encode --preset datagram` adds, and its processor time relative to the rest of encoding.
 
-    Everything is done twice, and the second time counts: kernels are compiled, or loaded, in the first.
+    Both are done twice and the second run counts, because the first one loads or compiles kernels.
     """
     for _ in range(2):
         marks = [time.process_time()]
@@ -112,7 +112,7 @@ def _encode_joined(tables, stream, models, statistics, box_bits, defaults, sourc
 
 
 def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> int:
-    """Bytes of a stream whose packets of a block are one, side information and manifest as they are."""
+    """Bytes of a stream in which the packets of each block are joined; side information and manifest stay the same."""
     plan = stream.manifest.plan
     info = read_side_info(stream.side_info, plan.num_blocks)
     source, total = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), 0

@@ -44,7 +44,7 @@ def controlled(scene: SplatScene, target: Target, effort: Effort) -> tuple[Encod
 
 
 def bytes_at(curve: list[dict], psnr: float) -> float | None:
-    """Bytes of `fast` at a PSNR, logarithms of bytes in straight lines; None outside of the curve."""
+    """Bytes of `fast` at a PSNR, interpolated as logarithms; None outside of the measured range."""
     rows = sorted(curve, key=lambda row: row["psnr"])
     values = [row["psnr"] for row in rows]
     if not values[0] <= psnr <= values[-1]:

@@ -45,7 +45,7 @@ TOTAL = "total_bytes_files_plus_mlps"
 
 
 class Marks:
-    """Iterations per second and anchors every `MARK` iterations, as the official marks."""
+    """Iterations per second and number of anchors every `MARK` iterations, like the official record."""
 
     def __init__(self) -> None:
         self.rows: list[dict[str, Any]] = []
@@ -182,7 +182,7 @@ def main() -> None:
 
 
 def fitting(its_per_s: float, minutes: float) -> int:
-    """Iterations of a run that takes some minutes, if all were as slow as those with all anchors and entropy terms."""
+    """Number of iterations that fit into some minutes, at the speed with all anchors and entropy terms."""
     return max(round(60 * minutes * its_per_s), MIN_ITERATIONS)
 
 

@@ -58,7 +58,7 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
 
 
 def core_throughput(program: ServedStream) -> dict:
-    """Processor time of the state machines alone, no sockets."""
+    """Processor time of the protocol's state machines alone, without sockets."""
     limits = ServerLimits(fixed_rate=1e12)
     server = Server({"s": program}, secret=bytes(16), random=random.Random(0).randbytes, limits=limits)
     receiver = Receiver(1, 0.0)

@@ -44,7 +44,7 @@ PACKETIZATIONS = {
 
 
 def ball(scene: SplatScene, centre: int) -> tuple[np.ndarray, float]:
-    """Indices of the Gaussians around one of them, `SHARE` of the scene, and the radius of their ball."""
+    """Indices of the Gaussians in a ball around one of them, `SHARE` of the scene; and the radius of the ball."""
     distances = np.linalg.norm(scene.splats.means - scene.splats.means[centre], axis=1)
     chosen = np.argsort(distances, kind="stable")[: round(SHARE * scene.num_elements)]
     return chosen, float(distances[chosen[-1]])

@@ -56,12 +56,12 @@ def copied(splats: Splats, side: int) -> Splats:
 
 
 def joined(parts: list[Splats]) -> Splats:
-    """All Gaussians of some."""
+    """Concatenates parts of a scene."""
     return Splats(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 def walks(splats: Splats) -> dict[str, Walk]:
-    """Three ways: around the whole, from far away up to a part, and right through; y points down."""
+    """Three camera paths: around the scene, from far away to a part, and through the scene; y points down."""
     means = splats.means[:: max(1, splats.num_gaussians // 200_000)]
     low, middle, high = np.quantile(means.astype(np.float64), (0.05, 0.5, 0.95), axis=0)
     span = float(np.linalg.norm((high - low)[[0, 2]]))
@@ -80,7 +80,7 @@ def walks(splats: Splats) -> dict[str, Walk]:
 
 
 def cameras(way: list[tuple[np.ndarray, np.ndarray]]) -> Cameras:
-    """Cameras at places that look at others."""
+    """Cameras at some places, each directed at a target."""
     poses = []
     for eye, target in way:
         ahead = (target - eye) / np.linalg.norm(target - eye)
@@ -120,7 +120,7 @@ class StreamedSog:
     base: float
 
     def wanted(self, eye: np.ndarray) -> tuple[list[int], list[int]]:
-        """Level of each leaf as seen from a place, coarser ones until the budget is kept; and leaves, nearest first."""
+        """Level of each leaf for a viewpoint, coarser until the budget is kept; and the leaves, nearest first."""
         apart = np.maximum(np.maximum(self.low - eye, eye - self.high), 0)
         distance = np.linalg.norm(apart, axis=1)
         base = self.base
@@ -133,7 +133,7 @@ class StreamedSog:
 
 
 def streamed_sog(splats: Splats) -> StreamedSog:
-    """Makes the levels, writes the files and reads them again."""
+    """Builds the levels, writes them as streamed SOG and reads them again."""
     count = splats.num_gaussians
     edges = np.arange(-(-count // LEAF) + 1, dtype=np.int64) * count // -(-count // LEAF)
     order = kd_order(splats.means, [edges])
@@ -218,12 +218,12 @@ class SogJourney:
 
 
 def told(moments: list[QualitySample]) -> dict[str, object]:
-    """Printed result of a walk."""
+    """Result of a walk for the output."""
     return {"settled": time_to_quality(moments), "moments": [asdict(moment) for moment in moments]}
 
 
 def measured(path: str, side: int) -> dict[str, object]:
-    """All walks through a scene."""
+    """Measures all walks through a scene."""
     one = SplatScene(read_splats(Path(path)))
     classes = scene_precision_classes(one, None)
     scene = SplatScene(copied(one.splats, side))

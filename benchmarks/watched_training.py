@@ -38,7 +38,7 @@ def sizes_of(splats: Splats) -> np.ndarray:
 
 
 def trained(target: Splats, second: int) -> Splats:
-    """The scene after some seconds of training."""
+    """Scene after some seconds of simulated training."""
     start, step = np.random.default_rng(0), np.random.default_rng(second + 1)
     found = {}
     for name, distance in DISTANCES.items():
@@ -61,7 +61,7 @@ def snapshot_bytes(splats: Splats) -> int:
 
 
 def main() -> None:
-    """Measures both shares."""
+    """Measures updates with both shares."""
     parser = argparse.ArgumentParser()
     parser.add_argument("scene", type=Path)
     scene = open_scene(parser.parse_args().scene)

@@ -58,26 +58,26 @@ SHARES = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 class Screen:
-    """Pictures of a scene from around it, and how far from them another's are."""
+    """Reference pictures of a scene from around it, with which other scenes are compared."""
 
     def __init__(self, scene: SplatScene, views: int, width: int) -> None:
         self._cameras = surrounding_cameras(scene, views, width)
         self._truth = list(iterate_views(scene, self._cameras))
 
     def psnr(self, scene: SplatScene) -> float:
-        """Mean over views, dB, at most `CAP`."""
+        """Mean PSNR over the views, at most `CAP`, decibels."""
         pairs = zip(iterate_views(scene, self._cameras), self._truth, strict=True)
         return round(float(np.mean([min(float(psnr(a[None], b[None])[0]), CAP) for a, b in pairs])), 2)
 
 
 def moments(rows: list) -> list[tuple[float, int]]:
-    """Some times of a log, and the number of its rows by then."""
+    """Selects some times of a log, each with the number of log rows up to it."""
     ends = sorted({max(1, round(share * len(rows))) for share in SHARES})
     return [(rows[end - 1][0], end) for end in ends]
 
 
 def curve(way: dict, log: dict, path: Path, whole: SceneStream, screen: Screen) -> list[tuple[float, float]]:
-    """Seconds since the click and PSNR, where something new was drawn."""
+    """Times since the click in seconds, and PSNR, at which something new was drawn."""
     rows = log["rows"]
     if way["kind"] != "swz":
         return [(rows[-1][0], screen.psnr(SplatScene(read_splats(path))))] if log["complete"] else []
@@ -99,13 +99,13 @@ def curve(way: dict, log: dict, path: Path, whole: SceneStream, screen: Screen) 
 
 
 def summary(points: list[tuple[float, float]], complete: bool, log: dict) -> dict[str, object]:
-    """Seconds until each state, or None if not reached."""
+    """Time until each state in seconds; None if a state was not reached."""
     first = {f"{good:g} dB": next((at for at, level in points if level >= good), None) for good in GOOD}
     return {**first, "complete": log["rows"][-1][0] if complete else None, "curve": points}
 
 
 def written(source: Path, folder: Path) -> dict[str, Path]:
-    """A scene in all formats; the source format is the file itself."""
+    """Writes a scene in all formats; its own format is the file itself."""
     splats, files = read_splats(source), {}
     for kind in ("sog", "spz"):
         files[kind] = source if source.suffix == f".{kind}" else folder / f"{source.stem}.{kind}"

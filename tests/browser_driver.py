@@ -16,7 +16,7 @@ class Page(ABC):
         """Result of an expression."""
 
     def wait_for(self, expression: str, seconds: float = 600.0) -> Any:
-        """Polls until the result is neither undefined nor null nor false; the limit allows for a busy machine."""
+        """Evaluates a JavaScript expression again and again until its result is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if value := self.evaluate(expression):

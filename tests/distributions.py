@@ -27,7 +27,7 @@ def install_page(page: str, folder: Path) -> Path:
 
 
 def announce(folder: Path, project: dict) -> None:
-    """Writes the metadata by which a package is found, as an installer does."""
+    """Writes the metadata of a package, as an installer does."""
     info = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     info.mkdir()
     head = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"

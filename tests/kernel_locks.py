@@ -17,7 +17,7 @@ _held: set[Path] = set()
 
 
 def _compile_once(self: Any, sig: Any) -> Any:
-    """Like numba's `Dispatcher.compile`, but waits while another process compiles the kernel for its cache."""
+    """Replaces numba's `Dispatcher.compile`: waits while another process compiles the same kernel for the cache."""
     folder = getattr(self._cache, "cache_path", None)  # None for functions without a cache
     lock = Path(folder or "", f"{self.py_func.__module__}.{self.py_func.__qualname__}.lock")
     if folder is None or lock in _held:

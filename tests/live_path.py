@@ -29,7 +29,7 @@ STEP_S, STREAM_ID, FRAME_RATE = 0.004, 4711, 30
 
 @dataclass
 class Watched:
-    """Frames shown by a receiver with their times, and packets sent to it."""
+    """Frames that a receiver has shown, with their times, and the packets sent to it."""
 
     frames: list[SequenceFrame] = field(default_factory=list)
     times: list[float] = field(default_factory=list)

@@ -45,7 +45,7 @@ def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, stil
 
 
 def darkened(frames: list[Splats], dark: Collection[int]) -> list[Splats]:
-    """The frames with some of them empty."""
+    """The frames, some of them without Gaussians."""
     return [
         replace(splats, opacities=np.zeros_like(splats.opacities)) if number in dark else splats
         for number, splats in enumerate(frames)
@@ -109,7 +109,7 @@ def cloud(count: int, seed: int, size: float = 1.0) -> Splats:
 
 
 def errors(frame: Splats, shown: Splats) -> np.ndarray:
-    """Distance of each Gaussian of a frame from its nearest shown one, in its own size and in colour."""
+    """Distance of each Gaussian of a frame from the nearest shown Gaussian, in units of its size, and in colour."""
     distance = cdist(frame.means.astype(np.float64), shown.means.astype(np.float64))
     near = distance.argmin(axis=1)
     far = np.take_along_axis(distance, near[:, None], axis=1)[:, 0] / frame.scales.max(axis=1)

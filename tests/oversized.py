@@ -87,7 +87,7 @@ def oversized_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
 
 
 def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion: int) -> SceneStream:
-    """A clip of one group with tracks in several blocks, some blocks without bytes, and motion packets."""
+    """Sequence of one group with tracks in several blocks, some of them without bytes, and motion packets."""
     info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
     base, none = info.keyframes, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
@@ -118,7 +118,7 @@ def moving_rows(frames: int) -> tuple[np.ndarray, ...]:
 
 
 def of_gaussians(real: SceneStream, packetization: Packetization, num: int, num_packets: int) -> SceneStream:
-    """Gaussians in the fewest bytes that bounds and means of blocks take."""
+    """Stream of Gaussians with the fewest bytes that bounds and means of its blocks can take."""
     reader = ByteReader(real.side_info, "side information")
     header, _, contexts = (reader.blob() for _ in range(3))
     blocks = ByteWriter()

@@ -17,22 +17,22 @@ ALEX = (
 
 
 def text(value: str) -> bytes:
-    """A text of a description."""
+    """Encodes a text of a pickle."""
     return b"X" + struct.pack("<I", len(value)) + value.encode()
 
 
 def whole(number: int) -> bytes:
-    """A whole number of a description."""
+    """Encodes a whole number of a pickle."""
     return b"J" + struct.pack("<i", number)
 
 
 def numbers(values: tuple[int, ...]) -> bytes:
-    """A tuple of whole numbers."""
+    """Encodes a tuple of whole numbers of a pickle."""
     return b"(" + b"".join(whole(value) for value in values) + b"t"
 
 
 def tensor(key: str, kind: str, count: int, shape: tuple[int, ...], strides: tuple[int, ...], first: int = 0) -> bytes:
-    """The description of a tensor; its numbers are in a storage of `count` numbers."""
+    """Encodes the description of a tensor in a storage of `count` numbers."""
     storage = b"(" + text("storage") + f"ctorch\n{kind}Storage\n".encode() + text(key) + text("cpu") + whole(count)
     hooks = b"\x89ccollections\nOrderedDict\n)R"
     made = b"(" + storage + b"tQ" + whole(first) + numbers(shape) + numbers(strides) + hooks + b"tR"

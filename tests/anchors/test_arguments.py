@@ -223,7 +223,7 @@ FAILS = {
 
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory) -> dict[str, tuple[str, str]]:
-    """Outcome of each call: kind of error and message, or the value."""
+    """Result of each call: value, or kind of error and its message."""
     body = f"""
 {PRELUDE}
 found = {{}}

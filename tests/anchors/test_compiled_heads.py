@@ -49,7 +49,7 @@ def make_cameras() -> Cameras:
 
 
 def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
-    """The same in plain numpy, faint ones too."""
+    """Gaussians of a view computed in plain numpy, also those too faint to be drawn."""
     anchors, hints = scene.anchors, scene.hints
     seen = visible_anchors(anchors, cameras, view)
     rows = np.flatnonzero(seen if hints is None else seen & ~hints.left_out)

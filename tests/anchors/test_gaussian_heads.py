@@ -43,7 +43,7 @@ def make_cameras() -> Cameras:
 
 
 def make_scene(hints: RenderHints | None = None):  # type: ignore[no-untyped-def]
-    """A scene without its context, which rendering does not use."""
+    """Scene without a context model, which rendering does not use."""
     from splatwire.types import AnchorScene, ContextModel, HashGrid, ModelConfig
 
     heads = make_heads()

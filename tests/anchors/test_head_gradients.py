@@ -1,4 +1,4 @@
-"""The way back through the heads, against the gradients of torch."""
+"""Back-propagation through the networks that generate Gaussians, against the gradients of torch."""
 
 import dataclasses
 

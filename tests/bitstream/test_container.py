@@ -20,7 +20,7 @@ from splatwire.errors import BitstreamError, MissingSideInfoError, SplatwireErro
 
 @pytest.fixture(scope="module")
 def small(make_test_stream) -> SceneStream:
-    """Nine packets of a few bytes, for tests that touch every byte."""
+    """Stream of nine packets of a few bytes, for tests that change every byte."""
     return make_test_stream(num_elements=150, packetization=Packetization(block_size=50, lanes=3), payload_bytes=12)
 
 
@@ -156,7 +156,7 @@ def test_file_of_fake_packet_headers_is_read_in_linear_time(stream):
 
 
 def fuzzed(rng: np.random.Generator, start: bytes, mine: list[bytes], foreign: list[bytes]) -> tuple[bytes, bool]:
-    """A file with damaged, lost, repeated, reordered, foreign and truncated records, and whether its head is intact."""
+    """Random file of intact, damaged, repeated and foreign records; and True if its head is intact."""
     chosen = [mine[i] for i in rng.integers(len(mine), size=int(rng.integers(1, 12)))]
     chosen.insert(int(rng.integers(len(chosen))), foreign[int(rng.integers(len(foreign)))])
     data, first = bytearray(start + b"".join(chosen)), len(start) if rng.random() < 0.7 else 0

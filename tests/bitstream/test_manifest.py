@@ -15,7 +15,7 @@ def manifest(stream):
 
 
 def signed(content: dict) -> bytes:
-    """A manifest with a valid digest and any content: deliberate, not accidental damage."""
+    """Manifest with any content and a valid digest, like deliberate damage."""
     content = {key: value for key, value in content.items() if key != "digest"}
     return json.dumps({**content, "digest": _digest(content)}).encode()
 

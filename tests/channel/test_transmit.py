@@ -88,7 +88,7 @@ def test_send_orders_follow_their_definition():
 
 
 def empty_blocks(send_order: str) -> int:
-    """Number of blocks without any received packet, over 20 masks."""
+    """Number of blocks that lose every packet, summed over 20 loss masks."""
     stream, total = build(12_400), 0
     for seed in range(20):
         arrived, _ = transmit(stream, GilbertElliott(0.2, 20), seed=seed, send_order=send_order)

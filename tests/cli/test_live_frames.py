@@ -300,7 +300,7 @@ def test_persistent_new_degree_is_accepted_after_some_frames(tmp_path):
 
 
 def decoded(editions):
-    """Frames that a viewer of all editions receives."""
+    """Frames that a viewer gets from the updates of a live stream."""
     decoder, frames, known = LiveDecoder(), [], set()
     for edition in editions:
         manifest, side_info, _ = split_init_segment(b"".join(head_of(edition)))
@@ -312,7 +312,7 @@ def decoded(editions):
 
 
 def head_of(edition):
-    """Bytes of manifest, side information and source symbols of a program."""
+    """Bytes of manifest, side information and source symbols of a served stream."""
     segments = Segments(edition.head_bytes, edition.symbol_bytes)
     for number in range(segments.num_segments):
         span, size = segments.span(number), segments.size(number)

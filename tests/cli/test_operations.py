@@ -29,7 +29,7 @@ class Served:
     facts: dict[str, Any]
 
     def next_event(self, event: str) -> dict[str, Any]:
-        """The next log event of a name; other lines before it are skipped."""
+        """Skips log lines up to the next event of a name, and returns that event."""
         assert self.process.stderr is not None
         for line in self.process.stderr:
             with contextlib.suppress(json.JSONDecodeError):
@@ -84,7 +84,7 @@ def contents(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
 
 
 def seconds_to_send(content: bytes, seconds: float) -> str:
-    """The rate at which a stream takes so long, as text for `--rate`."""
+    """Sending rate at which a stream takes some seconds, as text for `--rate`."""
     return str(len(content) * 8e-6 / seconds)
 
 

@@ -121,7 +121,7 @@ def _options(verb, settings):
 
 
 def _plain(kind):
-    """Types that one word of an option is converted to."""
+    """Types to which one word of an option may be converted."""
     if isinstance(kind, type):
         return {kind} - {types.NoneType}
     if typing.get_origin(kind) is typing.Literal:
@@ -191,7 +191,7 @@ def write_photos(folder):
 
 @pytest.fixture
 def here(files, monkeypatch, run):
-    """Changes to the folder and shortens waits for clients and servers."""
+    """Changes to the folder of input files, and shortens waits for clients and servers."""
     monkeypatch.chdir(files)
     if not (files / "cloud.swz").exists():
         assert run("encode", "cloud.ply", "-o", "cloud.swz", "--preset", "datagram").status == 0

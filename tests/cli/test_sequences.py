@@ -24,7 +24,7 @@ FRAMES = 6
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Frames with names that sort by number, and a file that is no frame."""
+    """Folder of frames whose names sort by number, and a file that is no frame."""
     target = tmp_path_factory.mktemp("frames")
     for number, splats in enumerate(moving_frames(300, FRAMES)):
         write_splats([splats], target / f"frame_{number + 5}.ply")
@@ -287,7 +287,7 @@ def test_live_frames_are_received_as_files(folder, tmp_path, how):
 
 
 def until(fact):
-    """Waits until a condition is true."""
+    """Waits until a condition is met."""
     end = time.monotonic() + 100
     while not fact():
         assert time.monotonic() < end

@@ -88,7 +88,7 @@ def at_a_terminal() -> Iterator[Terminal]:
 
 
 def own_sequences(text: str) -> str:
-    """Removes the sequences of rich: colours, and cursor movements of progress bars."""
+    """Removes the control sequences that rich writes: colours, and cursor movements of progress bars."""
     return re.sub(r"\x1b\[(\?25[lh]|[0-9;]*m|[12]?[KAG]|1A|2K)", "", text)
 
 

@@ -23,7 +23,7 @@ TIER_OF = (np.arange(600) % 4).clip(None, 2).astype(np.uint8)
 
 
 def sized_like_tiers(scene: AnchorScene) -> AnchorScene:
-    """The scene with anchors that shrink with the importance of their tier."""
+    """Scene with smaller anchors in less important tiers."""
     scalings = scene.anchors.scalings.copy()
     scalings[:, 3:] *= 0.25 ** TIER_OF[:, None].astype(np.float32)
     return replace(scene, anchors=replace(scene.anchors, scalings=scalings))
@@ -37,7 +37,7 @@ def whole(request, scene: AnchorScene) -> SceneStream:
 
 @pytest.fixture(scope="module")
 def cut(whole: SceneStream) -> SceneStream:
-    """Stream truncated after the first tier and a part of the second."""
+    """Stream that ends within the second importance tier."""
     kept = [packet for packet in whole.packets if whole.manifest.plan.tier_of(packet.id.block) < 2]
     return whole.with_packets(kept[:-1])
 

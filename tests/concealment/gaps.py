@@ -64,7 +64,7 @@ def random_context(
 
 
 def partial_of(anchors: Anchors, loss_mask: LossMask, *records: Any) -> ReceivedScene:
-    """Decoded scene of these anchors with constant networks."""
+    """Decoded scene of some anchors, with networks of constant outputs."""
     mlp = Mlp(
         Linear(np.zeros((1, 1), np.float32), np.zeros(1, np.float32)),
         Linear(np.zeros((1, 1), np.float32), np.zeros(1, np.float32)),
@@ -79,7 +79,7 @@ def partial_of(anchors: Anchors, loss_mask: LossMask, *records: Any) -> Received
 
 
 def changed(context: ReceivedScene, **fields: Any) -> ReceivedScene:
-    """Copy with other anchors, loss mask, prior, sections or fields of its anchors."""
+    """Copy of a received scene with other anchors, loss mask, prior, sections or attributes of the anchors."""
     anchors = fields.pop("anchors", context.elements)
     records = [fields.pop("prior")] if "prior" in fields else []
     own = {name: fields.pop(name) for name in list(fields) if name in vars(anchors)}
@@ -102,7 +102,7 @@ def permuted(context: ReceivedScene, order: np.ndarray) -> ReceivedScene:
 
 
 def only(context: ReceivedScene, known: np.ndarray) -> ReceivedScene:
-    """Context of a receiver with complete attributes of some anchors only."""
+    """Received scene that has only some anchors, with all their attributes."""
     a, blank = context.scene.anchors, known[:, None]
     anchors = Anchors(
         a.positions, a.features * blank, a.scalings * blank, a.offsets * blank[:, :, None], a.mask & blank

@@ -62,7 +62,7 @@ def streams(tmp_path):
 
 
 def run(folder, *words):
-    """Process that finds the package of the documentation page."""
+    """Runs code in a process that finds the package of the documentation page."""
     site = folder / "site"
     if not site.exists():
         install_page("your-own-concealer.md", site)

@@ -31,7 +31,7 @@ def with_known(context: ReceivedScene, known: np.ndarray) -> ReceivedScene:
 
 
 def in_other_units(context: ReceivedScene, length: float, feature: float) -> ReceivedScene:
-    """The same scene in another unit of length and with scaled features."""
+    """The same scene in another unit of length, and with scaled features."""
 
     def times(part: AttributePrior, factor: float) -> AttributePrior:
         return AttributePrior(part.mean * factor, part.scale * factor, part.step * factor)

@@ -76,7 +76,7 @@ def test_help_loads_no_heavy_module(verb):
 
 @pytest.mark.parametrize("stream", ["snowmiku.swz", "snowmiku_gaussians.swz"])
 def test_inspecting_a_stream_imports_no_codec_of_a_schema(stream):
-    """The side information suffices; imports of numba, scipy and jaxtyping would take longer than the rest."""
+    """The side information suffices; importing numba, scipy and jaxtyping would take most of the time."""
     code = (
         "import sys\nfrom splatwire.cli.main import main\n"
         f"try:\n    main(['inspect', {str(ASSETS / stream)!r}])\nexcept SystemExit as end:\n    assert not end.code\n"

@@ -11,7 +11,7 @@ MODEL_IDS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "EQUIRECTANGULAR": 17}
 
 
 class Capture:
-    """Twelve posed images of 40 x 24 pixels with their parameters; writes any layout."""
+    """Twelve posed images of 40 x 24 pixels, which can be written in any dataset layout."""
 
     width, height, focal = 40, 24, (33.0, 35.0)
 
@@ -27,7 +27,7 @@ class Capture:
         self.pixels = rng.integers(0, 256, (12, self.height, self.width, 3)).astype(np.uint8)
 
     def viewmat(self, i: int) -> np.ndarray:
-        """World to camera: rotates a vector v by q v q*, expanded into quaternion products."""
+        """World-to-camera matrix of view `i`: rotates a vector v by q v q*, expanded into quaternion products."""
 
         def product(a, b):
             (w, *v), (s, *u) = a, b
@@ -89,7 +89,7 @@ class Capture:
         return folder
 
     def c2w_opengl(self, i: int) -> list[list[float]]:
-        """Camera to world with y up and z backward."""
+        """Camera-to-world matrix of view `i`, with y up and z backward."""
         pose = np.linalg.inv(self.viewmat(i))
         pose[:3, 1:3] *= -1
         return pose.tolist()

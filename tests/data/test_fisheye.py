@@ -36,7 +36,7 @@ def _rays(u, v, project):
 
 
 def _radially(inverse):
-    """Unprojection of a symmetric lens, from its function of distorted to undistorted radius."""
+    """Unprojection by a symmetric lens model, given the undistorted radius as a function of the distorted one."""
 
     def rays(u, v):
         radius = np.hypot(u, v)
@@ -99,7 +99,7 @@ def _full(x, y):
 
 
 def _eucm(radius, alpha=0.6, beta=1.1):
-    """Straight radius of a bent one: z of the unprojection (Khomutenko 2016, equation 12)."""
+    """Undistorted radius for a distorted one: z of the unprojection (Khomutenko 2016, equation 12)."""
     square = radius * radius
     depth = (1 - beta * alpha**2 * square) / (alpha * np.sqrt(1 - (2 * alpha - 1) * beta * square) + 1 - alpha)
     return radius / depth

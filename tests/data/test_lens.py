@@ -23,7 +23,7 @@ def _picture(x, y):
 
 
 def _bent(x, y, k1, k2, p1, p2):
-    """OpenCV's model in complex numbers: p = p1 + i p2 rotates the tangential part."""
+    """OpenCV's distortion model in complex numbers; p = p1 + i p2 rotates the tangential part."""
     ray, square = x + 1j * y, x**2 + y**2
     turned = 1j * np.conj(p1 + 1j * p2)
     bent = ray * (1 + k1 * square + k2 * square**2) + turned * square + 2 * ray * np.real(ray * np.conj(turned))
@@ -31,7 +31,7 @@ def _bent(x, y, k1, k2, p1, p2):
 
 
 def _straight(u, v, bend):
-    """Rays of the picture points (u, v): the inverse of the model, by iteration."""
+    """Rays of picture points (u, v): the inverse of a distortion model, by iteration."""
     x, y = u.copy(), v.copy()
     for _ in range(200):
         found = _bent(x, y, *bend)

@@ -29,7 +29,7 @@ def hidden(folder):
 
 
 def workspace(folder, number=0x123456789AB, mode=0o700):
-    """Hidden folder of a killed writer."""
+    """Creates a hidden folder like that of a killed writer."""
     space = folder / f".splatwire-{number:012x}.part"
     space.mkdir(parents=True)
     space.chmod(mode)
@@ -295,7 +295,7 @@ def test_writable_output_is_detected_and_no_file_is_left(tmp_path):
 
 
 def refuse(monkeypatch, folder, error=errno.EACCES):
-    """Makes a folder one in which nothing can be made, for the superuser, too."""
+    """Makes creating files in a folder fail, also for the superuser."""
     made = whole.Path.mkdir
 
     def mkdir(path, *rest, **more):

@@ -33,7 +33,7 @@ from splatwire.types.splats import Splats
 
 @pytest.fixture(scope="module")
 def zoo(tmp_path_factory):
-    """A file of any of several kinds."""
+    """One file of each of several formats."""
     folder = tmp_path_factory.mktemp("zoo")
     scene = tiny_scene(num_anchors=40)
     save_scene(scene, folder / "scene")

@@ -26,6 +26,6 @@ def test_golden_levels_have_the_same_tiles():
 
 
 def _head_bytes(data: bytes) -> int:
-    """Magic and sizes, manifest, side information."""
+    """Start of the file: magic and sizes, manifest, side information."""
     stream, _ = read_stream(STREAM)
     return 9 + int.from_bytes(data[5:9], "little") + len(stream.side_info)

@@ -153,7 +153,7 @@ def gaussians(degree: int, seed: int = 0) -> tuple[SplatScene, np.ndarray]:
 
 
 def ordered(stream: SceneStream) -> tuple[np.ndarray, np.ndarray]:
-    """All numbers of a stream's Gaussians with their classes, in an order that depends only on the numbers."""
+    """All numbers of a stream's Gaussians with their precision classes, sorted by these numbers."""
     scene = decode_stream(stream).scene
     assert isinstance(scene, SplatScene)
     assert scene.coding is not None

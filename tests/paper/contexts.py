@@ -14,5 +14,5 @@ def random_context(*args: Any, **options: Any) -> ReceivedScene:
 
 
 def estimate(concealer: Concealer, context: ReceivedScene) -> Anchors:
-    """Anchors filled by a concealer, in tensors."""
+    """Scene in tensors, with lost anchors estimated by a concealer."""
     return to_tensors(concealer(context).elements)

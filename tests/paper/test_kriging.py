@@ -12,7 +12,7 @@ from splatwire.types import Prior
 
 
 def _field_of(positions: torch.Tensor, correlation: float, length: float, channels: int) -> torch.Tensor:
-    """A random field with the model's covariance, by a Cholesky factor in float64."""
+    """Random field with the covariance of the kriging model, from a Cholesky factor in float64."""
     between = torch.cdist(positions.double(), positions.double())
     covariance = correlation * torch.exp(-between / length)
     covariance.fill_diagonal_(1.0)

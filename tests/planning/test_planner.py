@@ -52,7 +52,7 @@ def test_transfer_model_contains_each_datagram_once(load: StreamLoad) -> None:
 
 
 def _arrivals_by_hand(model: TransferModel, received: np.ndarray) -> tuple[bool, list[bool]]:
-    """Counts datagram by datagram with sets, as `simulate` does in arrays."""
+    """Received packets, counted datagram by datagram with sets, to compare with the arrays of `simulate`."""
     head: dict[int, set[int]] = {}
     packets, parity = set(), [0] * len(model.groups)
     for kind, group, symbol, ok in zip(model.kind, model.group, model.symbol, received, strict=True):

@@ -24,7 +24,7 @@ BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz"
 
 
 def shell(count: int = 1500, degree: int = 0) -> SplatScene:
-    """Gaussians near a sphere, of which many are small or faint."""
+    """Gaussians near a sphere, many of them small or faint."""
     rng = Numbers(11)
     places = rng.randn(count, 3)
     quats = rng.randn(count, 4)
@@ -146,7 +146,7 @@ class PretendedScene(EncodedScene):
 
 
 class PretendedPlan(_Plan):
-    """A plan whose values in the views of the search are `value(level, kept)`, and higher by `offset` in the others."""
+    """Pretended plan: PSNR is `value(level, kept)` in the search views, and higher by `offset` in the other views."""
 
     values: tuple[Callable[[float, float], float], float]
 

@@ -15,7 +15,7 @@ from splatwire.types.splats import Splats
 
 
 def trained(splats: Splats, seed: int = 0, step: float = 0.1) -> Splats:
-    """All attributes change."""
+    """Gaussians with all attributes changed, as in a training step."""
     draw = np.random.default_rng(seed)
 
     def jitter(values: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ AIM = Interval(40.0, 40.2, 40.4)
 
 
 def searched(slope: float, at_half: float, start: float, aim: Interval = AIM) -> tuple[int, list[float], list[float]]:
-    """Result, shares and values of a search; the value is `at_half` at half of the Gaussians."""
+    """Result of a search, with the tried shares and their values; the value is `at_half` for half of the Gaussians."""
     shares: list[float] = []
     values: list[float] = []
 

@@ -34,7 +34,7 @@ def measured(scene: SplatScene) -> np.ndarray:
 
 
 def outcome(scene: SplatScene, quality: Quality) -> tuple[int, float]:
-    """Bytes of a scene at a quality setting, and PSNR after rounding, decibels."""
+    """Bytes of a scene at a quality setting, and PSNR after rounding in decibels."""
     classes = precision_classes(scene.splats)
     rounded = replace(scene, splats=round_splats(scene.splats, coding_for(scene.splats, quality, classes)))
     return encode_plainly(scene, classes, quality).num_bytes, SourcePictures(scene, views(scene)).mean_psnr(rounded)

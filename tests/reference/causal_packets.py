@@ -45,13 +45,13 @@ def network_reference(network: IntegerMlp, inputs: list[int]) -> list[int]:
 
 
 def scale_reference(spread: int) -> int:
-    """Entry of the scale table of a binary logarithm with 16 fractional bits."""
+    """Index in the scale table for a binary logarithm with 16 fractional bits."""
     whole, cell = (spread + (6 << 16)) >> 16, ((spread + (6 << 16)) >> 8) & 255
     return min(max(16 * whole + int(16 * (2 ** (cell / 256) - 1)), 0), 319)
 
 
 def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: list[list[int]]) -> int:
-    """Code of a position without its `unknown` low bits, which follow in the packet."""
+    """Bits of a position's code that are known without the packet; the other `unknown` bits follow in the packet."""
 
     def raw(bits: int) -> int:
         value = coder.target(bits)

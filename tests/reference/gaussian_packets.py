@@ -154,13 +154,13 @@ class ReferencePacket(ReferenceBits):
         self, stream: int, step: np.integer[Any], near: list[tuple[Gaussian, int]], level: int,
         of: Callable[[Gaussian], int], shape: tuple[int, int, int, int], default: int, most: int,
     ) -> int:  # fmt: skip
-        """A value that is predicted by the neighbours' mean."""
+        """Decodes a value that is predicted by the mean of its neighbours."""
         mean, deviation = self.mean(near, of, self.defaults[default])
         shift = min(max(BITS - self.exponent(step, level, shape), 0), most)
         return self.coded(stream, spread(len(near), deviation, shift), mean, shift)
 
     def coded(self, stream: int, context: int, mean: int, shift: int) -> int:
-        """A value with expectation `mean`: a multiple of the step, or whole steps from the mean."""
+        """Decodes a value with the expectation `mean`, as a multiple of the step or as whole steps from the mean."""
         self.shift = shift
         if not self.absolute:
             return mean + (self.residual(stream, context, shift, 0) << shift)
@@ -169,7 +169,7 @@ class ReferencePacket(ReferenceBits):
         return (near + self.residual(stream, context, shift, eighths - 8 * near)) << shift
 
     def axis(self, near: list[tuple[Gaussian, int]], primary: int, shift: int) -> list[int]:
-        """The primary axis."""
+        """Decodes the primary axis of the Gaussian."""
         same = [(n.axis, w) for n, w in near if n.primary == primary]
         mean, deviation = [0, 0, ONE], 0
         if same:
@@ -205,7 +205,7 @@ class ReferencePacket(ReferenceBits):
         return axis
 
     def colour(self, g: Gaussian, near: list[tuple[Gaussian, int]]) -> None:
-        """Luma and chroma."""
+        """Decodes luma and chroma."""
         shift = min(max(BITS - self.exponent(S_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         for c in range(3):
             mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.defaults[4 + c])  # type: ignore[misc]
@@ -226,7 +226,7 @@ class ReferencePacket(ReferenceBits):
             running = (running * 13 >> 4) + (min(abs(value), 1 << 16) << 4)
 
     def coefficient(self, context: int, zero: int) -> int:
-        """One harmonic in steps."""
+        """Decodes one harmonics coefficient, in quantisation steps."""
         if not self.bit(FIRST_HARMONIC + MAX_CLASSES + zero):
             return 0
         sign, size = (-1 if self.raw(1) else 1), 1
@@ -237,7 +237,7 @@ class ReferencePacket(ReferenceBits):
         return sign * size
 
     def level(self, near: list[tuple[Gaussian, int]]) -> int:
-        """The class."""
+        """Decodes the precision class."""
         total = sum(w for _, w in near)
         context = 1 + (4 * sum(n.level * w for n, w in near) + total) // (2 * total) if near else 0
         node = 1
@@ -263,7 +263,7 @@ class ReferencePacket(ReferenceBits):
         return mean, sum(abs(of(n) - mean) * w for n, w in near) // total
 
     def exponent(self, which: np.integer[Any], level: int, shape: tuple[int, int, int, int]) -> int:
-        """`-log2` of a step."""
+        """`-log2` of the quantisation step of an attribute."""
         sums = sum(int(c) * x for c, x in zip(COEFFICIENTS[which], shape, strict=True))
         sums += (int(self.info.bases[which]) + level * 2**STEP_BITS) * 2**BITS
         return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
@@ -280,5 +280,5 @@ class ReferencePacket(ReferenceBits):
 
 
 def spread(count: int, deviation: int, shift: int) -> int:
-    """Context of a residual: no neighbour, fewer than three, or their deviation in eighths of a step, in octaves."""
+    """Context of a residual: without neighbours, with fewer than three, or by their deviation in octaves."""
     return min(count, 1) if count < 3 else 2 + min((deviation * 8 >> shift).bit_length(), 9)

@@ -38,7 +38,7 @@ class ReferenceMotion(ReferenceBits):
         return headers, residuals
 
     def headers(self) -> list[list[int]]:
-        """Tracks of the packet."""
+        """Decodes the headers of all tracks of the packet."""
         first, lead = self.raw(28), self.gamma()
         span, tail = self.raw(13), self.gamma()
         headers: list[list[int]] = []
@@ -61,7 +61,7 @@ class ReferenceMotion(ReferenceBits):
         return headers
 
     def track(self, orders: list[int], out: list[list[int]], before: list[list[int]] | None) -> None:
-        """Residuals of one track."""
+        """Decodes the residuals of one track."""
         largest = 0
         for channel, kind in enumerate(KINDS):
             first = channel == 0 or KINDS[channel - 1] != kind
@@ -78,7 +78,7 @@ class ReferenceMotion(ReferenceBits):
             largest = max(largest, own)
 
     def coefficient(self, kind: int, order: int, level: int) -> int:
-        """One residual."""
+        """Decodes one residual."""
         if not self.bit(ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + level):
             return 0
         octave = 0
@@ -91,7 +91,7 @@ class ReferenceMotion(ReferenceBits):
 def coefficients(
     places: list[list[int]], states: list[int], shifts: list[list[int]], residuals: list[list[list[int]]]
 ) -> list[list[list[int]]]:
-    """Coefficients of a packet's tracks, from residuals and known coefficients of their bases."""
+    """Motion coefficients of a packet's tracks, from residuals and the coefficients known from their keyframes."""
     near = _shrunk(places)
     used = [0] * 5
     for own in residuals:

@@ -67,8 +67,8 @@ def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, siz
 
     Args:
         coefficients: (n, C, K), the first K of a group; the others are 0.
-        frames: Frames of the group.
-        frame: Which of them.
+        frames: Number of frames of the group.
+        frame: Index of the frame.
         unit: As for `targets_of`.
         size_log: As for `targets_of`.
     """

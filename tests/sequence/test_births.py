@@ -63,7 +63,7 @@ def test_unborn_tracks_follow_their_neighbours(body):
 
 
 def decoded(frames: list[Splats], group_frames: int) -> tuple[SequenceScene, np.ndarray]:
-    """Decoded clip and mask of the tracks with motion to be lost."""
+    """Decoded sequence, and the mask of the tracks that lose their motion in the tests."""
     options = SequenceOptions(group_frames=group_frames, order="tracked")
     clip = decode_stream(encode_sequence(map(Frame.of, frames), options)[0]).scene
     colours = np.concatenate([frame.sh[frame.opacities > 0, 0] for frame in frames])
@@ -73,7 +73,7 @@ def decoded(frames: list[Splats], group_frames: int) -> tuple[SequenceScene, np.
 
 
 def without(motion: GroupMotion, lost: np.ndarray) -> GroupMotion:
-    """Motion of a group without some tracks."""
+    """Motion of a group of pictures without that of some tracks."""
     keep = ~lost[motion.tracks]
     return replace(
         motion, tracks=motion.tracks[keep], moving=motion.moving[keep], begins=motion.begins[keep],
@@ -82,7 +82,7 @@ def without(motion: GroupMotion, lost: np.ndarray) -> GroupMotion:
 
 
 def errors(clip: SequenceScene, lost: np.ndarray) -> list[float]:
-    """Largest position error, by group, of tracks without motion in all groups."""
+    """Largest position error of the tracks without received motion, for each group."""
     memory: ConcealmentState | None = None
     there, found = np.ones(clip.num_gaussians, bool), []
     for group in range(clip.timeline.num_groups):

@@ -147,7 +147,7 @@ def test_memory_of_an_endless_live_clip_is_bounded():
 
 
 def _held() -> tracemalloc.Snapshot:
-    """Counts only memory of the live code, because other libraries allocate in other threads."""
+    """Memory held by the live code in bytes; allocations of other libraries in other threads do not count."""
     gc.collect()
     ours = str(Path(splatwire.__file__).parent / "*")
     return tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(True, ours)])

@@ -42,7 +42,7 @@ def load(stream, worth):
 
 
 def variant_of_stream(load, slope: float = 0.01, base: float = 1e-4) -> SequenceVariant:
-    """A clip with a quality that falls in proportion to its lost motion."""
+    """Sequence whose quality falls in proportion to its lost motion."""
     groups = len(load.groups)
     shares = np.tile([0.0, 1.0], (groups, 1))
     mse = np.tile(np.array([base, base + slope])[None, :, None], (groups, 1, 2))
@@ -50,7 +50,7 @@ def variant_of_stream(load, slope: float = 0.01, base: float = 1e-4) -> Sequence
 
 
 def schedule_of(way: MotionTransfer) -> list[tuple[int, int, int]]:
-    """Kind, parity group and number of each datagram."""
+    """Kind of each datagram, with parity group and number."""
     return list(zip(way.model.kind.tolist(), way.model.group.tolist(), way.model.symbol.tolist(), strict=True))
 
 

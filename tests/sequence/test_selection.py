@@ -61,7 +61,7 @@ def concealed(clip, lost, at, shown=True):
 
 
 def candidate(clip, error):
-    """Estimator with the true motion plus an error of each track, (T, 3)."""
+    """Estimator that returns the true motion plus an error for each track, (T, 3)."""
     motion = clip.motion(0, np.ones(COUNT, bool))
 
     def estimate(_arrived, tracks):

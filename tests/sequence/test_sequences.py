@@ -42,7 +42,7 @@ def stream(frames: list[Splats]) -> SceneStream:
 
 
 def error(found: Splats, wanted: Splats) -> float:
-    """Largest distance of a Gaussian from its match among the expected ones."""
+    """Largest distance between a Gaussian and its match among the expected ones."""
     apart = cdist(found.means, wanted.means)
     distance, index = apart.min(axis=1), apart.argmin(axis=1)
     assert found.num_gaussians == wanted.num_gaussians == len(set(index.tolist()))

@@ -147,13 +147,13 @@ def test_side_information_round_trips(stream):
 
 
 def changed(info: SequenceInfo, first: int = 1, **fields: Any) -> SequenceInfo:
-    """The side information with a second shot that begins with group `first` and has other `fields`."""
+    """Side information with a second shot that begins with group `first` and has other `fields`."""
     one, two, three = info.shots
     return replace(info, shots=(one, Shot(first, two.first_block, replace(two.info, **fields)), three))
 
 
 def with_spacing(info: SequenceInfo, spacing: int) -> SequenceInfo:
-    """The side information with a second shot whose lattice is coarser by some octaves than the first one's."""
+    """Side information with a second shot whose position lattice is coarser than the first one's by some octaves."""
     level = info.keyframes.size_log - info.keyframes.unit + spacing
     return changed(info, size_log=max(level, 0), unit=max(-level, 0))
 

@@ -68,7 +68,7 @@ class Network:
             self.at(max(self._free_at, self.now) + self.round_trip / 2, arrived)
 
     def back(self, do: Callable[[], None]) -> None:
-        """Sends an answer, which meets no queue."""
+        """Delivers an answer to a sender, after half a round trip without queue."""
         self.at(self.now + self.round_trip / 2, do)
 
     def run(self, until: float) -> None:
@@ -106,7 +106,7 @@ def throughput(flow: Flow, start: float, stop: float) -> float:
 
 
 class _Endless(tuple[tuple[int, int, int], ...]):
-    """A schedule of one symbol of the head object, then the same packet repeatedly."""
+    """Sending order of one init segment symbol, followed by the same packet again and again."""
 
     def __len__(self) -> int:
         return 1 << 60
@@ -116,7 +116,7 @@ class _Endless(tuple[tuple[int, int, int], ...]):
 
 
 def endless(packet_bytes: int = 1100) -> ServedStream:
-    """A program that never ends."""
+    """Prepared stream that never ends."""
     short = make_served_stream(datagram_stream(num_anchors=40, side_bytes=600), Protection(side_repair=0.0))
     return dataclasses.replace(
         short,
@@ -154,11 +154,11 @@ class Splatwire:
         self.network.at(self.begin, self._start)
 
     def _program(self) -> ServedStream:
-        """Size of the sent datagrams."""
+        """Size of a datagram as it leaves the sender."""
         return _PROGRAM
 
     def _left(self, data: bytes) -> None:
-        """Receives a sent datagram."""
+        """Passes a sent datagram to the receiver."""
 
     def _start(self) -> None:
         self.transfer = ServerTransfer(self._program(), 1, self.limits, self.network.now)

@@ -60,7 +60,7 @@ class Browser(Page):
         self._session = self._call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
 
     def another(self, *, alone: bool = False) -> "Browser":
-        """Opens another page of the same browser; with `alone` it shares no storage with other pages."""
+        """Opens another page of the same browser; with `alone`, the pages share no storage."""
         return Browser(self._connection, alone=alone)
 
     def close(self) -> None:
@@ -253,7 +253,7 @@ class Browser(Page):
 
 
 def processor_seconds(told: dict[str, Any]) -> float:
-    """Processor time of all processes of the browser so far."""
+    """Processor time that all processes of the browser have used so far, seconds."""
     return float(sum(process["cpuTime"] for process in told["processInfo"]))
 
 

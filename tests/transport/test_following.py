@@ -109,7 +109,7 @@ class Done(Receiver):
 
 
 class Answers:
-    """Finished receivers in place of transfers: an answer for each request."""
+    """Stand-in for transfers: gives each request the next of some finished receivers."""
 
     def __init__(self, *answers: tuple[str, SceneStream | None]) -> None:
         self.answers, self.names = list(answers), []

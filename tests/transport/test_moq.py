@@ -198,7 +198,7 @@ class FailingRelay(HostileRelay):
 
 
 def relayed(monkeypatch, sessions: list[Any], options: ReceiverOptions) -> tuple[RelayReceiver, list[Any]]:
-    """Receives through sessions, one after another; of what is no relay no session comes about."""
+    """Receives over several sessions in turn; where an entry is not a relay, opening the session fails."""
     events, left = list[Any](), list(sessions)
 
     @contextlib.asynccontextmanager

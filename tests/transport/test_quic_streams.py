@@ -122,7 +122,7 @@ def test_opened_and_ended_streams_are_counted(failures: list[Any]):
 
 
 def abort_streams(client: Client, kind: str, session: int) -> None:
-    """A sequence that no browser sends, in one flight."""
+    """Sequence of resets and stops that no browser sends, in one flight."""
     quic, http = client.quic, client.http
     trailers = [(b"x", b"y")]
     match kind:

@@ -443,7 +443,7 @@ def test_the_preview_is_found_in_the_side_information():
 
 
 def told(server: Server, nonce: int, haves: list[Have], name: str = "client") -> list:
-    """Frames to a client that reports its held packets and no losses."""
+    """Datagrams that the server sends to a client that reports packets it already has."""
     server.receive(name, encode(Request(nonce, bytes(16), "")), 0.0, reliable=True)
     for have in haves:
         server.receive(name, encode(have), 0.0, reliable=True)

@@ -77,7 +77,7 @@ class Host:
             writer.close()
 
     def _bytes(self, request: Request) -> tuple[bytes, bool]:
-        """Data to send, and whether the connection then waits until it is cut."""
+        """Data to send for a request; and True if the connection then stays open until it is cut."""
         name = request.target[1:]
         if name in self.streams:
             return self._stream(request, self.streams[name])

@@ -74,7 +74,7 @@ def golden_streams() -> dict[str, SceneStream]:
 
 
 def some_cuts(stream: SceneStream, rng: random.Random) -> list[dict[str, Any]]:
-    """Visible and requested tiles of some views."""
+    """Tiles that are visible, and tiles that are requested, for some views."""
     tiles, found = tiles_of(stream), []
     for _ in range(CASES // 10):
         there = [rng.random() < 0.8 for _ in range(tiles.num_tiles)]

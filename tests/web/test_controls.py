@@ -63,7 +63,7 @@ def test_mouse_touch_and_keyboard_move_the_camera(program: ServedStream) -> None
 
 
 def check_hands(page: Browser) -> None:
-    """Effect of each movement: yaw and pitch, distance, or orbit target."""
+    """Checks the effect of each movement: yaw and pitch, distance, or target of the orbit."""
     began = page.evaluate(f"String({LOOK})")
     for act, what in (
         (lambda: page.drag((200, 300), (260, 340)), "turn"),

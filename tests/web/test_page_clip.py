@@ -81,7 +81,7 @@ QUIET = """(async () => {
 
 
 def rests(page: Browser) -> bool:
-    """Returns True if the page draws 60 times within a second or more without a request for a frame of the clip."""
+    """True if the page draws 60 times without asking for another frame of the clip, in a second or more."""
     for _ in range(60):
         page.evaluate("window.asked = 0")
         page.resolve(QUIET)

@@ -20,7 +20,7 @@ REQUESTS: list[tuple[int, str]] = []
 
 
 class Handler(SimpleHTTPRequestHandler):
-    """File server without ranges and without headers of its own; notes status and path of each request."""
+    """File server without byte ranges and without special headers; records status and path of each request."""
 
     def log_request(self, code="-", size="-"):
         REQUESTS.append((int(code), self.path))

@@ -97,7 +97,7 @@ WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 
 
 def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> None:
-    """Runs work on one of the pages."""
+    """Runs work on one of the open pages."""
 
     async def serve() -> None:
         async with hosting(PAGES, {"ball.swz": stream_to_bytes(stream)}) as host:

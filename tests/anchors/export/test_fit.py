@@ -19,7 +19,7 @@ from splatwire.types.splats import Splats
 
 
 def _blind(mlp: Mlp) -> Mlp:
-    """The network without its four view inputs."""
+    """Copy of a network that ignores its four inputs of the view."""
     weight = mlp.hidden.weight.copy()
     weight[:, -4:] = 0
     return Mlp(Linear(weight, mlp.hidden.bias), mlp.output)

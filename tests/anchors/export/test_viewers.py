@@ -18,7 +18,7 @@ INTERCHANGE = Path(__file__).resolve().parents[3] / "docs" / "interchange.md"
 
 
 def documented(word: str) -> str:
-    """Line of the document with this beginning."""
+    """Line of the document that begins with a word."""
     [line] = [line for line in INTERCHANGE.read_text(encoding="utf-8").splitlines() if line.startswith(word)]
     return line
 

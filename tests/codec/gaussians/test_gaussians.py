@@ -49,7 +49,7 @@ def integers(stream: SceneStream, block: int, packets: list[Packet | None], size
 
 
 def partners(splats: Splats, decoded: Splats) -> Splats:
-    """Index of the source Gaussian nearest to each decoded one; every source is used once."""
+    """Index of the source Gaussian nearest to each decoded one; checks that each source is used once."""
     index = cdist(decoded.means.astype(np.float64), splats.means.astype(np.float64)).argmin(axis=1)
     assert len(np.unique(index)) == splats.num_gaussians
     return splats.select(index)

@@ -74,7 +74,7 @@ def streams() -> list[SceneStream]:
 
 
 def hit(data: bytes, rng: np.random.Generator) -> bytes:
-    """Overwrites, removes or inserts a few bytes."""
+    """Overwrites, removes or inserts a few random bytes."""
     raw = bytearray(data)
     for _ in range(rng.integers(1, 4)):
         at, kind = int(rng.integers(0, max(len(raw), 1))), rng.integers(0, 4)

@@ -36,7 +36,7 @@ def cloud() -> Splats:
 
 
 def errors(splats: Splats) -> tuple[dict[str, float], int]:
-    """Root mean squared error by attribute of all Gaussians except one, and bytes of the stream."""
+    """Root mean squared error of all Gaussians except one, by attribute; and bytes of the stream."""
     scene = SplatScene(splats)
     stream = encode_scene(scene, PRESETS["paper"], classes=scene_precision_classes(scene))
     found = decode_stream(stream).scene.splats

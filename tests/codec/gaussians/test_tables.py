@@ -29,7 +29,7 @@ def test_expected_magnitudes_are_those_of_the_mixtures() -> None:
 
 
 def _magnitude(scale: float) -> float:
-    """Mean magnitude of a rounded normal variable whose mean is uniform within half a step."""
+    """Mean magnitude of a rounded normal variable with a centre uniform within half a step."""
     if scale >= 8:
         return 0.7978845608 * scale
     half = 1 << (int(EIGHTHS) - 1)

@@ -23,7 +23,7 @@ FRAMES, GROUP = 10, 5
 
 
 def targets_of(moves, bases, numbers, unit: int, size_log: int) -> Targets:
-    """Motion coefficients fitted to all frames at once."""
+    """Coefficients of motion, fitted to all frames at once."""
     found = Targets.zero(len(numbers), moves.num_frames)
     add_frames(found, moves, bases, numbers, 0, moves.num_frames, unit, size_log)
     return found
@@ -129,7 +129,7 @@ def test_trajectories_are_restored_from_coefficients():
 
 
 def random_tracks(frames: int) -> tuple[Trajectories, np.ndarray, Trajectories]:
-    """Tracks of which some are fully or partly static, with the integers of their bases, and the bases."""
+    """Tracks, some of them fully or partly static, with keyframe Gaussians and the integers that encode these."""
     rng = np.random.default_rng(frames)
     shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colours": (3,)}
     moves = {name: rng.normal(size=(300, frames, *shape)).astype(np.float32) for name, shape in shapes.items()}

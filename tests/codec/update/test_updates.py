@@ -82,7 +82,7 @@ def sorted_rows(splats: Splats) -> np.ndarray:
 
 
 def classes_of(edit: str) -> np.ndarray:
-    """Classes of the Gaussians of an edited scene."""
+    """Precision class of each Gaussian of an edited scene."""
     order = {"deleted": outside(), "only the ball": BALL, "reversed": np.arange(COUNT)[::-1]}
     return CLASSES[order.get(edit, np.arange(COUNT))]
 

@@ -36,7 +36,7 @@ model = "none"
 
 
 def row(key: str, source: object, num_bytes: int | None = None, curve: str = "") -> str:
-    """A row of another codec, of one result."""
+    """Table row of another codec with one result."""
     size = "" if num_bytes is None else f"num_bytes = {num_bytes}"
     return f"""
 [[row]]

@@ -19,7 +19,7 @@ def bare():
 
 @pytest.fixture(scope="module")
 def carrying(bare):
-    """Sections for two concealers, and one for none."""
+    """Stream with sections for two concealers, and a section that no concealer reads."""
     stream = bare
     for name, size in (("sketch", 300), ("gnn", 70), ("notes", 40)):
         stream = add_concealment(stream, name, bytes(size))

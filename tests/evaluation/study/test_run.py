@@ -31,7 +31,7 @@ def silent(task, share):
 
 
 def plain(result):
-    """Records without fields that differ from run to run."""
+    """Records without the fields that differ from run to run."""
     return [{key: value for key, value in record.items() if key not in TIMINGS} for record in result.merged()]
 
 

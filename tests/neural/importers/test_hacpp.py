@@ -67,7 +67,7 @@ def test_grid_and_networks_come_from_the_checkpoint(model):
 
 
 def undecoded(model):
-    """The model as HAC++ saves it before a decode: log scalings, mask logits (threshold sigmoid > 0.01)."""
+    """The model as HAC++ saves it before decoding: logarithms of scalings, and mask logits (sigmoid above 0.01)."""
     columns = model.columns()
     for i in range(6):
         columns[f"scale_{i}"] = np.log(model.scalings[:, i] + np.float32(0.01))

@@ -38,7 +38,7 @@ def gsplat(monkeypatch: pytest.MonkeyPatch) -> GsplatRenderer:
 
 @pytest.fixture
 def plain(gsplat: GsplatRenderer) -> Kernels:
-    """Kernels for a GPU with the noise of the CPU, so that runs are comparable."""
+    """Training operations for a GPU with the random numbers of the CPU, so that runs are comparable."""
     return plain_kernels(gsplat.draw, HOST_RANDOMNESS)
 
 
@@ -69,7 +69,7 @@ def _moved(state: TrainState, device: torch.device) -> TrainState:
 
 
 def _gradients(state: TrainState) -> dict[str, torch.Tensor]:
-    """Filled by the next backward pass."""
+    """Gradients of a state, filled by the next backward pass."""
     found: dict[str, torch.Tensor] = {}
     for name, value in state.parameters.items():
         value.register_hook(lambda gradient, name=name: found.__setitem__(name, gradient.clone()))

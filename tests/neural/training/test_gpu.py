@@ -23,7 +23,7 @@ pytestmark = [*NEEDS_GPU, pytest.mark.slow]
 
 
 def _next(state: TrainState, dataset: Dataset, config: TrainConfig) -> tuple[StepReport, dict[str, torch.Tensor]]:
-    """Gradients of one iteration on the device of the state, with the noise of the CPU."""
+    """Gradients of the next iteration on the device of the state, with the random numbers of the CPU."""
     found: dict[str, torch.Tensor] = {}
     for name, value in state.parameters.items():
         value.register_hook(lambda gradient, name=name: found.__setitem__(name, gradient.cpu()))

@@ -34,7 +34,7 @@ def counter(monkeypatch: pytest.MonkeyPatch) -> Launches:
 
 
 def _counted(counter: Launches, dataset: Dataset, config: TrainConfig, start: int) -> tuple[float, float]:
-    """Launches and synchronisations of an iteration after `start`, without gsplat."""
+    """Kernel launches and synchronisations of one iteration after `start`, without those of gsplat."""
     renderer = object.__new__(GsplatRenderer)
     renderer._gsplat = types.SimpleNamespace(rasterization=counter.rasterization)
     with fake_device():

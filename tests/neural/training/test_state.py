@@ -17,7 +17,7 @@ from splatwire.neural.training.state import (
 
 
 def tagged_state(dataset: Dataset, config: TrainConfig) -> TrainState:
-    """A state with the index of the anchor in every row."""
+    """Training state with the index of its anchor in each row of each array."""
     state = initial_state(dataset, config)
     numbers = torch.arange(1.0, state.num_anchors + 1)
 
@@ -35,7 +35,7 @@ def tagged_state(dataset: Dataset, config: TrainConfig) -> TrainState:
 
 
 def rows_of(state: TrainState) -> list[torch.Tensor]:
-    """One column of every array with a row per anchor."""
+    """One column of each array that has a row for every anchor."""
     columns = [state.parameters[name].detach() for name in ANCHOR_PARAMETERS]
     columns += [moments.first for moments in state.moments.values()]
     columns += [-moments.second for moments in state.moments.values()]

@@ -230,7 +230,7 @@ def _pointing_at(accessor: object) -> list[dict[str, object]]:
 
 
 def _shorter() -> list[dict[str, object]]:
-    """Accessors of a glTF with Gaussians of degree 3 without one row of harmonics."""
+    """Accessors of a glTF with Gaussians of degree 3, from which one row of harmonics is missing."""
     kinds = ["VEC3", "VEC4", "VEC3", "SCALAR", *["VEC3"] * 16]
     return [
         {"bufferView": i, "componentType": 5126, "count": 20 - (i >= 4), "type": kind} for i, kind in enumerate(kinds)

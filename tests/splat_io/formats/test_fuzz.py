@@ -35,7 +35,7 @@ VALUES = (*NUMBERS, *FLOATS, None, True, "", "x", [], [0], {}, [[0]], "meta.json
 
 
 def _hit(data: bytes, rng: np.random.Generator) -> bytes:
-    """Overwrites a few places with extreme bytes, integers or floats; sometimes cuts, doubles or zero-fills."""
+    """Overwrites random places with extreme bytes, integers or floats; sometimes cuts, repeats or clears parts."""
     raw = bytearray(data)
     for _ in range(rng.integers(1, 4)):
         at = int(rng.integers(0, max(len(raw), 1)))
@@ -149,7 +149,7 @@ def _text_ply(rng: np.random.Generator, base: bytes) -> bytes:
 
 
 def _other_ways(base: bytes, folder: Path) -> dict[str, bytes]:
-    """A PLY as text and in big-endian order."""
+    """Writes a PLY as text and in big-endian order."""
     (folder / "base.ply").write_bytes(base)
     elements = {name: element.rows for name, element in read_ply_elements(folder / "base.ply").items()}
     return {form: ply(form, elements) for form in ("ascii", "binary_big_endian")}

@@ -37,7 +37,7 @@ def colours(splats: Splats, directions: np.ndarray) -> np.ndarray:
 
 
 def opened(data: bytes, path: Path) -> Splats:
-    """Gaussians of a file in file axes."""
+    """Gaussians of a file in the axes of the file."""
     return flip_axes(read_splats(write(path, data)), GLTF_FLIPS)
 
 

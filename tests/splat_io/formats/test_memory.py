@@ -31,7 +31,7 @@ MANY = FREE_GAUSSIANS + 10_000
 
 
 def peak(action: Callable[[], object]) -> int:
-    """Peak memory of Python and NumPy during an action above the level before, in bytes."""
+    """Peak memory during an action above that before, of Python and NumPy, bytes."""
     tracemalloc.start()
     try:
         action()
@@ -105,7 +105,7 @@ def picture(width: int, height: int, pixel: tuple[int, int, int, int]) -> bytes:
 
 
 def crowded_sog(path: Path, sog: dict[str, bytes], count: int, size: int) -> Path:
-    """A SOG of identical Gaussians."""
+    """Writes a SOG of identical Gaussians, which compress well."""
     side = int(count**0.5) + 1
     members = dict.fromkeys(sog, picture(side, side, (0, 0, 0, 255)))
     members |= {

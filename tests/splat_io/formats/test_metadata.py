@@ -28,7 +28,7 @@ ENDS = [".ply", ".compressed.ply", ".spz", ".sog", ".glb"]
 
 
 def same(found: SceneMetadata, expected: SceneMetadata = ALL) -> None:
-    """Equality up to float32 rounding."""
+    """True if values are equal up to rounding to float32."""
     assert found.view is not None
     assert expected.view is not None
     assert found.view.numbers() == pytest.approx(expected.view.numbers(), rel=1e-6)

@@ -35,7 +35,7 @@ def _convert(source: Path, target: Path, *options: str) -> None:
 
 
 def _directions(splats: Splats) -> np.ndarray:
-    """Rotations without the signs of the axes, which are invisible."""
+    """Rotations up to the signs of the axes, which have no visible effect."""
     axes = rotation_matrices(splats.quats)
     return axes * np.array([0.0, 0.5, 1.0], np.float32) @ axes.swapaxes(1, 2)
 

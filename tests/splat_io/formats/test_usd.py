@@ -85,7 +85,7 @@ def test_an_origin_is_a_translation_in_double_precision(tmp_path):
 
 
 def foreign(path, splats, *, up="Z", half=False, matrix=None, harmonics=True, count=None):
-    """A file as another program may write it."""
+    """Writes a file as another program may write it."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, up)
     prim = UsdVol.ParticleField3DGaussianSplat.Define(stage, "/World/Cloud")
@@ -403,7 +403,7 @@ PARTS = {
     }
 }""",
 }
-"""Ways in which a prim names another file."""
+"""References from a prim to another file."""
 
 
 def composed(path, part, name):
@@ -414,7 +414,7 @@ def composed(path, part, name):
 
 @pytest.fixture
 def around(tmp_path):
-    """A folder with a scene of its own, in a folder with another one."""
+    """Folder with a scene and a subfolder, which contains another scene."""
     for path in (tmp_path / "other.usda", tmp_path / "here" / "own.usda"):
         path.parent.mkdir(exist_ok=True)
         write_splats([some_splats()], path)
@@ -644,7 +644,10 @@ def test_attributes_of_any_geometry_give_no_warning(tmp_path, caplog):
 
 
 def appears(when):
-    """Makes a copy of the Gaussians visible at some times only; `when` has a visibility for each time."""
+    """Makes a copy of the Gaussians visible at some times only.
+
+    `when` maps each time to a visibility.
+    """
 
     def edit(stage, prim):
         copy = stage.DefinePrim("/World/Later")

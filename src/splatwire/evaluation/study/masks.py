@@ -1,4 +1,4 @@
-"""Files of loss masks for evaluating other codecs under the same losses; packet loss that results from datagram loss."""
+"""Loss mask files for evaluating other codecs under the same losses; packet loss that datagram losses cause."""
 
 import io
 import statistics
