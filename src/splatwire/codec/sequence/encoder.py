@@ -237,14 +237,14 @@ class TracksEncoder:
     def _change_unit(
         self, targets: Targets, old: np.ndarray, numbers: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
-        """Converts the motion of earlier tracks to the unit of motion of a new shot.
+        """Converts the motion of tracks that began earlier to the unit of positions of a new shot (after a scene cut).
 
         Args:
             targets: Motion of the group's tracks, changed in place.
             old: Indices of the tracks that began in earlier groups.
-            numbers: Track number of each track of the group.
+            numbers: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the former unit, in half lattice units of the first shot.
+            before: log2 of the former unit, in units of the first shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):

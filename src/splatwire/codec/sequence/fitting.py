@@ -27,7 +27,7 @@ class Fitting:
     Args:
         keys: Keys (identifiers) of the tracks so far, int64 (n).
         known: Tracks of earlier groups with their keyframe Gaussians.
-        info: Side information in whose half lattice units positions are fitted.
+        info: Side information whose lattice spacing determines the unit of fitted positions.
         frames: Number of frames in the group.
         threads: Number of threads; None for one per processor.
 
@@ -91,7 +91,7 @@ def fit(
         found: Polynomial coefficients of the motion of n tracks, changed in place.
         moves: Trajectories of the n tracks over the group of frames.
         known: All tracks that have a keyframe Gaussian so far.
-        info: Side information in whose half lattice units positions are fitted.
+        info: Side information whose lattice spacing determines the unit of fitted positions.
         numbers: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
         frames: First frame to add, and end of the range (exclusive).
         threads: Number of threads; None for one per processor.

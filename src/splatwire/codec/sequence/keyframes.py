@@ -115,12 +115,12 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information of the shot in whose half lattice units the current shot's motion is coded."""
+        """Side information whose lattice spacing determines the unit of positions in the current motion."""
         return self._references[-1]
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the current unit of motion, in half lattice units of the first shot."""
+        """log2 of the unit of positions in the current motion, in units of the first shot."""
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:
@@ -166,7 +166,7 @@ class KeyframeEncoder:
         return coded
 
     def _warn_of_coarse_lattice(self, splats: Splats, info: SideInfo) -> None:
-        """Logs a warning once if most Gaussians of a group are too small for the lattice of `info`."""
+        """Logs a warning once if most Gaussians of a group are too small for the position lattice of `info`."""
         spacing = float(np.ldexp(1.0, info.size_log - info.unit))
         small = int((splats.scales.max(axis=1) < 2 * spacing).sum())
         if self._warned or small < max(WARNED_COUNT, WARNED_SHARE * splats.num_gaussians):

@@ -19,7 +19,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
         info: Side information of the keyframe Gaussians.
         coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, for each kind of
             channel, int64 (kinds).
-        spacing: log2 of the ratio of the lattice spacing of `info` to that of the first group.
+        spacing: log2 of the ratio of the lattice spacing of `info` to that from which the unit of motion is derived.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
@@ -32,7 +32,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
 
 
 def in_other_units(places: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Converts positions and quantisation steps of tracks to another unit of motion.
+    """Converts positions and quantisation steps of tracks to another unit of positions.
 
     Args:
         places: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.
