@@ -130,7 +130,7 @@ def encode_controlled(
     if not source.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     if effort != "fast":
-        source = replace(source, splats=_without_rotated_spheres(source.splats))
+        source = _with_unrotated_spheres(source)
     if effort == "best":
         check_tunable(source)
     views = ViewSets.of(source, cameras)
@@ -163,11 +163,14 @@ def encode_controlled(
     return better
 
 
-def _without_rotated_spheres(splats: Splats) -> Splats:
+def _with_unrotated_spheres(scene: SplatScene) -> SplatScene:
     """Sets the rotation of each Gaussian with three equal scales to the identity, which takes the fewest bytes."""
-    # The picture stays the same.
+    # Rotations of spheres do not change pictures.
+    splats = scene.splats
     spheres = splats.scales.min(axis=1) == splats.scales.max(axis=1)
-    return replace(splats, quats=np.where(spheres[:, None], _IDENTITY, splats.quats))
+    if not spheres.any():
+        return scene
+    return replace(scene, splats=replace(splats, quats=np.where(spheres[:, None], _IDENTITY, splats.quats)))
 
 
 def _prune_and_tune(
