@@ -24,7 +24,6 @@ from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.precision import measure_gaussians, precision_classes
 from splatwire.types import Cameras, SplatScene
-from splatwire.types.splats import Splats
 
 Effort = Literal["fast", "default", "best"]
 """Work per scene: `fast` chooses precision classes and keeps all Gaussians; `default` also prunes; `best` prunes more
