@@ -1,6 +1,6 @@
 """Predicts the distributions of anchor attributes for entropy coding: context model of the codec schema `causal`.
 
-For numpy arrays and torch tensors.
+The functions accept numpy arrays and torch tensors.
 """
 
 from collections.abc import Callable, Mapping

@@ -67,7 +67,7 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Returns the scene in front of the background colour of these views, if they have one."""
+        """Returns the scene with the background colour of these views; unchanged if they have none."""
         return scene if self.background is None else replace(scene, background=self.background)
 
 

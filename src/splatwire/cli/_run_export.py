@@ -95,7 +95,7 @@ def _check(options: Export) -> None:
 
 
 def _limited(options: Export, splats: Splats, degree: int) -> Splats:
-    """Returns Gaussians with harmonics of at most a degree."""
+    """Returns the Gaussians without harmonics above a degree; for `.splat`, unchanged."""
     # For `.splat`, they are returned unchanged, because its writer drops harmonics and reports that itself.
     return splats if options.kind == "splat" else splats.at_most_degree(degree)
 

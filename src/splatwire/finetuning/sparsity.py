@@ -1,4 +1,4 @@
-"""Cost of spherical harmonics in the loss of fine-tuning."""
+"""Penalty on the estimated bits of spherical harmonics, a term of the loss of fine-tuning."""
 
 from dataclasses import dataclass
 
@@ -33,7 +33,7 @@ class HarmonicCost:
 
     @staticmethod
     def of(coding: SplatCoding) -> "HarmonicCost":
-        """Prepares the cost for the quantisation steps of a stream with harmonics."""
+        """Creates the term for a stream, whose quantisation steps and transform of harmonics are in `coding`."""
         transform = np.kron(np.linalg.inv(coding.transform / TRANSFORM_UNIT), LUMA_CHROMA.T)
         exponents = coding.bases[S_HARMONICS] + (coding.classes.astype(np.int64) << STEP_BITS)
         rounded = np.clip((exponents + (1 << (STEP_BITS - 1))) >> STEP_BITS, 2, BITS)

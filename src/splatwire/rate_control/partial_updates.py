@@ -127,7 +127,7 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
-        """Returns the receivers' Gaussians in the order of the new ones, and a mask of those that exist."""
+        """Returns the receivers' version of each new Gaussian, and a mask of those that receivers already have."""
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)

@@ -1,4 +1,4 @@
-"""The expensive operations of training in plain torch, for any device; optimised for GPUs."""
+"""The expensive operations of training in plain torch; they run on any device and are optimised for GPUs."""
 
 # Few operations, no synchronisation with the device, no sorting. No operation uses the reduced precision
 # TensorFloat-32.
