@@ -48,9 +48,14 @@ export class SingleMesh {
     return target.bytes - before;
   }
 
+  /** True if `show` will draw larger memory instead of that on the screen. */
+  get isGrowing(): boolean {
+    return this.#larger !== null;
+  }
+
   /** Hides Gaussians for good, by index in the order of arrival. */
   hide(which: Int32Array): void {
-    for (const gaussians of [this.#drawn, this.#larger]) gaussians?.hide(which);
+    (this.#larger ?? this.#drawn)?.hide(which);
   }
 
   /** Draws everything added. It is sorted first. */

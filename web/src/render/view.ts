@@ -56,12 +56,28 @@ interface FrameLoop {
   requestAnimationFrame(): void;
 }
 
-/** Internals of PlayCanvas: the sorter of each layer of each camera. */
+/**
+ * Internals of PlayCanvas: the sorter of each layer of each camera. Each change of what there is to sort has a version;
+ * the Gaussians of an older version are drawn until `pendingSorted` is applied in a frame.
+ */
 interface SorterInternals {
   readonly gsplatDirector: { readonly camerasMap: Map<unknown, { readonly layersMap: Map<unknown, Layer> }> };
 }
 interface Layer {
-  readonly gsplatManager: { readonly cpuSorter: { jobsInFlight: number; pendingSorted: unknown } | null } | null;
+  readonly gsplatManager: Manager | null;
+}
+interface Manager {
+  readonly world: { readonly lastWorldStateVersion: number };
+  readonly cpuSorter: {
+    readonly jobsInFlight: number;
+    readonly pendingSorted: { readonly version: number } | null;
+  } | null;
+}
+
+/** Gaussians to hide in the frame that draws a version after `version`. */
+interface Hiding {
+  readonly which: Int32Array;
+  readonly version: number;
 }
 
 export class View {
@@ -81,6 +97,8 @@ export class View {
   #pending: Packed[] = [];
   /** Gaussians to hide once the pending ones are uploaded. */
   #hidden: Int32Array[] = [];
+  /** Gaussians to hide once those that replace them are sorted. */
+  #hiding: Hiding[] = [];
   #uploading: Promise<void> | null = null;
   #uploadedAt = performance.now();
   /** True until all Gaussians have arrived. */
@@ -173,6 +191,7 @@ export class View {
     const { gl } = this.#device;
     this.#pending = [];
     this.#hidden = [];
+    this.#hiding = [];
     this.#mesh.clear();
     this.#tiles?.destroy();
     this.#target.destroy();
@@ -250,6 +269,7 @@ export class View {
   begin(size: number, expected = 0): void {
     this.#pending = [];
     this.#hidden = [];
+    this.#hiding = [];
     this.#isArriving = true;
     this.#mesh.expected = expected;
     this.#tiles?.destroy();
@@ -267,6 +287,7 @@ export class View {
     }
     this.#pending = [];
     this.#hidden = [];
+    this.#hiding = [];
     this.#mesh.replace(!this.#replaced);
     this.#replaced = this.#mesh.hasGaussians;
     this.#mesh.add(packed);
@@ -299,11 +320,27 @@ export class View {
       while (this.#pending.length && !this.#destroyed) await this.#slices.after(this.#mesh.add(this.#pending.shift()!));
       this.#uploadedAt = performance.now();
       if (this.#destroyed) return;
-      for (const hidden of this.#hidden.splice(0)) this.#mesh.hide(hidden);
+      this.#hideLater(this.#hidden.splice(0));
       this.#mesh.show();
       this.#isSorted = this.#ready = false; // reports about the Gaussians before
       this.#changed();
     }
+  }
+
+  /** Hides Gaussians in the frame that first draws what is uploaded now: at once in memory that is not drawn yet. */
+  #hideLater(all: readonly Int32Array[]): void {
+    const [manager] = this.#managers,
+      version = manager?.world.lastWorldStateVersion ?? 0;
+    if (!manager?.cpuSorter || this.#mesh.isGrowing) {
+      this.#hiding = [];
+      for (const which of all) this.#mesh.hide(which);
+    } else for (const which of all) this.#hiding.push({ which, version });
+  }
+
+  /** Hides Gaussians if this frame draws those that replace them. */
+  #hideReplaced(): void {
+    const sorted = Math.max(...this.#managers.map(({ cpuSorter }) => cpuSorter?.pendingSorted?.version ?? 0));
+    while (this.#hiding.length && this.#hiding[0].version < sorted) this.#mesh.hide(this.#hiding.shift()!.which);
   }
 
   get #nextUpload(): number {
@@ -394,12 +431,13 @@ export class View {
   /** True if a depth sort is pending or running. */
   get #isSorting(): boolean {
     if (!this.#ready || this.#moved || this.#replaced) return true;
-    const { gsplatDirector } = this.#app.renderer as unknown as SorterInternals;
-    return [...gsplatDirector.camerasMap.values()].some(({ layersMap }) =>
-      [...layersMap.values()].some(
-        ({ gsplatManager: manager }) => manager?.cpuSorter?.jobsInFlight || manager?.cpuSorter?.pendingSorted,
-      ),
-    );
+    return this.#managers.some(({ cpuSorter }) => cpuSorter?.jobsInFlight || cpuSorter?.pendingSorted);
+  }
+
+  get #managers(): readonly Manager[] {
+    const { gsplatDirector } = this.#app.renderer as unknown as SorterInternals,
+      layers = [...gsplatDirector.camerasMap.values()].flatMap(({ layersMap }) => [...layersMap.values()]);
+    return layers.flatMap(({ gsplatManager }) => gsplatManager ?? []);
   }
 
   /** Handles PlayCanvas's report whether everything added is sorted. */
@@ -421,6 +459,7 @@ export class View {
 
   #beforeFrame(): void {
     if (!this.#headset.active) this.#prepareFrame(); // a headset places the camera and sets the pace
+    if (this.#hiding.length) this.#hideReplaced();
     this.watcher?.(this.camera);
   }
 
