@@ -4,7 +4,7 @@ import types
 
 import torch
 
-from splatwire.anchors.projection import DILATION, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, TILE
 from splatwire.neural.model.tensor_projection import ProjectedTensors, project_tensors
 from splatwire.neural.render.reference import render_projected, rotation_matrices
 from splatwire.types import Cameras
@@ -31,7 +31,7 @@ def rasterization(
 
     As gsplat does, normalises quaternions.
     """
-    assert (near_plane, eps2d, tile_size, packed) == (NEAR_DEPTH, DILATION, TILE, False)
+    assert (eps2d, tile_size, packed) == (DILATION, TILE, False)
     assert len({t.device for t in (means, quats, scales, opacities, colors, viewmats, Ks, backgrounds)}) == 1
     assert all(t.dtype == torch.float32 for t in (means, quats, scales, opacities, colors, viewmats, Ks, backgrounds))
     assert means.shape[0] > 0

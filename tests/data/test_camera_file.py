@@ -1,6 +1,7 @@
 import json
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -245,3 +246,18 @@ def test_own_cameras_of_another_convention_or_size_are_named(cameras, tmp_path, 
     (tmp_path / "c.json").write_text(json.dumps(content))
     with pytest.raises(DatasetError, match="2 different image sizes"):
         load_cameras(tmp_path / "c.json")
+
+
+def test_near_plane_round_trips_and_must_be_positive(cameras, tmp_path):
+    assert "near_depth" not in saved(cameras, tmp_path)
+    content = saved(replace(cameras, near_depth=1e-4), tmp_path)
+    assert load_cameras(tmp_path / "c.json").near_depth == 1e-4
+    for bad in (0, -1, 1e400, "near", None):
+        (tmp_path / "bad.json").write_text(json.dumps(content | {"near_depth": bad}))
+        with pytest.raises(DatasetError, match="near_depth"):
+            load_cameras(tmp_path / "bad.json")
+
+
+def saved(cameras, folder):
+    save_cameras(cameras, folder / "c.json")
+    return json.loads((folder / "c.json").read_text())

@@ -1,12 +1,14 @@
 """Views without cameras: an object fits into the picture, and an enclosing scene is seen from inside."""
 
 import numpy as np
+import pytest
 
 from close import unit
 from splatwire.anchors.projection import project
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import surrounding_cameras
+from splatwire.render.render import render_scene
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
@@ -61,3 +63,15 @@ def test_enclosing_scene_is_framed_from_inside():
 
 def test_single_gaussian_is_framed_and_empty_scene_refused():
     assert framing_cameras(SplatScene(_splats(np.ones((1, 3)), 0.1)), 3, SIZE).num_views == 3
+
+
+@pytest.mark.parametrize("place", [framing_cameras, surrounding_cameras])
+@pytest.mark.parametrize("factor", [2.0**-16, 2.0**-6, 2.0**6])
+def test_pictures_do_not_depend_on_the_unit_of_length(place, factor):
+    """A scene of some centimetres in metres is nearer than 0.2, the near plane of 3DGS."""
+    rng = np.random.default_rng(2)
+    means = unit(rng.normal(size=(300, 3)).astype(np.float32))
+    large, small = (SplatScene(_splats(means * size, np.float32(0.1 * size))) for size in (1, factor))
+    wanted = render_scene(large, place(large, 5, SIZE))
+    assert float(np.ptp(wanted, axis=(1, 2)).min()) > 0.3
+    assert np.abs(render_scene(small, place(small, 5, SIZE)) - wanted).max() < 1e-4

@@ -2,6 +2,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 
 from reference.squared_gradients import squared
@@ -9,8 +10,8 @@ from splatwire.neural.render.differentiable import render_differentiable
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import SIZE, VIEWS_OF_PART, precision_classes
-from splatwire.types import Cameras, Gaussians
+from splatwire.render.precision import SIZE, VIEWS_OF_PART, measure_gaussians, precision_classes
+from splatwire.types import Cameras, Gaussians, SplatScene
 from splatwire.types.splats import Splats
 
 
@@ -98,3 +99,18 @@ def test_squared_gradients_equal_the_plain_sum() -> None:
     add_squared(*(t.numpy() for t in (*gradients, *known)), sums, 0, 400)
     add_squared(*(t.numpy() for t in (*gradients, *known)), sums, 400, num)
     np.testing.assert_allclose(sums, squared(*gradients, *known).numpy(), rtol=1e-12)
+
+
+def _resized(splats: Splats, factor: float) -> Splats:
+    return replace(splats, means=splats.means * np.float32(factor), scales=splats.scales * np.float32(factor))
+
+
+@pytest.mark.parametrize("factor", [2.0**-20, 2.0**-10, 2.0**-3, 2.0**3, 2.0**20])
+def test_classes_do_not_depend_on_the_unit_of_length(factor: float) -> None:
+    """From 0.5 units away, a scene of a millimetre is smaller than a pixel and has the classes of a scene unseen."""
+    splats = two_shells()
+    wanted = precision_classes(splats)[:200]  # the classes of the others, which no camera sees, are those of rounding
+    assert len(np.unique(wanted)) > 2
+    assert np.array_equal(precision_classes(_resized(splats, factor))[:200], wanted)
+    measured = measure_gaussians(SplatScene(_resized(splats, factor)))
+    assert np.array_equal(measured.classes[:200], measure_gaussians(SplatScene(splats)).classes[:200])

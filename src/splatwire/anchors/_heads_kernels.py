@@ -12,9 +12,10 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import LANES, choose, load, pick, power_of_two, smaller, spread, store
+from splatwire.types.cameras import NEAR_DEPTH
 
 ROWS = 6
 """Number of outputs computed together; weights are padded to a multiple of this number of outputs."""

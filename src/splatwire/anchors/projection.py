@@ -12,8 +12,6 @@ from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
 from splatwire.types import Cameras
 
-NEAR_DEPTH = 0.2
-"""Minimum depth of drawn centres, exclusive (HAC++, decoding of a view)."""
 DILATION = 0.3
 """Added to the diagonal of the 2D covariance, square pixels; no Gaussian is thinner than about half a pixel."""
 FRUSTUM_MARGIN = 0.3
@@ -83,7 +81,7 @@ def project(
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     local = means @ pose[:3, :3].T + pose[:3, 3]
     half, wide = means.dtype.type(0.5), means.dtype.type(DILATION)
-    near = local[:, 2] <= NEAR_DEPTH
+    near = local[:, 2] <= cameras.near_depth
     z = np.where(near, means.dtype.type(1), local[:, 2])
     x, y = local[:, 0] / z, local[:, 1] / z
     means2d = np.stack([fx * x + (cx - half), fy * y + (cy - half)], axis=1)

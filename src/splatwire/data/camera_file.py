@@ -21,6 +21,7 @@ from splatwire.files.names import path_of
 from splatwire.files.read_limited import read_json
 from splatwire.ops.arrays import to_numpy
 from splatwire.types import Cameras
+from splatwire.types.cameras import NEAR_DEPTH
 from splatwire.types.origin import NO_ORIGIN
 
 LOG = logging.getLogger(__name__)
@@ -58,6 +59,8 @@ def save_cameras(cameras: Cameras, path: str | os.PathLike[str]) -> None:
         "height": cameras.height,
         "cameras": views,
     }
+    if cameras.near_depth != NEAR_DEPTH:
+        content["near_depth"] = cameras.near_depth
     atomic_write(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
@@ -95,6 +98,11 @@ def load_cameras(path: str | os.PathLike[str]) -> Cameras:
     if own:
         _size(path, [content, *(view for view in views if {"width", "height"} & set(view))])
     found = make_cameras(path, names, viewmats, intrinsics, width, height)
+    if own and "near_depth" in content:
+        near = matrix(path, "near_depth", [[content["near_depth"]]], (1, 1))[0, 0]
+        if not 0 < near < np.inf:
+            raise DatasetError(f"{path}: 'near_depth' must be above 0 and finite, not {near:g}")
+        found = replace(found, near_depth=float(near))
     _warn_of_conventions(path, [content, *views])
     for name, view, viewmat, K in zip(names, views, viewmats, intrinsics, strict=True):
         _check_statements(path, name, view, viewmat, K, (width, height))

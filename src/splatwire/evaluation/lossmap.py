@@ -8,7 +8,6 @@ from splatwire.types import Cameras
 
 LOST_COLOR = (226, 74, 51)
 RECEIVED_COLOR = (44, 104, 158)
-NEAR_DEPTH = 0.2
 _DOT = 2
 """Side length of a dot, pixels."""
 
@@ -38,7 +37,7 @@ def draw_loss_map(
     local = positions @ pose[:3, :3].T + pose[:3, 3]
     x = np.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
     y = np.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
-    inside = (local[:, 2] > NEAR_DEPTH) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)
+    inside = (local[:, 2] > cameras.near_depth) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)
     for shown, color in ((inside & known, RECEIVED_COLOR), (inside & ~known, LOST_COLOR)):
         columns, rows = x[shown].astype(np.int64), y[shown].astype(np.int64)
         for dx, dy in np.ndindex(_DOT, _DOT):

@@ -21,6 +21,7 @@ from splatwire.render import iterate_views
 from splatwire.render.framing import framing_cameras
 from splatwire.sequence.decoding import decode_frame
 from splatwire.types import Cameras
+from splatwire.types.cameras import NEAR_DEPTH
 
 SIDES = 8
 """Number of directions around a scene among which the direction of the thumbnail is chosen."""
@@ -111,7 +112,8 @@ def _detail(image: Float[np.ndarray, "H W 3"]) -> float:
 def _camera_at(view: Viewpoint, size: int) -> Cameras:
     """Returns a square camera with a field of view of 60 degrees at a viewpoint."""
     eye, target, up = (np.array(vector, np.float64) for vector in view)
-    ahead = (target - eye) / np.linalg.norm(target - eye)
+    distance = float(np.linalg.norm(target - eye))
+    ahead = (target - eye) / distance
     right = np.cross(ahead, up)
     if np.linalg.norm(right) < 1e-6:  # looks along the up direction: any horizontal axis is as good
         right = np.cross(ahead, np.eye(3)[np.abs(ahead).argmin()])
@@ -121,4 +123,5 @@ def _camera_at(view: Viewpoint, size: int) -> Cameras:
     pose[:3, 3] = -pose[:3, :3] @ eye
     focal = size / 2 / math.tan(math.pi / 6)
     intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]], np.float32)
-    return Cameras(pose[None].astype(np.float32), intrinsics[None], size, size, ("viewpoint",))
+    near = min(NEAR_DEPTH, NEAR_DEPTH * distance)
+    return Cameras(pose[None].astype(np.float32), intrinsics[None], size, size, ("viewpoint",), near_depth=near)

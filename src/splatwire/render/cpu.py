@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import allowed_threads, share
 from splatwire.render import _cpu_gradients, _cpu_kernels, _cpu_lists, _cpu_project
@@ -258,5 +258,5 @@ def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:
     pose = np.ascontiguousarray(to_numpy(cameras.viewmats[view]), np.float64)
     K = to_numpy(cameras.Ks[view]).astype(np.float64)
     intrinsics = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-    constants = (NEAR_DEPTH, DILATION, FRUSTUM_MARGIN, float(TILE))
+    constants = (float(cameras.near_depth), DILATION, FRUSTUM_MARGIN, float(TILE))
     return pose, intrinsics, cameras.width, cameras.height, constants

@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.types import Cameras, Gaussians
+from splatwire.types.cameras import NEAR_DEPTH
 from splatwire.types.importance import Importance
 from splatwire.types.splats import Splats
 
@@ -66,7 +67,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     splats = explicit_gaussians(scene)
     if splats is None:
         return cameras_around(scene.positions, num_views, size)
-    near = replace(cameras_around(splats.means, num_views, size), origin=origin_of(scene))
+    near = replace(cameras_around_splats(splats, num_views, size), origin=origin_of(scene))
     far, outwards = _moved(near, splats.means, _FAR), _facing_back(near)
     poses = near.viewmats.copy()
     poses[1::2] = far.viewmats[1::2]
@@ -91,7 +92,7 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
     # Above 1, nearly all of the image is covered.
-    near = cameras_around(splats.means, num_views, size)
+    near = cameras_around_splats(splats, num_views, size)
     outwards, step = _facing_back(near), -(-splats.num_gaussians // _MOST_MEASURED)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
     shown = [_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
@@ -106,6 +107,13 @@ up."""
 _FAR = 2.0
 """Ratio of the distances of far and near cameras from the scene's centre; far cameras are at four times the median
 distance of the Gaussians."""
+CLOSEST = 0.5
+"""Default minimum distance of cameras from the scene's centre, world units."""
+_NEARLY_ALL, _CLOSEST_SIZES = 0.9, 4.0
+"""Minimum distance of cameras from the centre of a small scene: quantile of the distances of its Gaussians from the
+centre, and factor of their median size; the larger of both."""
+_NEAR_SHARE = 0.4
+"""Maximum near plane of cameras around a scene, as a fraction of their distance from its centre."""
 _FULL = 1.0
 """Minimum coverage of an outward view (`outward_coverage`) for the view to be used."""
 
@@ -125,13 +133,36 @@ def _facing_back(cameras: Cameras) -> Cameras:
     return replace(cameras, viewmats=poses)
 
 
-def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
+def cameras_around_splats(splats: Splats, num_views: int, size: int) -> Cameras:
+    """Places cameras evenly on a sphere around Gaussians, looking inwards; nearer than 0.5 units to small scenes.
+
+    Args:
+        splats: The Gaussians.
+        num_views: Number of cameras.
+        size: Width and height of the images, pixels; the field of view is 60 degrees.
+
+    Raises:
+        InvalidValueError: If the number of views, pixels or Gaussians is 0.
+    """
+    if not splats.num_gaussians:
+        return cameras_around(splats.means, num_views, size)
+    places = splats.means.astype(np.float64)
+    extent = float(np.quantile(np.linalg.norm(places - lower_median(places), axis=1), _NEARLY_ALL))
+    width = float(lower_median(splats.scales.max(axis=1).astype(np.float64)))
+    closest = min(CLOSEST, max(extent, _CLOSEST_SIZES * width)) or CLOSEST
+    return cameras_around(splats.means, num_views, size, closest=closest)
+
+
+def cameras_around(
+    positions: Float[Any, "N 3"], num_views: int = 16, size: int = 256, *, closest: float = CLOSEST
+) -> Cameras:
     """Places cameras evenly on a sphere around the centre of a scene, looking inwards.
 
     Args:
         positions: Positions of the scene's anchors or Gaussians.
         num_views: Number of cameras.
         size: Width and height of the images, pixels; the field of view is 60 degrees.
+        closest: Minimum radius of the sphere, world units.
 
     Raises:
         InvalidValueError: If the number of views, pixels or positions is 0.
@@ -141,7 +172,7 @@ def cameras_around(positions: Float[Any, "N 3"], num_views: int = 16, size: int 
     _check(num_views, size, len(positions))
     places = to_numpy(positions).astype(np.float64)
     middle = lower_median(places)
-    radius = max(2 * float(lower_median(np.linalg.norm(places - middle, axis=1))), 0.5)
+    radius = max(2 * float(lower_median(np.linalg.norm(places - middle, axis=1))), closest)
     place = np.arange(num_views) + 0.5
     return _cameras_on_sphere(middle, radius, 1 - 2 * place / num_views, place * math.pi * (3 - math.sqrt(5)), size)
 
@@ -222,4 +253,5 @@ def _cameras_on_sphere(
         np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]], np.float32), (num_views, 1, 1)
     )
     names = tuple(f"around_{view:03d}" for view in range(num_views))
-    return Cameras(poses.astype(np.float32), intrinsics, size, size, names)
+    near = min(NEAR_DEPTH, _NEAR_SHARE * radius)
+    return Cameras(poses.astype(np.float32), intrinsics, size, size, names, near_depth=near)

@@ -23,7 +23,7 @@ from splatwire.ops.threads import share
 from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.cpu import each_gradient_cpu
-from splatwire.render.importance import cameras_around, surrounding_cameras
+from splatwire.render.importance import cameras_around_splats, surrounding_cameras
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
@@ -112,7 +112,8 @@ def precision_classes(
     classes = np.empty(splats.num_gaussians, np.int8)
 
     def look(members: slice | np.ndarray, some: Splats, *, whole: bool) -> None:
-        around = cameras_around(some.means, VIEWS if whole else VIEWS_OF_PART, SIZE) if cameras is None else cameras
+        count = VIEWS if whole else VIEWS_OF_PART
+        around = cameras_around_splats(some, count, SIZE) if cameras is None else cameras
         classes[members] = _classes(some, _sensitivities(some, around, probes, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, look)

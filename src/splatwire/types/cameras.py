@@ -15,6 +15,8 @@ from splatwire.types.shapes import check_arrays
 
 MAX_PIXELS = 1 << 27
 """Maximum number of pixels of an image (134 million, more than any camera has); as float32 it takes 1.6 GB."""
+NEAR_DEPTH = 0.2
+"""Default near plane of cameras, world units: minimum depth of drawn centres (HAC++, decoding of a view)."""
 MAX_SKEW = 1e-3
 """Maximum skew, pixels, and maximum deviation of the other constant entries of intrinsics."""
 
@@ -46,6 +48,8 @@ class Cameras:
         height: Image height in pixels.
         names: One name per view, without a file suffix.
         origin: World coordinates that the matrices are relative to.
+        near_depth: Near plane, world units: Gaussians whose centres are not beyond this depth are not drawn. Views that
+            are placed around a small scene have a nearer one than `NEAR_DEPTH`.
     """
 
     viewmats: Float[Any, "C 4 4"]
@@ -54,6 +58,7 @@ class Cameras:
     height: int
     names: tuple[str, ...]
     origin: Origin = NO_ORIGIN
+    near_depth: float = NEAR_DEPTH
 
     __repr__ = summary_repr
 
@@ -65,6 +70,8 @@ class Cameras:
         if len(self.names) != self.viewmats.shape[0]:
             raise InvalidValueError(f"{len(self.names)} names for {self.viewmats.shape[0]} cameras")
         check_size(self.width, self.height)
+        if not 0 < self.near_depth < np.inf:
+            raise InvalidValueError(f"Cameras.near_depth must be above 0 and finite, not {self.near_depth:g}")
         for name in ("viewmats", "Ks"):
             matrices = getattr(self, name)
             if isinstance(matrices, np.ndarray) and not np.isfinite(matrices).all():

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.reprs import summary_repr
 from splatwire.types import Cameras
 
@@ -69,7 +69,7 @@ def project_tensors(
     pose, K = (torch.as_tensor(values[view]).to(means) for values in (cameras.viewmats, cameras.Ks))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     local = means @ pose[:3, :3].T + pose[:3, 3]
-    near = local[:, 2] <= NEAR_DEPTH
+    near = local[:, 2] <= cameras.near_depth
     z = torch.where(near, torch.ones_like(local[:, 2]), local[:, 2])
     x, y = local[:, 0] / z, local[:, 1] / z
     means2d = torch.stack([fx * x + (cx - 0.5), fy * y + (cy - 0.5)], dim=1)

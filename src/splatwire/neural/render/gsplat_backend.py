@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.anchors.projection import DILATION, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, TILE
 from splatwire.errors import BackendUnavailableError
 from splatwire.render.base import Drawing
 from splatwire.types import Cameras, Gaussians
@@ -76,7 +76,7 @@ class GsplatRenderer:
             torch.as_tensor(cameras.Ks).to(means),
             cameras.width,
             cameras.height,
-            near_plane=NEAR_DEPTH,
+            near_plane=cameras.near_depth,
             eps2d=DILATION,
             tile_size=TILE,
             packed=False,

@@ -6,11 +6,12 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.neural.training.packed import pack_networks
 from splatwire.neural.training.state import TrainState
 from splatwire.types import Anchors, Cameras, Gaussians
 from splatwire.types.anchor_scene import GaussianHeads
+from splatwire.types.cameras import NEAR_DEPTH
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.anchors.projection import DILATION, NEAR_DEPTH
+from splatwire.anchors.projection import DILATION
 from splatwire.errors import DivergedError
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.kernels import Uniform, uniform_from_host
@@ -56,11 +56,11 @@ def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, 
     # Tests a bounding sphere of three standard deviations along the longest axis.
     pose, K = (torch.as_tensor(values[view]).to(gaussians.means) for values in (cameras.viewmats, cameras.Ks))
     local = gaussians.means @ pose[:3, :3].T + pose[:3, 3]
-    z = local[:, 2].clamp(min=NEAR_DEPTH)
+    z = local[:, 2].clamp(min=cameras.near_depth)
     x, y = K[0, 0] * local[:, 0] / z + K[0, 2], K[1, 1] * local[:, 1] / z + K[1, 2]
     radius = 3 * torch.sqrt((gaussians.scales.amax(dim=1) * torch.maximum(K[0, 0], K[1, 1]) / z).square() + DILATION)
     inside = (x > -radius) & (x < cameras.width + radius) & (y > -radius) & (y < cameras.height + radius)
-    return inside & (local[:, 2] > NEAR_DEPTH)
+    return inside & (local[:, 2] > cameras.near_depth)
 
 
 @torch.no_grad()
