@@ -51,5 +51,5 @@ def check_pictures(page: Browser, stream: SceneStream, least: float, concealer: 
         found = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
         error = ((found - expected) ** 2).mean()
         assert -10 * np.log10(error) > least, f"view {view}, {concealer}: {-10 * np.log10(error):.1f} dB"
-    page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
+    page.evaluate(f"{ELEMENT}.removeAttribute('style')")
     return picture

@@ -117,6 +117,7 @@ def test_requests_before_a_clip_arrives_take_effect_when_it_does(tmp_path: Path)
             f"(() => {{ const old = {ELEMENT}, fresh = old.cloneNode(); fresh.currentTime = 4 / 8; fresh.play();"
             "old.replaceWith(fresh); })()"
         )
+        assert page.evaluate(f"[{ELEMENT}.duration, {ELEMENT}.paused]") == [0, False]
         page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.duration")
         assert page.evaluate(f"{ELEMENT}.paused") is False
 

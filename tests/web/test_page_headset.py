@@ -126,7 +126,6 @@ def picture_of(page: Browser, viewmat: np.ndarray) -> np.ndarray:
     """Picture that the page draws with the camera of one eye."""
     camera = {"viewmat": viewmat.tolist(), "focal": SIZE / 2, "height": SIZE, "width": SIZE}
     url = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})")
-    page.evaluate(f"{ELEMENT}.view.fix(null)")
     return image_of(url)
 
 

@@ -2,18 +2,24 @@
 
 import asyncio
 import itertools
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
 from fractions import Fraction
 
+import numpy as np
 import pytest
 
 from moving_sequences import moving_frames
 from splatwire.sequence import SequenceOptions
+from splatwire.sequence.frames import Frame
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.transport.http.content import Link, PageContent
 from splatwire.transport.http.server import PageServer
+from splatwire.transport.protocol.live_session import LiveState
 from transport.chromium import executable, isolated_page
 from web.node import lacking
+from web.pictures import ELEMENT
 from web.test_page import STATUS, run
 from web.test_page_clip import PANEL, TOLD, cell, slide
 from web.test_page_visitors import axe_findings
@@ -28,6 +34,13 @@ pytestmark = pytest.mark.slow
 GROUP, RATE, CHAPTER, GROUPS = 3, 12, 3, 10
 NUMBER = f"Number(({TOLD} || '0').replace(/\\D/g, ''))"
 """Number of the shown frame, from 1."""
+SPY = f"""(() => {{
+  const {{ view }} = {ELEMENT}, set = view.antialias;
+  window.antialiased = [];
+  view.antialias = function (value) {{ antialiased.push(value); set.call(this, value); }};
+  return true;
+}})()"""
+"""Records changes of antialiasing."""
 
 
 def editions(last: int) -> list:
@@ -38,17 +51,25 @@ def editions(last: int) -> list:
     return [edition for edition in [*found, *clip.end()] if edition is not None]
 
 
+@asynccontextmanager
+async def live_server() -> AsyncIterator[tuple[QuicServer, str]]:
+    """A server of the live stream `live`, and the address of its page."""
+    async with AsyncExitStack() as stack:
+        identity = self_signed()
+        server = QuicServer({}, "127.0.0.1", 0, identity=identity)
+        stack.callback(server.close)
+        await server.start()
+        link = Link(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
+        pages = await stack.enter_async_context(PageServer(PageContent({"live": None}, link)))
+        yield server, pages.url
+
+
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_live_clip_plays_with_concealment_and_ends() -> None:
-    served, identity = editions(GROUPS), self_signed()
+    served = editions(GROUPS)
 
     async def work() -> None:
-        async with AsyncExitStack() as stack:
-            server = QuicServer({}, "127.0.0.1", 0, identity=identity)
-            stack.callback(server.close)
-            await server.start()
-            link = Link(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
-            pages = await stack.enter_async_context(PageServer(PageContent({"live": None}, link)))
+        async with live_server() as (server, url):
             with isolated_page() as page:
 
                 async def seen(expression: str) -> object:
@@ -63,7 +84,7 @@ def test_live_clip_plays_with_concealment_and_ends() -> None:
                 button, at = f"{PANEL}.querySelector('.player button')", [0]
                 await served_to(2)
                 await asyncio.to_thread(lambda: page.emulate(800, 600, prefers_reduced_motion="reduce"))
-                await asyncio.to_thread(page.open, pages.url)
+                await asyncio.to_thread(page.open, url)
                 assert await seen(f"{TOLD}?.startsWith('paused, frame') && {button}.textContent") == "play"
                 first = await asyncio.to_thread(page.evaluate, NUMBER)
                 await served_to(3)
@@ -86,5 +107,36 @@ def test_live_clip_plays_with_concealment_and_ends() -> None:
                 assert "stalled" in str(await seen(f"{PANEL}.querySelector('.laboratory').innerText"))
                 assert await seen(f"{STATUS}.finished") == "complete"
                 assert not await asyncio.to_thread(page.evaluate, f"{STATUS}.failed")
+
+    run(work())
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_page_draws_a_live_clip_whose_source_changes_degree_and_antialiasing() -> None:
+    """The source of the frames is replaced; a period begins with its settings."""
+    ids, frames = itertools.count(71), moving_frames(300, GROUP)
+    clip = LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: next(ids))
+    red = np.zeros((300, 3, 3))
+    red[:, 1, 0] = 1.0
+    kinds = [(frames, False), ([replace(one, sh=np.concatenate([one.sh, red], axis=1)) for one in frames], True)]
+    served = list[list[LiveState]]()
+    for splats, antialiased in [*kinds, kinds[0]]:
+        clip.restart()
+        found = [clip.push(Frame.of(one, antialiased=antialiased)) for _ in range(2) for one in splats]
+        served.append([edition for edition in found if edition is not None])
+
+    async def work() -> None:
+        async with live_server() as (server, url):
+            with isolated_page() as page:
+                for part, editions in enumerate(served):
+                    for edition in editions:
+                        server.update("live", edition)
+                        await asyncio.sleep(GROUP / RATE)
+                    if not part:
+                        await asyncio.to_thread(page.open, url)
+                        await asyncio.to_thread(page.wait_for, f"{ELEMENT}?.view?.shows")
+                        await asyncio.to_thread(page.evaluate, SPY)
+                    await asyncio.to_thread(page.wait_for, f"{NUMBER} === {2 * GROUP * (part + 1)}")
+                    assert await asyncio.to_thread(page.evaluate, "antialiased") == [True, False][:part]
 
     run(work())

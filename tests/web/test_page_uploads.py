@@ -94,6 +94,8 @@ TURNS = f"""(async () => {{
 """Pictures while Gaussians are replaced repeatedly by the same ones in another order."""
 PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
+CAMERAS = tiny_cameras(1, 240, 180)
+CAMERA = {"viewmat": CAMERAS.viewmats[0].tolist(), "focal": float(CAMERAS.Ks[0, 1, 1]), "height": 180}
 
 
 def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> None:
@@ -114,10 +116,8 @@ def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> 
 
 def picture(page: Browser, **settings: object) -> str:
     """Picture with these settings."""
-    cameras = tiny_cameras(1, 240, 180)
-    camera = {"viewmat": cameras.viewmats[0].tolist(), "focal": float(cameras.Ks[0, 1, 1]), "height": 180}
     page.evaluate(f"{ELEMENT}.panel.set({json.dumps(settings)})")
-    return str(page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})"))
+    return str(page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})"))
 
 
 def test_preview_stays_until_the_first_sorted_frame() -> None:
@@ -155,7 +155,11 @@ def test_tiles_are_uploaded_incrementally_and_gains_only_where_changed() -> None
     def work(page: Browser) -> None:
         page.patience = 200.0  # a busy machine with a software renderer
         page.wait_for(WHOLE)
+        before = page.evaluate(f"{ELEMENT}.saveView()")
         whole = picture(page)
+        assert page.evaluate(f"[{ELEMENT}.view.fixed, {ELEMENT}.saveView()]") == [None, before]
+        page.evaluate(f"{ELEMENT}.view.fix({json.dumps(CAMERA)})")  # the camera of all pictures below
+        assert picture(page) == whole
         opening = page.evaluate("uploaded")
         assert opening["all"] > 5e6
         assert opening["most"] < 4.7e6

@@ -26,6 +26,7 @@ try {
     entryPoints: names.map((name) => `test/${name}`),
     bundle: true,
     platform: "node",
+    alias: { "worker:receiver": join(root, "test", "fake_worker.ts") },
     format: "esm",
     outdir: out,
     outExtension: { ".js": ".mjs" },

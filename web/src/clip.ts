@@ -16,6 +16,8 @@ export interface ClipOptions {
   readonly concealer?: string;
   /** WebTransport session of the server. The default is the one that `../streams.json`, relative to the file, names. */
   readonly session?: Session;
+  /** Aborts `Clip.open`, which waits for a server without end. Without effect later. */
+  readonly signal?: AbortSignal;
 }
 
 /** A decoded frame, in the layout of GPU textures. */
@@ -48,6 +50,7 @@ export class Clip extends EventTarget {
   #requested = -1;
   /** True if the frame must be requested again, because packets arrived since its request. */
   #isStale = true;
+  #antialiased: boolean;
 
   private constructor(
     readonly worker: Worker,
@@ -55,6 +58,7 @@ export class Clip extends EventTarget {
     readonly concealer: string,
   ) {
     super();
+    this.#antialiased = facts.antialiased;
     this.#clock = facts.sequence.live ? new LiveClock(facts.sequence.rate) : new ClipClock(facts.sequence);
     worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
     worker.addEventListener("error", ({ message }) => this.#fail(message || "the worker failed"));
@@ -64,16 +68,16 @@ export class Clip extends EventTarget {
   /**
    * Starts to receive a clip. Resolves once its properties are known.
    *
-   * Rejects if the stream is no clip, if it cannot be received, or if the policy of the page forbids
-   * `worker-src blob:`.
+   * Rejects if the stream is no clip, if it cannot be received, if `signal` is aborted, or if the policy of the page
+   * forbids `worker-src blob:`.
    */
   static async open(url: string | URL, options: ClipOptions = {}): Promise<Clip> {
-    const { concealer = "motion", session = null } = options,
+    const { concealer = "motion", session = null, signal } = options,
       source = await sourceOf(new URL(url, globalThis.location?.href), session),
       worker = startReceiver();
     try {
       worker.postMessage({ kind: "open", ...source, bytes: null } satisfies ToWorker);
-      const facts = await firstFacts(worker),
+      const facts = await firstFacts(worker, signal),
         { sequence } = facts;
       if (!sequence) throw new Error("the stream is not a clip: load it as a scene");
       if (!facts.concealers.includes(concealer))
@@ -105,9 +109,12 @@ export class Clip extends EventTarget {
     return this.facts.size;
   }
 
-  /** True if opacity decreases for Gaussians below the size of a pixel (Mip-Splatting), as opposed to 3DGS. */
+  /**
+   * True if opacity decreases for Gaussians below the size of a pixel (Mip-Splatting), as opposed to 3DGS. It may
+   * change with a frame of a live clip.
+   */
   get antialiased(): boolean {
-    return this.facts.antialiased;
+    return this.#antialiased;
   }
 
   /** Background colour, RGB, each 0 to 1. */
@@ -138,8 +145,8 @@ export class Clip extends EventTarget {
 
   pause(): void {
     const now = performance.now() / 1000;
+    this.#due(now); // brings the time into the present lap
     this.#paused = true;
-    this.#clock.due(now, this.loop); // brings the time into the present lap
     this.#clock.pause(now);
   }
 
@@ -160,11 +167,7 @@ export class Clip extends EventTarget {
    * earlier one than the due frame. Call this once per picture. Late frames are skipped.
    */
   update(): ClipFrame | null {
-    const due = this.#clock.due(performance.now() / 1000, this.loop);
-    if (!this.#paused && this.ended) {
-      this.#paused = true;
-      this.dispatchEvent(new CustomEvent("ended"));
-    }
+    const due = this.#due(performance.now() / 1000);
     if (due !== null && this.#requested < 0 && (due !== this.#received || this.#isStale)) this.#request(due);
     const arrived = this.#arrived;
     this.#arrived = null;
@@ -175,6 +178,16 @@ export class Clip extends EventTarget {
   close(): void {
     this.pause();
     this.worker.terminate();
+  }
+
+  /** Returns the due frame. Pauses after the last one. */
+  #due(now: number): number | null {
+    const due = this.#clock.due(now, this.loop);
+    if (!this.#paused && this.ended) {
+      this.#paused = true;
+      this.dispatchEvent(new CustomEvent("ended"));
+    }
+    return due;
   }
 
   #request(number: number): void {
@@ -195,6 +208,7 @@ export class Clip extends EventTarget {
         this.#received = message.number;
         if (!message.packed.count) return;
         this.#clock.start(performance.now() / 1000);
+        this.#antialiased = message.antialiased;
         this.#arrived = { number: message.number, packed: message.packed };
         return;
       case "playable":
@@ -210,15 +224,21 @@ export class Clip extends EventTarget {
         return;
       case "failed":
         return this.#fail(message.text);
+      case "facts": // of another stream, whose frames have another size and rate
+        this.worker.terminate();
+        return this.#fail("the file was replaced: open it again");
     }
   }
 }
 
-/** Resolves with the properties of a stream. Rejects if it cannot be received. */
-function firstFacts(worker: Worker): Promise<Facts> {
+/** Resolves with the properties of a stream. Rejects if it cannot be received, or if `given` is aborted. */
+function firstFacts(worker: Worker, given?: AbortSignal): Promise<Facts> {
   return new Promise((resolve, reject) => {
     const done = new AbortController(),
-      { signal } = done;
+      { signal } = done,
+      abort = (): void => reject(given!.reason);
+    if (given?.aborted) abort();
+    given?.addEventListener("abort", abort, { signal });
     const listen = ({ data }: MessageEvent<FromWorker>): void => {
       if (data.kind !== "facts" && data.kind !== "failed") return;
       done.abort();

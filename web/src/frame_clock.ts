@@ -89,7 +89,7 @@ export class LiveClock implements FrameClock {
   }
 
   get ended(): boolean {
-    return this.#buffer.ended && this.#last === this.#buffer.last;
+    return this.#buffer.ended && this.#last >= this.#buffer.last; // also if there never was a frame
   }
 
   start(): void {}

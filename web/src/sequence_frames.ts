@@ -45,17 +45,18 @@ export class SequenceFrames {
   /** Sends a frame, taken from `received` unless the clip is live. `size` is the size of the scene, world units. */
   frame({ number, choice }: ToWorker & { kind: "frame" }, received: DecodedStream | null, size: number): void {
     const place = this.#periods?.at(number),
-      schema = (this.#periods ? place?.received : received)?.decoder.schema,
-      sequence = schema?.sequence;
-    if (!schema || !sequence) return;
+      decoder = (this.#periods ? place?.received : received)?.decoder,
+      sequence = decoder?.schema.sequence;
+    if (!decoder || !sequence) return;
     const began = performance.now(),
       own = place?.number ?? number,
       { shown, count } = this.#shownMotion(sequence.packets, choice),
       frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer));
-    const packed = pack(frame ? [frame.splats] : [], schema.degree, size),
+    const packed = pack(frame ? [frame.splats] : [], decoder.schema.degree, size),
+      { antialiased } = decoder,
       drawMs = performance.now() - began;
     this.post(
-      { kind: "frame", number, packed, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
+      { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
       buffersOf(packed),
     );
     setTimeout(() => sequence.prefetch(own, PREFETCH_MS));

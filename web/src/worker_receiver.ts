@@ -101,6 +101,8 @@ export class WorkerReceiver implements Receiver {
   readonly #batches: Batch[] = [];
   /** Complete scene to which updates are applied; null until updates are requested. */
   #updated: UpdatedScene | null = null;
+  /** True while updates are wanted. */
+  #follows = false;
   /** Stream of the scene before all updates in `#updated`. */
   #updatedFrom: DecodedStream | null = null;
   /** True once everything was compared with the digest. */
@@ -288,9 +290,14 @@ export class WorkerReceiver implements Receiver {
     });
   }
 
+  /** Resolves when all received packets are decoded. */
+  async #decoded(): Promise<void> {
+    while (this.#working) await this.#working;
+  }
+
   /** Resolves when all received packets are decoded and sent to the page. */
   async settled(): Promise<void> {
-    while (this.#working) await this.#working;
+    await this.#decoded();
     await this.#draw();
     await this.cache?.flush();
     if (this.#counts) this.#reportCounts(this.#counts);
@@ -444,11 +451,17 @@ export class WorkerReceiver implements Receiver {
 
   /**
    * Requests updates of the complete scene and applies them, one after another. While none exists, and after a failure,
-   * the scene stays as it is.
+   * the scene stays as it is. An empty `file` stops the requests.
    */
   async follow(file: string): Promise<void> {
     const received = this.#received;
-    if (this.#updated || !received?.decoder.intake.complete || received.decoder.head.manifest.codec !== "gaussians")
+    this.#follows = !!file;
+    if (
+      !file ||
+      this.#updated ||
+      !received?.decoder.intake.complete ||
+      received.decoder.head.manifest.codec !== "gaussians"
+    )
       return;
     this.#updated = sceneOf(received, this.store.manifestBytes);
     this.#updatedFrom = received;
@@ -456,6 +469,7 @@ export class WorkerReceiver implements Receiver {
       failures = 0;
     while (received === this.#received) {
       await delay(Math.min(UPDATE_MS * 2 ** failures, MAX_UPDATE_MS));
+      if (!this.#follows) continue;
       try {
         const bytes = await readWhole(updateUrl(file, this.#updated.digest));
         if (bytes) {
@@ -574,6 +588,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Reports whether the digest of all decoded integers is that of the manifest. */
   async digest(): Promise<void> {
+    await this.#decoded();
     const received = this.#received,
       same = await this.#isSameDigest();
     if (received === this.#received) this.#isVerified = same;
@@ -622,7 +637,7 @@ export class WorkerReceiver implements Receiver {
         await new Promise<void>((resolve) => this.#moved.push(resolve));
       },
       taken: async () => {
-        while (this.#working) await this.#working;
+        await this.#decoded();
         await this.#draw();
       },
     };

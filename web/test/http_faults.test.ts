@@ -7,8 +7,10 @@ import { ContainerReader } from "../src/packets/container.ts";
 import { FILE, type Listener } from "../src/transport/events.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { receiveFile } from "../src/transport/http_source.ts";
+import type { FromWorker } from "../src/transport/messages.ts";
 import { HEAD, partOf } from "../src/transport/packet_cache.ts";
 import { isIntact, PacketStore } from "../src/transport/packet_store.ts";
+import { WorkerReceiver } from "../src/worker_receiver.ts";
 import {
   type Answering,
   type Asked,
@@ -533,4 +535,22 @@ test("all arriving packets are decoded after a reset", async () => {
   reception.packets(packets);
   await reception.settled();
   assert.equal(reception.complete, true);
+});
+
+test("a check during decoding waits for the received packets, and keeps them in the cache", async () => {
+  const caches = new Caches();
+  new Server((asked) => part(STILL, asked));
+  await visit(caches);
+  const said: FromWorker[] = [];
+  Object.assign(globalThis, { self: { postMessage: (message: FromWorker) => said.push(message) } });
+  const reception = new WorkerReceiver();
+  await reception.resume(URL_); // all packets, which are not decoded yet
+  assert.deepEqual([reception.store.complete, reception.complete], [true, false]);
+  await reception.digest();
+  await reception.settled();
+  assert.deepEqual(
+    said.filter(({ kind }) => kind === "digest"),
+    [{ kind: "digest", same: true }],
+  );
+  assert.ok(caches.records.length > 1);
 });

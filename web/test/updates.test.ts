@@ -14,6 +14,7 @@ import { ContainerReader } from "../src/packets/container.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
 import { fileManifest, manifestDigest, updateUrl } from "../src/transport/updates.ts";
+import type { WorkerReceiver } from "../src/worker_receiver.ts";
 import { flipped, part, Server, URL_, visit } from "./fake_web.ts";
 import { spoiled } from "./hostile.ts";
 import { random } from "./vectors.ts";
@@ -104,6 +105,17 @@ test("gains of the scene before its updates are those of the Gaussians that stay
   assert.deepEqual(compacted.subarray(2 * kept), new Float32Array(2 * added).fill(1));
 });
 
+/** Ends the requests for updates, and the mocks. */
+async function ended(reception: WorkerReceiver): Promise<void> {
+  reception.changed();
+  for (let n = 0; n < 10; n++) {
+    await new Promise((resolve) => setImmediate(resolve));
+    mock.timers.tick(60_000);
+  }
+  mock.restoreAll();
+  mock.timers.reset();
+}
+
 /**
  * Answers requests for the updates of the scene `states[0]`; counts those for the scene, whose file is now `replaced`.
  */
@@ -136,16 +148,37 @@ async function followed(
     choice: { concealer: "drop", dropped: 0.5, burst: 1, seed: 3, sent: 1 },
     requestId: 1,
   });
-  reception.changed(); // ends the loop
-  for (let n = 0; n < 10; n++) {
-    await new Promise((resolve) => setImmediate(resolve));
-    mock.timers.tick(60_000);
-  }
-  mock.restoreAll();
-  mock.timers.reset();
+  await ended(reception);
   assert.ok(server.asked.length);
   return [said, scenes];
 }
+
+test("updates are requested only while the page wants them", async () => {
+  const file = bytesOf(CHAIN.states[0]),
+    server = new Server((asked) => part(file, asked)),
+    { reception, complete } = await visit();
+  assert.ok(complete && server.asked.length);
+  let requests = 0;
+  mock.method(globalThis, "fetch", async () => {
+    requests++;
+    return new Response(null, { status: 404 });
+  });
+  mock.timers.enable({ apis: ["setTimeout"] });
+  for (const [wanted, expected] of [
+    ["", 0],
+    [URL_, 5],
+    ["", 5],
+    [URL_, 10],
+  ] as const) {
+    void reception.follow(wanted);
+    for (let seconds = 0; seconds < 5; seconds++) {
+      mock.timers.tick(1000);
+      await new Promise((resolve) => setImmediate(resolve));
+    }
+    assert.equal(requests, expected);
+  }
+  await ended(reception);
+});
 
 test("a damaged update is requested again, and the whole scene after the third one", async () => {
   const damaged = (update: Uint8Array): Uint8Array => flipped(update, update.length - 9),

@@ -1,6 +1,8 @@
 // Network with standardised inputs, one hidden layer and two outputs. Counterpart of
 // `splatwire.concealment.scene_free.network.Perceptron`.
 
+import { fromBase64 } from "../bytes.ts";
+
 const MAX_STANDARDISED = 3;
 
 /** Network weights as stored in `scene_free_weights.ts`. */
@@ -12,7 +14,7 @@ interface Weights {
 
 /** Returns a function that evaluates the network. Standardised inputs are clamped to [-3, 3]. */
 export function perceptron({ inputs, hidden, bytes }: Weights): (signature: Float64Array) => [number, number] {
-  const numbers = new Float32Array(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer);
+  const numbers = new Float32Array(fromBase64(bytes).buffer);
   let at = 0;
   const next = (count: number): Float32Array => numbers.subarray(at, (at += count));
   const mean = next(inputs),

@@ -1,6 +1,6 @@
 // A clip as an entity of PlayCanvas.
 
-import { type AppBase, Entity } from "playcanvas";
+import { type AppBase, type CameraComponent, Entity, type Layer } from "playcanvas";
 
 import type { Clip } from "../clip.ts";
 import { GpuGaussians } from "../render/gpu_gaussians.ts";
@@ -11,7 +11,8 @@ const MIN_CAPACITY = 4096;
 
 /**
  * Entity that shows a clip and plays it with the application: `app.root.addChild(new ClipEntity(app, clip))`. Keeps the
- * axes of the stream. Sets `app.scene.gsplat.antiAlias` if the stream requires it. Throws for devices without WebGL.
+ * axes of the stream. While it is disabled, no frames are decoded. Sets `app.scene.gsplat.antiAlias` if the stream
+ * requires it. Throws for devices without WebGL.
  */
 export class ClipEntity extends Entity {
   /** Child whose scale is the unit of length of the frames. */
@@ -19,8 +20,10 @@ export class ClipEntity extends Entity {
   #drawn: GpuGaussians | null = null;
   /** Gaussians of the frame before, whose memory is reused once the newest frame is sorted. */
   #previous: GpuGaussians | null = null;
-  /** True if the newest frame is not sorted yet. The one before stays on the screen until then. */
+  /** True if a camera has not sorted the newest frame yet. It draws the one before until then. */
   #isWaiting = false;
+  /** True if all cameras that draw the entity have sorted it in this picture; null if none has drawn it. */
+  #isSorted: boolean | null = null;
   readonly #release: () => void;
 
   constructor(
@@ -32,15 +35,18 @@ export class ClipEntity extends Entity {
     this.#child = new Entity("frame", app);
     this.#child.setLocalScale(clip.size, clip.size, clip.size);
     this.addChild(this.#child);
-    // never reset, because other streams of the application may require it
-    if (clip.antialiased) app.scene.gsplat.antiAlias = true;
-    const update = app.on("update", () => this.#update()),
-      sorted = app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) => {
-        if (ready) this.#isWaiting = false;
-      });
+    const events = [
+      app.on("update", () => this.#update()),
+      app.systems.gsplat!.on("frame:ready", (_camera: CameraComponent, layer: Layer, isReady: boolean) => {
+        if (this.#child.gsplat?.layers.includes(layer.id)) this.#isSorted = isReady && this.#isSorted !== false;
+      }),
+      app.on("postrender", () => {
+        if (this.#isSorted) this.#isWaiting = false;
+        this.#isSorted = null;
+      }),
+    ];
     this.#release = () => {
-      update.off();
-      sorted.off();
+      for (const event of events) event.off();
     };
   }
 
@@ -54,9 +60,10 @@ export class ClipEntity extends Entity {
   }
 
   #update(): void {
-    if (this.#isWaiting) return;
-    const frame = this.clip.update();
+    if (!this.enabled) return;
+    const frame = this.#isWaiting ? null : this.clip.update();
     if (frame) this.#show(frame.packed);
+    if (this.#isWaiting) this.app.renderNextFrame = true; // for applications that draw on request
   }
 
   #show(packed: Packed): void {
@@ -65,18 +72,19 @@ export class ClipEntity extends Entity {
     next.clear();
     next.append(packed);
     next.show();
+    // never reset, because other streams of the application may require it
+    if (this.clip.antialiased) this.app.scene.gsplat.antiAlias = true;
     if (this.#child.gsplat) this.#child.gsplat.resource = next;
     else this.#child.addComponent("gsplat", { resource: next });
     this.#drawn = next;
     this.#previous = last;
     this.#isWaiting = true;
-    this.app.renderNextFrame = true;
   }
 
   /** Returns textures that are not drawn and have room for a frame. */
   #roomFor({ count, degree }: Packed): GpuGaussians {
     const spare = this.#previous;
-    if (spare && spare.capacity >= count) return spare;
+    if (spare && spare.capacity >= count && spare.degree === degree) return spare;
     spare?.destroy();
     return new GpuGaussians(this.app.graphicsDevice, Math.max(MIN_CAPACITY, 2 ** Math.ceil(Math.log2(count))), degree);
   }

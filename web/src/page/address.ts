@@ -1,6 +1,6 @@
 // Resolves the element's attributes to a stream's sources.
 
-import { type Source, sourceOf } from "../transport/failover.ts";
+import { nameOf, type Source, sourceOf } from "../transport/failover.ts";
 
 /**
  * Returns the sources of `https://host/streams/NAME.swz`. The server may publish its WebTransport session in
@@ -24,18 +24,6 @@ export function addressOf(src: string, base: string): URL | null {
 
 /** Returns the scene's title: the element's `aria-label`, the file name, or the title of the page. */
 export function titleOf(host: HTMLElement): string {
-  const file = (host.getAttribute("src") ?? "")
-    .split(/[?#]/)[0]
-    .split("/")
-    .pop()!
-    .replace(/\.swz$/, "");
-  return host.getAttribute("aria-label") || decoded(file) || host.ownerDocument.title || "Scene";
-}
-
-function decoded(name: string): string {
-  try {
-    return decodeURIComponent(name);
-  } catch {
-    return name; // the file name contains a literal percent sign
-  }
+  const file = nameOf((host.getAttribute("src") ?? "").split(/[?#]/)[0]);
+  return host.getAttribute("aria-label") || file || host.ownerDocument.title || "Scene";
 }

@@ -1,6 +1,7 @@
 // Controls an element's stream from start to release: connects the worker, the stage and the panel.
 
 import startReceiver from "worker:receiver";
+import { fromBase64 } from "../bytes.ts";
 import type { Viewpoint } from "../codec/decoder.ts";
 import { readPreview } from "../codec/preview.ts";
 import type { FixedCamera } from "../model/camera.ts";
@@ -169,7 +170,7 @@ export class Controller {
 
   /** Releases all resources. */
   destroy(): void {
-    this.#released.abort(new Error("this <splat-wire> was removed, or begins with a stream again"));
+    this.#released.abort(new Error("this <splat-wire> was removed or restarted"));
     this.#windowLeft.abort();
     this.#rotation.destroy();
     clearTimeout(this.#idleTimer);
@@ -228,18 +229,25 @@ export class Controller {
     return this.#comparison.withoutComparison(() => unlessAborted(this.#picture(camera), ...signals));
   }
 
-  /** Makes a picture, again if the WebGL context is lost meanwhile. */
+  /** Makes a picture, again if the WebGL context is lost meanwhile. The page then has its own camera again. */
   async #picture(camera: FixedCamera): Promise<string> {
     for (;;) {
       const view = await new Promise<View>((resolve) => this.stage.draw(resolve)),
         { clientWidth, clientHeight } = this.host,
+        { fixed } = view,
         width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)),
-        isPending = (): boolean => this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false;
+        isPending = (): boolean =>
+          !this.#workerFailed.signal.aborted &&
+          (this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false);
       view.fix({ width, ...camera });
-      await view.frame();
-      while (isPending() && this.stage.view === view) await delay(50);
-      const picture = await screenshot(view);
-      if (this.stage.view === view) return picture;
+      try {
+        await view.frame();
+        while (isPending() && this.stage.view === view) await delay(50);
+        const picture = await screenshot(view);
+        if (this.stage.view === view) return picture;
+      } finally {
+        view.fix(fixed);
+      }
     }
   }
 
@@ -262,7 +270,7 @@ export class Controller {
     this.panel.showNotice("loading", "Connecting ...");
     if (preview)
       this.#preview(() => {
-        const { splats, background } = readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0)));
+        const { splats, background } = readPreview(fromBase64(preview));
         return { packed: pack([splats], 0, 1), background };
       });
     const sizes = new ResizeObserver(() => stage.resize()),
@@ -378,7 +386,7 @@ export class Controller {
     const { host } = this,
       inside = host.ownerDocument.getElementById(host.getAttribute("data") ?? "");
     if (inside) {
-      const bytes = Uint8Array.from(atob(inside.textContent!.trim()), (c) => c.charCodeAt(0));
+      const bytes = fromBase64(inside.textContent!.trim());
       return this.#send({ kind: "open", session: null, name: "", file: "", bytes });
     }
     const src = host.getAttribute("src");
@@ -498,10 +506,10 @@ export class Controller {
     this.#gaussiansChanged(elements, fresh);
   }
 
-  /** Requests updates once the scene is complete, if the page wants them. */
+  /** Requests updates once the scene is complete, while the page wants them. */
   #follow(): void {
-    if (!this.status.complete || !this.host.hasAttribute("updates")) return;
-    if (this.#file) this.#send({ kind: "follow", file: this.#file });
+    if (this.status.complete && this.#file)
+      this.#send({ kind: "follow", file: this.host.hasAttribute("updates") ? this.#file : "" });
   }
 
   /** Swaps an update in: the removed Gaussians disappear in the picture in which the new ones appear. */
@@ -531,6 +539,7 @@ export class Controller {
       { stage } = this;
     if (packed.count) {
       this.#start();
+      stage.antialias(message.antialiased);
       stage.add(packed, true);
     }
     this.#playback.showStatistics(message);

@@ -22,7 +22,7 @@ export class LivePlayer extends PlayerBase {
   }
 
   override get over(): boolean {
-    return this.#buffer.ended && this.number === this.#buffer.last;
+    return this.#buffer.ended && this.number >= this.#buffer.last; // also if there never was a frame
   }
 
   /** Pauses, or continues at the live position. */

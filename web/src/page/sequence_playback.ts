@@ -5,10 +5,14 @@ import { LivePlayer } from "./live_player.ts";
 import type { Panel } from "./panel.ts";
 import { Player, type RequestFrame } from "./player.ts";
 
-/** Playback that was requested before a clip has arrived: to play or to pause, and a time in seconds. */
+/** Playback that was requested before a clip has arrived. */
 export interface WantedPlayback {
-  playing?: boolean;
-  time?: number;
+  /** True to play, false to pause. */
+  playing?: boolean | undefined;
+  /** The same for live clips, which a request for a time does not pause. */
+  playingLive?: boolean | undefined;
+  /** Time of the clip, seconds. */
+  time?: number | undefined;
 }
 
 export class SequencePlayback {
@@ -29,9 +33,9 @@ export class SequencePlayback {
    */
   begin(sequence: Facts["sequence"], seen: boolean): void {
     const { wanted } = this,
-      { playing = this.#player?.started, time } = wanted;
-    delete wanted.playing;
-    delete wanted.time;
+      { time } = wanted,
+      playing = (sequence?.live ? wanted.playingLive : wanted.playing) ?? this.#player?.started;
+    wanted.playing = wanted.playingLive = wanted.time = undefined;
     this.#player?.destroy();
     this.#isStill = !sequence;
     this.#player =
@@ -64,12 +68,12 @@ export class SequencePlayback {
   /** Starts or stops the playback. Before a clip arrives, the request is kept. Without effect on a still. */
   play(playing: boolean): void {
     if (this.#player) this.#player.play(playing);
-    else if (!this.#isStill) this.wanted.playing = playing;
+    else if (!this.#isStill) Object.assign(this.wanted, { playing, playingLive: playing });
   }
 
-  /** True if the clip does not play. A still does not. */
+  /** True if the clip does not play, and before it arrives, unless `play` was requested. A still does not play. */
   get paused(): boolean {
-    return !this.#player?.started;
+    return !(this.#player?.started ?? this.wanted.playing);
   }
 
   /** Time of the frame on the screen, seconds; 0 for a still. */
@@ -85,8 +89,7 @@ export class SequencePlayback {
     if (Number.isNaN(seconds)) throw new TypeError("the time of a clip is a number");
     if (this.#player instanceof Player) this.#player.seek(seconds * this.#player.rate);
     if (this.#player || this.#isStill) return;
-    this.wanted.time = seconds;
-    if (this.wanted.playing) delete this.wanted.playing;
+    Object.assign(this.wanted, { time: Math.max(seconds, 0), playing: false });
   }
 
   /** Duration in seconds; 0 for a still, infinite for a live clip. */

@@ -281,6 +281,7 @@ export class Stage implements ContextOwner {
 
   /** Sets whether opacity decreases for Gaussians below the size of a pixel. */
   antialias(antialiased: boolean): void {
+    if (antialiased === this.#antialiased) return;
     this.#antialiased = antialiased;
     this.view?.antialias(antialiased);
   }
@@ -390,7 +391,7 @@ export class Stage implements ContextOwner {
 
   /** Reports a camera unless its picture has no pixels. A fixed camera has a size independent of the element. */
   #reportCamera(camera: Camera): void {
-    if (this.#hasSize || this.view?.isFixed) this.onCamera?.(camera);
+    if (this.#hasSize || this.view?.fixed) this.onCamera?.(camera);
   }
 
   /** Reports the current camera. */

@@ -2,6 +2,7 @@
 
 import { Vec3 } from "playcanvas";
 
+import { fromBase64 } from "../bytes.ts";
 import { readPreview } from "../codec/preview.ts";
 import { frameScene, sceneCore } from "../render/framing.ts";
 import { FreeSpace } from "../render/free_space.ts";
@@ -25,7 +26,7 @@ export class Thumbnail extends Base {
   }
 
   #paint(canvas: HTMLCanvasElement): void {
-    const bytes = Uint8Array.from(atob(this.getAttribute("data") ?? ""), (c) => c.charCodeAt(0)),
+    const bytes = fromBase64(this.getAttribute("data") ?? ""),
       { splats, background } = readPreview(bytes),
       parts = [pack([splats], 0, 1)],
       orbit = new Orbit(() => undefined),

@@ -42,7 +42,8 @@ export class SingleMesh {
     const target = this.#larger ?? this.#drawn;
     this.#parts.push(packed);
     this.#count += packed.count;
-    if (!target || target.capacity < this.#count) return this.#enlarge(packed.degree);
+    if (!target || target.capacity < this.#count || target.degree !== packed.degree)
+      return this.#enlarge(packed.degree);
     const before = target.bytes;
     target.append(packed);
     return target.bytes - before;

@@ -385,9 +385,9 @@ export class View {
     this.#changed(); // view-dependent colours are otherwise updated only after a movement
   }
 
-  /** True while a camera of `splatwire` is used. It has its own picture size. */
-  get isFixed(): boolean {
-    return this.#fixed !== null;
+  /** Camera of `splatwire` in use, which has its own picture size; null if the orbit camera is used. */
+  get fixed(): FixedCamera | null {
+    return this.#fixed;
   }
 
   /** Shows the scene in a headset, instead of on the page, until the session ends. Throws if it cannot start. */

@@ -175,11 +175,15 @@ class Failover {
 
 /** Returns the sources for the URL of a file. The server may publish its session next to the file. */
 export async function sourceOf(file: URL, given: Session | null): Promise<Source> {
-  const last = file.pathname.split("/").pop() ?? "";
-  return { session: given ?? (await lookUpSession(file)), name: decoded(last).replace(/\.swz$/, ""), file: file.href };
+  return { session: given ?? (await lookUpSession(file)), name: nameOf(file.pathname), file: file.href };
 }
 
-function decoded(name: string): string {
+/** Returns the name of a scene from the path of its file. */
+export function nameOf(path: string): string {
+  const name = path
+    .split("/")
+    .pop()!
+    .replace(/\.swz$/, "");
   try {
     return decodeURIComponent(name);
   } catch {

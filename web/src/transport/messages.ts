@@ -16,7 +16,7 @@ export type ToWorker =
   /** Requests a frame of a clip. Answered by `frame`. */
   | { kind: "frame"; number: number; choice: LossSimulation }
   | { kind: "digest" }
-  /** Requests updates of the scene beside its file, once it is complete. */
+  /** Requests updates of the scene beside its file, once it is complete; none any more if `file` is empty. */
   | { kind: "follow"; file: string };
 
 /** Properties of a stream. */
@@ -71,9 +71,17 @@ export type FromWorker =
   | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; requestId: number }
   /**
    * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
-   * the number of motion packets that were not lost.
+   * the number of motion packets that were not lost. `antialiased` is as in `Facts`; it may change in live clips.
    */
-  | { kind: "frame"; number: number; packed: Packed; concealed: number; shownPackets: number; drawMs: number }
+  | {
+      kind: "frame";
+      number: number;
+      packed: Packed;
+      antialiased: boolean;
+      concealed: number;
+      shownPackets: number;
+      drawMs: number;
+    }
   /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }

@@ -1,0 +1,126 @@
+// `splatwire/clip`: what a clip does with the messages of its worker.
+
+import assert from "node:assert/strict";
+import { type TestContext, test } from "node:test";
+
+import { Clip, type ClipOptions } from "../src/clip.ts";
+import { pack } from "../src/render/packed.ts";
+import type { Facts } from "../src/transport/messages.ts";
+import { FakeWorker } from "./fake_worker.ts";
+
+const RATE = 10,
+  TIMING = { rate: RATE, numFrames: 20, live: false };
+
+/** Properties of a stream of which a clip uses only these. */
+const factsOf = (sequence: Facts["sequence"], size = 3): Facts =>
+  ({ sequence, size, antialiased: false, concealers: ["motion", "hold"] }) as unknown as Facts;
+
+/** One Gaussian. */
+const PACKED = { ...pack([], 0, 1), count: 1 };
+
+/** Opens a clip, at time 0 of a clock that the test moves. */
+async function opened(
+  t: TestContext,
+  sequence: Facts["sequence"] = TIMING,
+): Promise<[Clip, FakeWorker, (ms: number) => void]> {
+  let now = 0;
+  t.mock.method(performance, "now", () => now);
+  const opening = Clip.open("https://scenes.example/a.swz");
+  const worker = await workerOf(opening);
+  worker.send({ kind: "facts", facts: factsOf(sequence) });
+  return [await opening, worker, (ms) => (now = ms)];
+}
+
+/** Waits for the worker of a clip that is being opened. */
+async function workerOf(opening: Promise<Clip>): Promise<FakeWorker> {
+  opening.catch(() => undefined);
+  FakeWorker.last = null;
+  await new Promise((resolve) => setImmediate(resolve));
+  return FakeWorker.last!;
+}
+
+/** Sends a frame. */
+const frame = (worker: FakeWorker, number: number, antialiased = false): void =>
+  worker.send({ kind: "frame", number, packed: PACKED, antialiased, concealed: 0, shownPackets: 0, drawMs: 0 });
+
+/** Names of events, in order. */
+function heard(clip: Clip): string[] {
+  const names: string[] = [];
+  for (const name of ["ended", "lost", "error"])
+    clip.addEventListener(name, (event) => names.push(`${name} ${(event as CustomEvent).detail ?? ""}`.trim()));
+  return names;
+}
+
+test("a frame is requested when it is due, one at a time", async (t) => {
+  const [clip, worker, at] = await opened(t);
+  assert.equal(clip.update(), null);
+  frame(worker, 0);
+  clip.play();
+  assert.equal(clip.update()?.number, 0);
+  at(250);
+  clip.update();
+  at(450);
+  assert.equal(clip.update(), null);
+  frame(worker, 2);
+  assert.equal(clip.update()?.number, 2);
+  assert.deepEqual(
+    worker.requests.flatMap((one) => (one.kind === "frame" ? [one.number] : [])),
+    [0, 2, 4],
+  );
+});
+
+test("a clip ends once, also if it is paused after its last frame and before the next picture", async (t) => {
+  for (const end of [(clip: Clip) => void clip.update(), (clip: Clip) => clip.pause()]) {
+    const [clip, worker, at] = await opened(t),
+      events = heard(clip);
+    clip.update();
+    frame(worker, 0);
+    clip.play();
+    at(5000);
+    assert.equal(clip.currentTime, 1.9);
+    end(clip);
+    clip.update();
+    assert.deepEqual(events, ["ended"]);
+    assert.deepEqual([clip.ended, clip.paused], [true, true]);
+    clip.play();
+    assert.deepEqual([clip.ended, clip.paused, clip.currentTime], [false, false, 0]);
+    t.mock.restoreAll();
+  }
+});
+
+test("a replaced file is an error, because its frames have another size and rate", async (t) => {
+  const [clip, worker] = await opened(t),
+    events = heard(clip);
+  clip.update(); // a frame that is not answered any more
+  worker.send({ kind: "facts", facts: factsOf({ ...TIMING, rate: 30 }, 80) });
+  assert.deepEqual(events, ["error the file was replaced: open it again"]);
+  assert.deepEqual([worker.isTerminated, clip.size, clip.rate], [true, 3, RATE]);
+});
+
+test("frames of a live clip may become antialiased", async (t) => {
+  const [clip, worker, at] = await opened(t, { ...TIMING, live: true });
+  worker.send({ kind: "playable", begin: 0, end: 5, late: 0 });
+  at(500);
+  assert.equal(clip.update(), null);
+  frame(worker, 0, true);
+  assert.equal(clip.antialiased, true);
+});
+
+test("opening fails for stills, unknown concealers, failures and aborted signals", async () => {
+  const cases: [ClipOptions, (worker: FakeWorker, stop: AbortController) => void, RegExp][] = [
+    [{}, (worker) => worker.send({ kind: "facts", facts: factsOf(null) }), /not a clip/],
+    [{ concealer: "grow" }, (worker) => worker.send({ kind: "facts", facts: factsOf(TIMING) }), /no concealer 'grow'/],
+    [{}, (worker) => worker.send({ kind: "failed", text: "there is no such file" }), /no such file/],
+    [{}, (_, stop) => stop.abort(new Error("too slow")), /too slow/],
+  ];
+  for (const [options, fail, reason] of cases) {
+    const stop = new AbortController(),
+      opening = Clip.open("https://scenes.example/a.swz", { signal: stop.signal, ...options }),
+      worker = await workerOf(opening);
+    worker.send({ kind: "lost", reason: "unreachable", retryMs: 500 });
+    fail(worker, stop);
+    await assert.rejects(opening, reason);
+    assert.equal(worker.isTerminated, true);
+  }
+  await assert.rejects(Clip.open("https://scenes.example/a.swz", { signal: AbortSignal.abort() }), /aborted/);
+});
