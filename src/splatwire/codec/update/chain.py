@@ -52,8 +52,9 @@ class UpdateChain:
         """
         source = apply_update(self.source, update)
         if self.scene is self.source:
-            hashed = update.manifest.packetization.hashed
-            return self._with(source, source, update if hashed else into_datagrams(update))
+            own, most = update.manifest.packetization, self.scene.manifest.packetization.packet_bytes
+            fits = own.hashed and own.packet_bytes <= most
+            return self._with(source, source, update if fits else into_datagrams(update))
         scene = decode_stream(source).scene
         finest = int(decode_stream(self.scene).scene.coding.classes.max())
         change = encode_change(self.scene, scene, (scene.coding.classes.astype(int) - finest).astype("int8"))
