@@ -1,5 +1,6 @@
 """Writes the frames of a live sequence while it is received."""
 
+import logging
 import queue
 import threading
 from collections.abc import Callable
@@ -7,11 +8,17 @@ from pathlib import Path
 from types import TracebackType
 
 from splatwire.bitstream.stream import FILE_SUFFIX
-from splatwire.transport import Event, Welcomed
+from splatwire.transport import Event, PacketArrived, Welcomed
+
+LOG = logging.getLogger(__name__)
+MAX_WAITING = 1 << 18
+"""Maximum number of received events that wait for decoding, about 0.5 GB: four minutes of packets at 10 Mbit/s."""
 
 
 class LiveFrames:
     """Decodes a live stream while it is received, and writes each frame to a file of its own.
+
+    If this is slower than the stream for minutes, packets are dropped, and a warning is logged.
 
     Args:
         path: Output folder. No frames are written if it is the path of a stream file.
@@ -24,6 +31,7 @@ class LiveFrames:
         self._waiting: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._error: Exception | None = None
+        self._drops = False
 
     @property
     def began(self) -> bool:
@@ -42,8 +50,16 @@ class LiveFrames:
             self._folder.mkdir(exist_ok=True)
             self._thread = threading.Thread(target=self._work, name="frames", daemon=True)
             self._thread.start()
-        if self.began:
+        if self.began and not (isinstance(event, PacketArrived) and self._is_behind()):
             self._waiting.put(event)
+
+    def _is_behind(self) -> bool:
+        """True if too many events wait for decoding. Logs a warning the first time."""
+        behind = self._waiting.qsize() >= MAX_WAITING
+        if behind and not self._drops:
+            LOG.warning("frames are written more slowly than they arrive: packets are dropped")
+        self._drops = self._drops or behind
+        return behind
 
     def finish(self) -> None:
         """Waits until all received frames are written.
