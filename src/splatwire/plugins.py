@@ -165,7 +165,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the package of an entry point has registered the entry of that name."""
+        """True if the registered entry with the name of an entry point comes from the package of this entry point."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

@@ -1,6 +1,8 @@
-"""Numba kernels that generate the Gaussians of anchors with the networks of a scene (see `head_gradients` for numpy).
+"""Numba kernels that generate the Gaussians of anchors with the networks of a scene.
 
-Sixteen anchors, or outputs of one Gaussian, are processed at a time, one per SIMD lane (element of a vector).
+A SIMD vector has sixteen elements (lanes). The hidden layers process sixteen anchors at a time, one per lane. The
+output layers process one Gaussian at a time, one network output per lane. The module `head_gradients` does the same
+computation with numpy.
 
 Common arguments: `anchors` (positions, features, scalings, offsets, mask); `hints` (result of loss concealment: hidden
 anchors, factors on size, factors on opacity; empty arrays if there is none); `camera` (pose, focal lengths and
@@ -179,13 +181,13 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
 @njit(inline="always")
 @no_type_check
 def _output(table, row, num_hidden, hidden):
-    """Evaluates the output layers for the shape and the colour of one Gaussian, eight results each.
+    """Evaluates the output layers of the shape and the colour network for one Gaussian; returns eight values of each.
 
     Args:
-        table: Biases and weights of both layers for all offsets.
+        table: Biases and weights of both output layers for every offset of an anchor; see `compiled_heads`.
         row: Index in `table` of the first value for the Gaussian's offset.
         num_hidden: Number of hidden units of each network.
-        hidden: Values of both hidden layers.
+        hidden: Values of the hidden units of both networks.
     """
     a, b, c, d = load(table, row), spread(_ZERO), spread(_ZERO), spread(_ZERO)
     for i in range(0, num_hidden * LANES, 4 * LANES):
@@ -208,8 +210,8 @@ def _write(n, k, at, anchors, gains, numbers, out):
         at: Row to write.
         anchors: Arrays of all anchors.
         gains: Factor on the size of each anchor's Gaussians; empty for none.
-        numbers: The sixteen network outputs of the Gaussian, then their sigmoids.
-        out: Output arrays: means, quaternions, scales, opacities (unchanged) and colours.
+        numbers: The sixteen network outputs of the Gaussian, followed by the sigmoid of each.
+        out: Output arrays: means, quaternions, scales, opacities and colours. The opacities are left unchanged.
     """
     positions, _, scalings, offsets, _ = anchors
     means, quats, scales, _, colors = out

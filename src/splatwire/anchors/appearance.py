@@ -107,7 +107,7 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
 
 @singledispatch
 def antialiased(scene: Scene) -> bool:
-    """True if training reduced the opacity of Gaussians that are widened to a pixel (Mip-Splatting)."""
+    """Returns True if the scene was trained with antialiased rendering (Mip-Splatting); always False for anchors."""
     return False
 
 

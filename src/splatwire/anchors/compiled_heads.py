@@ -118,7 +118,11 @@ def _packed_layer(layer: Linear) -> np.ndarray:
 
 
 def _by_offset(shape: Mlp, color: Mlp) -> np.ndarray:
-    """Combines the output layers for shape and for colour as the compiled kernel reads them, offset by offset."""
+    """Returns the biases and weights of the output layers of two networks in one table for the compiled kernel.
+
+    The table has a part for each offset of an anchor: a row of biases, then one row of weights per hidden unit. The
+    first half of a row belongs to the shape network, the second half to the colour network.
+    """
     from splatwire.anchors._heads_kernels import COLOR, LANES
 
     num_offsets, num_hidden = color.output.bias.shape[0] // 3, color.hidden.bias.shape[0]

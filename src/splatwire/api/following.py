@@ -26,9 +26,10 @@ class FollowingStoppedError(Exception):
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields a scene when it has arrived, and again after each of its updates, until the caller stops a transfer.
+    """Yields a scene when it has arrived, and again after each of its updates.
 
-    Only complete scenes are yielded.
+    Only complete scenes are yielded. The generator ends when the transfer of the scene or of an update ends with the
+    reason "stopped", because the caller stopped it.
 
     Args:
         fetch: Receives the stream of a given name.

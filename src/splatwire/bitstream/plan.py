@@ -36,8 +36,9 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    Elements are given by their index in coding order (rank). In a stream with importance tiers, they are sorted by tier
-    first; `bitstream.tiers.tier_order` converts indices in this order to ranks.
+    The methods identify an element by its rank. The rank is the element's index in a list that is sorted by importance
+    tier and, within a tier, in coding order. `bitstream.tiers.tier_order` returns the index in coding order for each
+    rank. Without tiers, both are equal.
 
     Attributes:
         packetization: Parameters of the division into packets.

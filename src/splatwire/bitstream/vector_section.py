@@ -41,7 +41,9 @@ class VectorSection:
         return {self.name: writer.bytes()}
 
     def of_stream(self, stream: SceneStream) -> Vector:
-        """Reads the three numbers from a stream, or returns the default.
+        """Reads the section's three numbers, such as the coordinates of the origin, from a stream's side information.
+
+        Returns the default numbers (`usual`) if the stream has no such section.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.
@@ -49,7 +51,9 @@ class VectorSection:
         return self.read(sections_of(stream))
 
     def of_side_info(self, side_info: bytes, codec: str) -> Vector:
-        """Reads the three numbers from serialised side information, or returns the default.
+        """Reads the section's three numbers, such as the coordinates of the origin, from serialised side information.
+
+        Returns the default numbers (`usual`) if the side information has no such section.
 
         Args:
             side_info: The side information.

@@ -7,13 +7,14 @@ from splatwire.errors import InvalidValueError
 
 
 def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: bool) -> None:
-    """Checks the fields of a settings object.
+    """Raises an error if a field of a settings object is invalid.
 
     Args:
         settings: A dataclass instance.
-        what: Name of the operation that the settings are for, used in the error message.
-        counts: Names of the fields that must be at least 1.
-        **sensible: For each further field, by name, True if its value is valid.
+        what: Name of the operation that uses the settings, for the error message.
+        counts: Names of fields that must be at least 1; they are tested here.
+        **sensible: Results of the caller's tests of other fields: the name of the field, and True if its value is
+            valid.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

@@ -63,10 +63,10 @@ class Sketch(Protocol):
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Parameters of the enlargement of received elements: exponents, then the strength of its correction by a
-            neural network, 0 to 1.
-        growths: Exponents among which the calibration chooses, the default first.
-        trusts: Strengths of the correction among which the calibration chooses, the default first.
+        growth: Parameters with which a receiver enlarges received elements to cover lost ones: one or two exponents,
+            then the weight of the neural network that corrects the enlargement, 0 (no correction) to 1.
+        growths: Exponents of the enlargement that the calibration tries, the default first.
+        trusts: Weights of the correcting network that the calibration tries, 0 to 1, the default first.
     """
 
     # There is one exponent for anchors (size), two for explicit Gaussians (size and opacity).
@@ -81,11 +81,11 @@ class Sketch(Protocol):
 
     @property
     def growths(self) -> Sequence[tuple[float, ...]]:
-        """Exponents of the enlargement among which the calibration chooses, the default first."""
+        """Exponents of the enlargement that the calibration tries, the default first."""
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Strengths of the correction by a neural network among which the calibration chooses, the default first."""
+        """Weights, 0 to 1, of the network that corrects the enlargement, as tried by the calibration; default first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
         """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received elements.
@@ -110,13 +110,13 @@ class Sketch(Protocol):
         # only in these can share it.
 
     def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
-        """Conceals losses as a receiver with this sketch does: enlarges drawn elements to cover missing ones.
+        """Conceals losses as a receiver with this sketch does: enlarges the drawn elements around missing ones.
 
         Args:
             around: Result of the method `around`.
 
         Returns:
-            The scene with coarse copies, and the enlargement.
+            The scene with coarse copies in place of lost elements, and the factors that enlarge drawn elements.
         """
 
 

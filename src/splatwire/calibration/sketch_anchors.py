@@ -40,9 +40,9 @@ class AnchorSketch:
     Attributes:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
-        growths: Exponents of the enlargement among which the calibration chooses, the default first.
-        trusts: Strengths, 0 to 1, of the correction of the enlargement by a neural network among which the calibration
-            chooses.
+        growths: Exponents of the enlargement that the calibration tries, the default first.
+        trusts: Weights of the neural network that corrects the enlargement, 0 to 1; the calibration tries each, the
+            default first.
     """
 
     copies: SketchSection
@@ -89,7 +89,7 @@ class AnchorSketch:
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Exponent of the enlargement of received anchors, and strength of its correction by a neural network."""
+        """Exponent of the enlargement of received anchors; weight of the neural network that corrects it, 0 to 1."""
         return self.copies.exponent, self.copies.trust
 
     def with_growth(self, growth: tuple[float, ...]) -> "AnchorSketch":
@@ -119,13 +119,15 @@ class AnchorSketch:
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
     def proposal(self, around: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
-        """Conceals losses as a receiver with this sketch does: enlarges drawn anchors to cover missing ones.
+        """Conceals losses as a receiver with this sketch does: enlarges the drawn anchors around missing ones.
+
+        An anchor is drawn if it was received, or if a coarse copy replaces it.
 
         Args:
             around: Result of the method `around`.
 
         Returns:
-            The scene with coarse copies, and the enlargement.
+            The scene with coarse copies in place of lost anchors, and the factors that enlarge drawn anchors.
         """
         return around.filled, around.proposal(self.copies)
 

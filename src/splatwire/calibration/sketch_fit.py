@@ -40,7 +40,7 @@ class SketchFit(CheckedFields):
         crowding: Factor on the estimated cost of losing an anchor; a smaller factor gives fewer copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
         max_excess: Upper limit of the enlargement (`Grow.max_excess`).
-        trust: Strength of the correction of the enlargement by a neural network, 0 to 1 (`SceneFree.trust`).
+        trust: Weight of the neural network that corrects the enlargement, 0 (no correction) to 1 (`SceneFree.trust`).
     """
 
     num_levels: int = 4
@@ -265,8 +265,10 @@ class _Plan:
     def bits(self, members: np.ndarray) -> np.ndarray:
         """Estimates the size of each candidate's copy at this precision level in bits, float64 (M).
 
+        The estimate is the entropy, given how often each value occurs in the copies `members`.
+
         Args:
-            members: Copies from whose values the frequencies for the estimate are counted, bool (M).
+            members: Mask of the copies that provide the counts of values, bool (M).
         """
         used = members if members.sum() >= 16 else np.ones_like(members)
         total = np.full(len(members), 6.0)

@@ -42,10 +42,10 @@ class GaussianSketch:
         splats: All Gaussians of the stream, in coding order.
         places: Indices in `splats` of the Gaussians that have a copy, int64.
         info: The stream's side information.
-        growth: Parameters of the enlargement of received Gaussians: exponents for size and opacity, and strength of its
-            correction by a neural network, 0 to 1.
-        growths: Pairs of exponents (size, opacity) among which the calibration chooses, the default first.
-        trusts: Strengths of the correction among which the calibration chooses, the default first.
+        growth: Parameters with which a receiver enlarges received Gaussians: exponents for size and opacity, then the
+            weight of the neural network that corrects the enlargement, 0 (no correction) to 1.
+        growths: Pairs of exponents (size, opacity) that the calibration tries, the default first.
+        trusts: Weights of the correcting network that the calibration tries, 0 to 1, the default first.
     """
 
     splats: Splats

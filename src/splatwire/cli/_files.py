@@ -171,7 +171,7 @@ def check_output(verb: Any) -> None:
 
 
 def check_inputs(*paths: Path | None) -> None:
-    """Raises an error before the work if an input file is missing.
+    """Raises an error if an input file or folder is missing; commands call this function before any computation.
 
     Raises:
         InvalidValueError: If a path does not exist.

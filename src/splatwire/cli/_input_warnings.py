@@ -27,7 +27,8 @@ _NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 class InputWarnings(logging.Handler):
     """Log handler that prints each warning once, even if a file is read several times.
 
-    Of the files of a folder, such as frames, only the first is named; `summarize` prints the number of the others.
+    If several files of a folder, such as frames, have the same warning, only the first of these files is named.
+    `summarize` prints the number of the others.
 
     Attributes:
         damaged: True if a stream with damaged bytes was read.

@@ -110,7 +110,7 @@ def _check(command: Encode) -> None:
 
 
 def _tuning(command: Encode) -> "Tuning":
-    """Returns the options of the fine-tuning of Gaussians by `--effort best`.
+    """Returns the options for the fine-tuning of Gaussians that `encode --effort best` performs.
 
     Raises:
         InvalidValueError: If the loss model or the seed is not valid.

@@ -126,10 +126,10 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:
-    """Returns the amount of redundancy from the options, and the id of the stream that a plan file is for.
+    """Returns the amount of redundancy that the options of `serve` choose, from a plan file or from explicit numbers.
 
     Returns:
-        The redundancy, and the id; None without a plan.
+        The redundancy; and the id of the stream that the file of `--plan` was computed for, or None without a plan.
 
     Raises:
         InvalidValueError: If a number is out of range, the plan file is invalid, or both a plan and explicit

@@ -37,7 +37,8 @@ class ServedTraining:
         """Sends the present state, but not more often than every few seconds.
 
         Args:
-            scene: Returns the scene of the present state.
+            scene: Function without arguments that returns the scene in its present state; only called if the scene is
+                sent.
         """
         if self._server is None or (now := time.monotonic()) < self._next:
             return

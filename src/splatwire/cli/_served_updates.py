@@ -30,7 +30,8 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
     """Returns the scenes that can be updated, by name, each as a chain of the scene and its updates.
 
     Args:
-        streams: Two streams of each scene, by name: as in its file, and in packets that fit into datagrams.
+        streams: By scene name, two streams of the same scene: the stream as read from its file, and the stream with
+            packets that fit into datagrams.
 
     Raises:
         InvalidValueError: If no scene can be updated.

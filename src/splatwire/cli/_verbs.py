@@ -85,7 +85,7 @@ VERBS = {
     "live": Verb(
         "live",
         "Live",
-        "Encode frames as they appear, and serve them at the same time; stops at Ctrl-C or at the end of the pipe.",
+        "Encode frames as they appear, and serve them at the same time; stops at Ctrl-C or when standard input ends.",
     ),
     "receive": Verb(
         "receive",

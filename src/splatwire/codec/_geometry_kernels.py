@@ -140,12 +140,15 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
     """Encodes a set of points, given by their sorted Morton codes.
 
+    The set is halved at each bit of the codes, from the highest bit. Each time, the number of points with a 0 in this
+    bit is encoded: small numbers with adaptive bit models, large ones with a normal distribution.
+
     Args:
         codes: Morton codes, ascending, int64 (N).
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
-        inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        inverses: Reciprocal of each standard deviation in the coder's table of normal distributions.
+        widths: Largest distance from the mean without an escape code, for each standard deviation in this table.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 

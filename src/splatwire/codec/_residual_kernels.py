@@ -1,6 +1,7 @@
 """Numba kernels that tabulate the probability distributions of prediction residuals.
 
-Each distribution is a mixture of two normals with a common mean, a multiple of an eighth of a quantisation step.
+Each distribution is a mixture of two normal distributions with the same mean. Means are multiples of an eighth of a
+quantisation step.
 """
 # A bound is the start of a residual's probability interval. For a mixture with many possible residuals, the table
 # contains only every `2**k`-th bound.
@@ -36,18 +37,21 @@ and log2 of the number of guesses of each mixture.
 def residual_windows(scales, inverses, widths, normal):
     """Tabulates the probability distributions of prediction residuals for the entropy coder.
 
-    Each distribution is a mixture of two normals.
+    Each context has a standard deviation. For each standard deviation in use and for each of the `NUM_MEANS` means, the
+    tables describe one distribution, a mixture of two normal distributions.
 
     Args:
-        scales: int64 (contexts), index of the smaller standard deviation of each context in the coder's table.
+        scales: int64 (contexts), index of the smaller standard deviation of each context's mixtures in the coder's
+            table.
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
+        widths: Largest magnitude of a residual with a probability interval, for each standard deviation in this table.
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Four tables: index of each context's distribution, uint16; for each distribution its largest residual and its
-        position in the next two tables, int64 (scales, 6); starts of the probability intervals in units of
-        2**-`TOTAL_BITS`, int32; and where a decoder starts its search, by the highest bits of the value, uint16.
+        Four tables. First: the argument `scales`, uint16 (contexts). Second: a row for each standard deviation, int64
+        (standard deviations, 6). Its columns `HALF` to `GUESS_BITS` state the largest residual, and start and length in
+        the other two tables. Third: starts of the probability intervals of residuals, in units of 2**-`TOTAL_BITS`,
+        int32. Fourth: first interval that a decoder tries, given the highest bits of a code value, uint16.
     """
     # The tables are accessed at random. They are small enough for the processor's caches.
     windows = np.zeros((NUM_SCALES, 6), np.int64)

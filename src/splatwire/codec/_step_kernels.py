@@ -14,7 +14,7 @@ def step_exponent(bases, which, level, area, long, thin, opacity):
     Args:
         bases: Results for precision class 0, by attribute, `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
+        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
         area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.
@@ -36,7 +36,7 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
+        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
         area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.
@@ -56,7 +56,7 @@ def position_shift(bases, level, s0, long, thin, opacity, unit, most):
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
+        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
         s0: log2 of the largest scale, in fixed point (`BITS` fractional bits, as the following).
         long: log2 of the ratio of the largest to the second scale.
         thin: log2 of the ratio of the second to the third scale.

@@ -17,12 +17,14 @@ STATES = 4 * COUNTS
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Returns the context of the entropy coder for the bit that is 1 if an anchor is in an importance tier.
+    """Returns the context of the entropy coder for a bit of an anchor's importance tier, which is coded in unary.
+
+    The bit is 1 if the anchor is in the tier with the given index, and 0 if it is in a less important tier.
 
     Args:
-        tier: Index of the tier.
+        tier: Index of the tier, 0 for the most important.
         count: Share of preceding anchors in this or a more important tier, weighted towards recent ones, out of 2**16.
-        recent: Two bits, 0 to 3: for each of the last two anchors, 1 if it was in such a tier.
+        recent: Two bits, 0 to 3: for each of the last two anchors, 1 if it was in this or a more important tier.
     """
     # Contexts distinguish small shares finely.
     step, value = 0, count >> 4

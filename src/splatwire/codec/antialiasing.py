@@ -1,6 +1,7 @@
 """Antialiasing flag of a scene: an empty named section of the side information.
 
-The flag is set if rendering must reduce the opacity of Gaussians that are widened to a pixel (Mip-Splatting).
+The flag is set if the scene needs antialiased rendering, which lowers the opacity of Gaussians that it widens to a
+pixel (Mip-Splatting).
 """
 
 SECTION = "antialiased"

@@ -48,8 +48,7 @@ class PreviewFrame:
     Attributes:
         middle: Centre of the scene, world units.
         spread: Distance up to which positions have nearly uniform precision, world units.
-        low: Minima of four values before quantisation: the three coordinates after the asinh, and the natural logarithm
-            of a size divided by `spread`.
+        low: Minima of four values before quantisation: the three coordinates after the asinh, and `ln(size / spread)`.
         high: Maxima of these four values.
     """
 

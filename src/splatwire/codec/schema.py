@@ -167,10 +167,10 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
-    """Creates a codec (schema) from the properties of its streams, its encoder and its decoder.
+    """Creates the definition of a codec (`Schema`) from properties of its streams, an encoder, a decoder and so on.
 
     Args:
         stream: Properties of the streams, such as name and format version.
-        **codec: The other attributes of `Schema`, as keyword arguments: encoder, decoder and so on.
+        **codec: The other attributes of `Schema` as keyword arguments, such as the encoder and the decoder.
     """
     return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)

@@ -32,12 +32,13 @@ Gaussians finite."""
 class Coarse:
     """Replaces lost Gaussians by Gaussians of the next coarser level; received Gaussians are enlarged slightly.
 
-    A coarser Gaussian is a copy of a finer one, or merged from several. A copy is drawn if its original was lost. The
-    opacity of a merged one is proportional to the share of its finer Gaussians that was lost.
+    A coarser Gaussian is a copy of one finer Gaussian, or merged from several. A copy is drawn if its original was
+    lost. The opacity of a merged Gaussian is proportional to the lost share of its area.
 
     Attributes:
         exponent: Exponent of the factor by which received Gaussians are enlarged (`Grow.exponent`).
-        trust: Limit of the opacity of merged Gaussians, as a multiple of the lost share of the finest level.
+        trust: Limit of the factor on the opacity of merged Gaussians: the factor is at most 1 and at most `trust` times
+            the share of all Gaussians of the finest level that was lost.
     """
 
     exponent: float = 0.35

@@ -114,11 +114,11 @@ def is_sensor_angle(values: Mapping[str, object]) -> bool:
 
 
 def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:
-    """Returns the names of fields that describe a lens other than a pinhole and that a reader does not apply.
+    """Returns the names of fields that describe a lens other than a pinhole and are not used by the caller.
 
     Args:
         values: Fields of a camera or of a whole camera file; may contain objects with further fields.
-        known: Names of fields that are skipped.
+        known: Names of fields that the caller uses; they are skipped.
     """
     return [name for name, value in values.items() if name not in known and _contains_lens(name, value)]
 

@@ -35,7 +35,9 @@ def warn_of_copies(source: Path, names: Sequence[str], photos: Sequence[Path | N
 def _copied_views(
     views: list[int], photos: Sequence[Path | None], is_test: Sequence[bool]
 ) -> Iterable[tuple[int, int]]:
-    """Yields pairs of views with the same photo: a test view, and the first training view that has a copy.
+    """Yields pairs of a test view and the first training view with an identical photo.
+
+    Test views with other photos are omitted.
 
     Args:
         views: Indices of the views to compare.

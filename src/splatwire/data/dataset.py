@@ -344,7 +344,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by their names without suffix, also in lower case."""
+    """Returns the files of a folder by name without suffix; each is listed by its exact and its lower-case name."""
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 

@@ -83,7 +83,8 @@ class Transforms:
 
     Attributes:
         views: The frames in file order.
-        splits: Names of the views in the lists of the file, by `train`, `val` and `test`; without missing lists.
+        splits: Names of the training, validation and test views, with the keys `train`, `val` and `test`. A key is
+            missing if the file has no such list.
         points: The point cloud named by `ply_file_path`, or None.
     """
 
@@ -128,7 +129,7 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
 
 def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
-    """Logs a warning about each field that names other axes of camera poses than those of OpenGL.
+    """Logs a warning about each field that declares camera poses with axes or a direction other than those of OpenGL.
 
     Args:
         path: The file, for the message.
@@ -268,12 +269,14 @@ def _pixel_fields(values: dict[str, Any]) -> list[str]:
 
 
 def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
-    """Returns the full-size photo that intrinsics refer to, if smaller photos are read and the file has no size.
+    """Returns the full-size photo of a view, to scale intrinsics that are given in pixels.
+
+    The photo is needed if smaller copies of the photos are read, and the transforms file does not state the image size.
 
     Args:
-        path: The file, for the message.
+        path: The transforms file, for the message.
         name: Name of the view in the folder that is read.
-        full: Its name in the file.
+        full: Name of the photo in the transforms file.
         values: Fields of the view.
 
     Raises:

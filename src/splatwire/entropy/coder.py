@@ -82,7 +82,12 @@ def decode_symbols(data: bytes, mixtures: Mixtures) -> np.ndarray:
 
 
 def tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the tables of the entropy coder: reciprocals of the scales, half widths, and the normal CDF."""
+    """Returns the tables with which the entropy coder computes probabilities of normal distributions.
+
+    Returns:
+        Reciprocal of each standard deviation in the coder's table; largest distance from the mean without an escape
+        code for each; and the standard normal CDF.
+    """
     return inverse_scale_table(), half_width_table(), normal_table()
 
 
@@ -90,7 +95,7 @@ def fresh_models(num_contexts: int) -> np.ndarray:
     """Returns adaptive models of bits in their initial state.
 
     Returns:
-        Two estimates of the probability of a zero for each context, in units of 2**-16, int64 (contexts, 2).
+        Two estimates of the probability that a bit is 0, for each context, in units of 2**-16, int64 (contexts, 2).
     """
     # One estimate adapts slowly, one fast.
     return np.full((num_contexts, 2), 32768, dtype=np.int64)

@@ -40,11 +40,14 @@ def read_integers(reader: ByteReader, count: int) -> np.ndarray:
 
 
 def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
-    """Returns zero-mean normal distributions for a matrix in row-major order, one scale per row.
+    """Returns the probability distributions for coding a matrix of integers: zero-mean normals, one scale per row.
 
     Args:
-        scales: Scale index of each row.
+        scales: For each row, index of the standard deviation in the coder's table.
         width: Number of columns.
+
+    Returns:
+        Distributions of all entries in row-major order.
     """
     return Mixtures.normals(np.zeros(len(scales) * width), np.repeat(scales, width))
 

@@ -76,10 +76,11 @@ class Latents:
         self.turns[:] = 0
 
     def splats(self, offsets: "Offsets | None" = None) -> Splats:
-        """Returns the Gaussians that these parameters describe.
+        """Returns the Gaussians that these parameters describe, with or without simulated quantisation.
 
         Args:
-            offsets: Rounding errors to add, for the Gaussians that a decoder obtains; None for exact Gaussians.
+            offsets: Rounding errors to add to the parameters, so that the result is what a decoder would obtain; None
+                for exact Gaussians.
         """
         means, logs, quats = self.centres + self.units[:, None] * self.shifts, self.logs, self.quats
         logits, base, harmonics = self.logits, self.base, self.harmonics

@@ -73,7 +73,7 @@ class Pictures:
 
 
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
-    """Places cameras around a scene: near it, far from it, and so that the image shows all of it.
+    """Places cameras around a scene at different distances: some are close, and some see the whole scene.
 
     Args:
         scene: The scene.

@@ -33,7 +33,12 @@ class HarmonicCost:
 
     @staticmethod
     def of(coding: SplatCoding) -> "HarmonicCost":
-        """Creates the term for a stream, whose quantisation steps and transform of harmonics are in `coding`."""
+        """Creates the penalty on spherical harmonics for a stream with the given quantisation parameters.
+
+        Args:
+            coding: Quantisation parameters of the stream. Its quantisation steps and its transform of harmonics are
+                used.
+        """
         transform = np.kron(np.linalg.inv(coding.transform / TRANSFORM_UNIT), LUMA_CHROMA.T)
         exponents = coding.bases[S_HARMONICS] + (coding.classes.astype(np.int64) << STEP_BITS)
         rounded = np.clip((exponents + (1 << (STEP_BITS - 1))) >> STEP_BITS, 2, BITS)

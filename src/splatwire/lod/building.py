@@ -91,11 +91,11 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Decides by how many Gaussians each tile of a level is represented in the next coarser level.
+    """Chooses for each tile of a level the number of Gaussians that represent it in the next coarser level.
 
     Yields:
-        For each tile: index of the coarser tile that replaces it, its own index, the number of Gaussians that represent
-        it, and the area times opacity of each of its Gaussians.
+        For each tile: index of the coarser tile that contains it; index of the tile itself; number of Gaussians that
+        represent it; and area times opacity of each of its own Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

@@ -117,7 +117,8 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
 
     Args:
         scene: The scene to write.
-        holder: Beginning of the error message for anchors, such as "3D Tiles hold".
+        holder: Name of the output format, followed by "hold" or "holds", such as "3D Tiles hold"; begins the error
+            message for scenes with anchors.
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.

@@ -70,6 +70,6 @@ def _keys(values: np.ndarray) -> np.ndarray:
 
 
 def _numbers(keys: np.ndarray) -> np.ndarray:
-    """Maps the unsigned integers of `_keys` back to floats, float64."""
+    """Converts sortable integers, the results of `_keys`, back to the floating-point numbers they encode, float64."""
     top = keys.dtype.type(1 << (8 * keys.dtype.itemsize - 1))
     return np.where(keys & top, keys ^ top, ~keys).view(f"f{keys.dtype.itemsize}").astype(np.float64)

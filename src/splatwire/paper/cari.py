@@ -271,7 +271,8 @@ def _interpolate(
 
     Args:
         settings: Settings of the concealer.
-        fixed: Data that does not change between the passes.
+        fixed: Data that is the same in every pass. A pass estimates all lost anchors once; later passes also use the
+            estimates of the pass before.
         group: The attribute channels to estimate.
         residuals: Residuals of all anchors.
         near: Neighbours of the lost anchors, with weights.
@@ -289,7 +290,7 @@ def _interpolate(
 
 
 def _known_residuals(context: ReceivedScene, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:
-    """Returns the mask of offsets whose residual is known, received or estimated.
+    """Returns the mask of offsets with a usable residual, either received or estimated in an earlier pass.
 
     Args:
         context: The received scene.

@@ -17,15 +17,16 @@ MASK_RULES = ("majority", "count", "all")
 class MaskVote:
     """Rule that decides from the neighbours of a lost anchor which of its offsets exist (its mask).
 
-    The share of an offset is the weighted share of the neighbours that have this offset. The rules are:
+    The support of an offset is the weight of the neighbours that have this offset, divided by the weight of all
+    neighbours. The rules are:
 
-    * `majority`: an offset exists if its share is at least `threshold`;
-    * `count`: as many offsets exist as the neighbours have on average, those with the largest shares;
+    * `majority`: an offset exists if its support is at least `threshold`;
+    * `count`: the number of offsets is the mean of the neighbours' numbers, and those with the most support exist;
     * `all`: every offset exists.
 
     Attributes:
         rule: Name of the rule, one of `MASK_RULES`.
-        threshold: Minimum share of an offset with the rule `majority`.
+        threshold: Minimum support of an offset with the rule `majority`.
     """
 
     # The paper does not specify a rule, although masks are lost with their packets. Of equal shares, the offset
@@ -45,7 +46,7 @@ class MaskVote:
         """Estimates the offset masks of lost anchors (queries) from those of their neighbours.
 
         Args:
-            share: Weighted share of the neighbours with the offset, 0 to 1.
+            share: Support of each offset, 0 to 1.
             supported: True for queries with at least one neighbour.
         """
         if self.rule == "all":
@@ -61,7 +62,7 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups the attributes that were received for the same anchors.
+    """Groups attributes that are missing for exactly the same anchors; attributes that no anchor lacks are left out.
 
     Returns:
         For each group, the mask of the anchors whose attributes were received, and the attributes.
@@ -97,7 +98,7 @@ def weighted_mean_of_existing(
     index: Int64[Tensor, "Q k"],
     weight: Float[Tensor, "Q k"],
 ) -> tuple[Float[Tensor, "Q D"], Float[Tensor, "Q K"]]:
-    """Averages each of the K offsets of a lost anchor (query) over those of its neighbours that have this offset.
+    """Averages each of the K offsets of a lost anchor (query) over the neighbours in which this offset exists.
 
     Args:
         values: K offsets of each anchor, side by side in D columns; zero if an offset does not exist.
@@ -106,8 +107,8 @@ def weighted_mean_of_existing(
         weight: Weights of the neighbours, not negative.
 
     Returns:
-        Averages, zero for offsets that no neighbour has; and for each offset the share of the total weight of the
-        neighbours with this offset, 0 to 1.
+        Averages, zero for offsets that exist in no neighbour; and for each offset, the weight of the neighbours that
+        have it, divided by the weight of all neighbours, 0 to 1.
     """
     # Averages are scaled by the sum of the weights, usually 1.
     total = weight.sum(dim=1, keepdim=True)

@@ -24,7 +24,8 @@ class DistortionModel:
 
     Attributes:
         shares: Lost shares at which errors were measured, ascending from 0, float64 (S).
-        mse: Added mean squared error if tier t and all less important tiers lose each of these shares, float64 (T, S).
+        mse: Increase of the mean squared error, float64 (T, S). Entry (t, s) is the increase if tier t and all less
+            important tiers lose the share `shares[s]` of their elements.
         base_mse: Mean squared error of the complete scene against the references.
     """
 

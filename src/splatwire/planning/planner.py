@@ -77,7 +77,7 @@ class ScenePlan(Plan):
 
     @property
     def protection_bytes(self) -> int:
-        """Number of bytes that would not be sent over a channel without losses."""
+        """Number of bytes spent on protection from losses: redundancy, and additional data for loss concealment."""
         return self.sizes["side_protection"] + self.sizes["packet_protection"] + self.concealment_bytes
 
     @property
@@ -225,10 +225,13 @@ def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_targ
 
 @dataclass(frozen=True)
 class _EvaluatedPlan:
-    """A plan and its quality in new simulated transfers, so that the choice of the plan does not bias the quality.
+    """A plan, and its quality measured in simulated transfers that were not used to choose the plan.
+
+    The best of many plans is partly best by chance, so the transfers used for the choice would overestimate its
+    quality.
 
     Attributes:
-        plan: The plan, with the new values of quality and losses.
+        plan: The plan, with quality and losses measured in the other transfers.
         partly: Fraction of the transfers in which some packets arrive and others do not.
         error: Standard error of the PSNR, decibels.
         plain: True if the plan is a simple baseline.

@@ -68,7 +68,7 @@ class TransferModel:
         head: Number of source symbols of each source block of the init segment.
         groups: Parity groups: packets that share repair symbols.
         num_packets: Number of packets.
-        num_bundled: Number of packets, the first in sending order, that are part of the init segment.
+        num_bundled: Number of packets at the start of the sending order that are part of the init segment.
     """
 
     kind: np.ndarray

@@ -306,10 +306,10 @@ class _Plan:
         return Quality(level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns the plan for fine-tuning, which undoes half of the changes of the attributes' precision.
+        """Returns a plan for fine-tuning: undoes half of the measured change of each attribute's precision.
 
         Args:
-            quality: Quality setting before these changes.
+            quality: Quality setting with the precision of attributes before the change.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -318,7 +318,7 @@ class _Plan:
         return replace(self, precision=half)
 
     def with_more_pruning(self) -> "_Plan":
-        """Returns a plan for fine-tuning, which keeps fewer Gaussians at each level."""
+        """Returns a plan for fine-tuning, with fewer Gaussians than this plan at the same quantisation level."""
         # Fine-tuning compensates for part of the error of pruning.
         assert self.curve is not None
         return replace(self, curve=self.curve.scaled(10 ** (-MORE_PRUNING_DB / 10)))
@@ -378,10 +378,10 @@ class _Plan:
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates the share of Gaussians that reaches the PSNR of a stream if they are fine-tuned.
+        """Estimates the share of Gaussians to keep if fine-tuning is to give the same PSNR as a stream without it.
 
         Args:
-            untuned: Stream of Gaussians that were not fine-tuned.
+            untuned: Stream without fine-tuning, with the PSNR to reach.
         """
         # The quantisation steps remain the same.
         assert self.curve is not None
@@ -394,13 +394,17 @@ class _Plan:
     def better_of(
         tuned: EncodedScene | None, untuned: EncodedScene | None, target: Target, *, for_loss: bool
     ) -> EncodedScene:
-        """Chooses the better of two streams with the same target, with or without fine-tuning.
+        """Chooses between the streams with and without fine-tuning that were encoded for the same target.
+
+        For a target size, this is the stream with the higher PSNR. For a target PSNR, it is the smaller stream. If only
+        one stream is given, it is returned.
 
         Args:
-            tuned: The stream of fine-tuned Gaussians; None if it does not reach the target.
-            untuned: The stream without fine-tuning; None if the target is a quality setting.
+            tuned: Stream of fine-tuned Gaussians; None if none reaches the target.
+            untuned: Stream without fine-tuning; None if the target is a quality setting.
             target: The target of both streams.
-            for_loss: True if Gaussians were fine-tuned for packet loss.
+            for_loss: True if Gaussians were fine-tuned for packet loss; the fine-tuned stream is then preferred if it
+                reaches the target.
         """
         # For a target size, it is the stream with the higher PSNR. For a target PSNR, it is the smaller stream;
         # the fine-tuned one must reach the PSNR. Fine-tuning for packet loss raises quality only if packets are
@@ -538,7 +542,8 @@ class _Trials:
             slope: Expected increase of the value per level.
 
         Returns:
-            True if no level sufficed, so that different numbers of Gaussians were tried, too.
+            True if no quantisation level with all Gaussians gave an accepted value, and different numbers of Gaussians
+            were tried instead.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)

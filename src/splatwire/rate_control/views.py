@@ -44,7 +44,9 @@ class ViewSets:
 
     @staticmethod
     def of(scene: Scene, cameras: Cameras | None = None) -> "ViewSets":
-        """Chooses views for measuring, for searching and for the final PSNR.
+        """Chooses three sets of views: for measuring each Gaussian, for the search, and for the final PSNR.
+
+        In the search, streams with different settings are compared.
 
         Args:
             scene: The scene.

@@ -194,7 +194,7 @@ def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8
         found: Sensitivity of the images to each attribute, by attribute name.
 
     Returns:
-        Class of each Gaussian. A Gaussian of class c + 1 gets half the quantisation steps of class c.
+        Class of each Gaussian. The quantisation steps of class c + 1 are half as large as those of class c.
     """
     # The quantisation steps of the codec already depend on area, shape and opacity. A linear model therefore
     # removes the effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the

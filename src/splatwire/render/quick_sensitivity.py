@@ -90,8 +90,9 @@ class _NetworkErrors:
         metric: Matrix M for features and logarithms of scalings: a change of an anchor's values by the vector d causes
             the error `d . M d`.
         offset: Error if one coordinate of an offset changes by 1.
-        offset_share: Error if one Gaussian is removed, weighted by `_relative_size` of its anchor.
-        removal: Error if one Gaussian is removed.
+        offset_share: Error if one Gaussian is removed, with the error of each Gaussian multiplied by `_relative_size`
+            of its anchor; to predict `offset`.
+        removal: Error if one Gaussian is removed, without such weights.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -146,7 +147,9 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture errors of single anchors by dividing the errors summed over all selected anchors.
+    """Estimates the picture errors of single anchors from the errors summed over all selected anchors.
+
+    Each anchor gets a share of the sum, in proportion to the picture error that removing the anchor causes.
 
     Args:
         removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).

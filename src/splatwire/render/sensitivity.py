@@ -114,13 +114,16 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated change of the differentiated number (such as a sum of pixels) if each Gaussian is removed."""
+        """Estimated change of the differentiated function of the image, such as a sum of pixels, without each Gaussian.
+
+        It is the first-order change if the Gaussian is removed.
+        """
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
-    """Adds the picture errors of one view, if anchors or single Gaussians are removed, to `total`.
+    """Adds to `total` the picture errors of one view that removing each anchor, or each single Gaussian, would cause.
 
     Args:
         total: Errors summed over views; changed in place.

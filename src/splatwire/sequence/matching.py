@@ -295,7 +295,7 @@ def _velocity(positions: np.ndarray, now: np.ndarray, partner: np.ndarray, expec
         positions: Positions in the previous frame, (N, 3).
         now: Positions in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
-        expected: Predicted positions in the current frame of the previous frame's Gaussians, (N, 3).
+        expected: For the Gaussians of the previous frame, their predicted positions in the current frame, (N, 3).
     """
     found = partner >= 0
     velocity = np.zeros_like(now)

@@ -194,7 +194,7 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the distinct numbers of elements in records of side information; a single one if they agree."""
+    """Returns the set of all element counts that records of side information state; it has one entry if they agree."""
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

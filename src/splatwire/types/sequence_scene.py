@@ -121,7 +121,8 @@ class SequenceScene:
             received keyframe Gaussians, bool (T).
         count: Number of elements, N: the keyframe Gaussians, and for each group the tracks whose motion is coded.
         background: RGB of the background.
-        antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
+        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
+            that it widens to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """

@@ -60,7 +60,8 @@ class SplatScene:
         hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None if no losses were concealed.
         background: RGB of the background.
         coding: Quantisation steps with which the scene was decoded; None if it was not decoded.
-        antialiased: True if training reduced opacity when Gaussians are widened to a pixel (Mip-Splatting).
+        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
+            that it widens to a pixel (Mip-Splatting).
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """

@@ -95,7 +95,7 @@ def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients
     Args:
         gaussians: The Gaussians.
         camera: Camera of the view.
-        find: Renderer with image gradients.
+        find: Function that renders the view and returns the gradients of the image with respect to the Gaussians.
     """
     weights = np.zeros(gaussians.num_gaussians, np.float32)
 

@@ -1,4 +1,4 @@
-"""Coding order of anchors, and base classes of the encoders and decoders of both kinds of anchors."""
+"""Coding order of anchors, and base classes of the encoders and decoders for the anchor codecs `hacpp` and `causal`."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable

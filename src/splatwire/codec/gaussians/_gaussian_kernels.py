@@ -112,7 +112,7 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
         row: Decoded integers of the Gaussian, int64 (columns); opacity and scales are written.
         source: Logarithms of opacity and scales, int64 (4); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
+        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
         near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
         count: Number of neighbours.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
@@ -171,7 +171,7 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
         row: Decoded integers of the Gaussian, int64 (columns); the colour is written.
         source: The exact colour, int64 (3); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
+        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
         near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
         count: Number of neighbours.
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.

@@ -34,7 +34,7 @@ def code_harmonics(coder, values, i, source, bases, level):
         i: Index of the Gaussian in the packet.
         source: Harmonics before quantisation, int64 (n, harmonics); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        level: Precision class of the Gaussian; each class has half the quantisation steps of the class below.
+        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
     """
     # The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. The context of a harmonic is
     # the magnitude of the harmonics coded before it for the same Gaussian.

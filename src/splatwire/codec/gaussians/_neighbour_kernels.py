@@ -37,7 +37,8 @@ class Near(NamedTuple):
         lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` preceding Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
-        values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted as means.
+        values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted by the mean of their
+            neighbours.
         axes: float64 (n, 4), primary axis of each Gaussian, and its index (0 for the largest scale, 2 for the
             smallest).
         means: int64 (`PREDICTED`), weighted mean of each attribute over the neighbours.

@@ -170,7 +170,9 @@ def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the typical cell size of the coarse grids by which positions are coded, from a sample of the scene.
+    """Estimates the typical cell size of a block's grid; positions are coded as a cell, then as finer bits.
+
+    The estimate uses a sample of the scene's Gaussians.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).

@@ -223,7 +223,13 @@ def store_block(
 
 
 def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Estimates the decoded integers of a block's lost Gaussians; places them near received ones (positions `near`).
+    """Estimates the decoded integers of a block's lost Gaussians: positions of received Gaussians, and default values.
+
+    Args:
+        info: Side information of the stream, with default attribute values for each block.
+        block: Index of the block.
+        near: Lattice coordinates of the block's received Gaussians, int64 (received, 3).
+        lost: Indices of the lost Gaussians; only their number matters.
 
     Returns:
         Integers of the lost Gaussians, int64 (lost, columns).

@@ -44,7 +44,8 @@ def prepare_splats(
     Args:
         scene: The Gaussians; each must have a visible effect.
         options: Encoding options; the default packetization is the preset "paper".
-        like: Side information of the stream from which the Gaussians were decoded, parts of which are used again.
+        like: Side information of the stream from which the Gaussians were decoded. Its named sections and fitted
+            parameters are used again. None for Gaussians from elsewhere.
         sorted_already: True if the Gaussians are in block order.
 
     Raises:

@@ -42,7 +42,7 @@ def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
 
 
 def fit_bits(counts: np.ndarray) -> np.ndarray:
-    """Computes the initial probability of a zero of each adaptive bit model, from counts of coded bits.
+    """Computes the initial probability that a bit is 0, for each adaptive bit model, from counts of coded bits.
 
     Args:
         counts: Number of zeros and ones coded with each model, int64 (contexts, 2).

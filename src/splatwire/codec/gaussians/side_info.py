@@ -57,7 +57,7 @@ class SideInfo:
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
-        bit_zero: int64 (contexts), initial probability of a zero for each adaptive bit model, out of 2**8.
+        bit_zero: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of 2**8.
         scales: int64 (streams, spreads, seconds), width of the residual distribution of each context, as index in the
             entropy coder's scale table divided by `SCALE_UNIT`.
         sections: Named sections, content by name.

@@ -179,12 +179,12 @@ class SourceScene:
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, where: slice | np.ndarray) -> Splats:
-        """Returns the Gaussians at the given positions of the attribute `order`."""
+        """Returns the Gaussians with the given indices in block order (see `order`)."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[where])
 
     def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians at the given positions of the attribute `order`, int64."""
+        """Returns the precision classes of the Gaussians with the given indices in block order (see `order`), int64."""
         return self.classes[self.order[where]].astype(np.int64)
 
     def places(self, block: int) -> np.ndarray:

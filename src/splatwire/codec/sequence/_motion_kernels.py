@@ -105,7 +105,8 @@ def _code_interval(coder, low, span, at, start, size, bits):
 
     Args:
         coder: Entropy coder of the packet.
-        low: Lower end of the range coder's interval; for a decoder, position of the code in the interval.
+        low: For an encoder, lower end of the range coder's interval; for a decoder, the code value (the bytes read, as
+            a number) minus this lower end.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
         start: Start of the interval, in units of `2**-bits`.
@@ -180,7 +181,8 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
 
     Args:
         coder: Entropy coder of the packet.
-        low: Lower end of the range coder's interval; for a decoder, position of the code in the interval.
+        low: For an encoder, lower end of the range coder's interval; for a decoder, the code value (the bytes read, as
+            a number) minus this lower end.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
         kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
@@ -221,8 +223,8 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
         coder: Entropy coder of the packet.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index; filled by a decoder.
         n: Number of tracks in the packet.
-        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds); filled by
-            a decoder.
+        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
+            (position, rotation, scale, opacity, colour), int64 (kinds); filled by a decoder.
         quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
             zero before.
         frames: Number of frames in the group, F.

@@ -59,7 +59,8 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         frames: Number of frames in the group.
-        orders: Output: number of coefficients per channel, for each kind of channel, int64 (kinds).
+        orders: Output: number of coefficients that the packet contains for a channel, by kind of channel (position,
+            rotation, scale, opacity, colour), int64 (kinds).
     """
     orders[:] = 0
     for i in range(len(rows)):
@@ -80,8 +81,8 @@ def _trim(quantised, orders):
 
     Args:
         quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds); reduced in
-            place.
+        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
+            (position, rotation, scale, opacity, colour), int64 (kinds); reduced in place.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
@@ -168,8 +169,8 @@ def encode_cut(
 
     Args:
         models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
-        counts: Number of zeros and ones coded with each model, int64 (contexts, 2); those of the final packets are
-            added.
+        counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The numbers of the packets that are
+            kept are added; packets that were encoded only to find the number of tracks that fit are not counted.
         frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
         dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
@@ -233,7 +234,8 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
         headers: Output: headers of the tracks, int64 (n, fields), zero before.
-        orders: Output: number of coefficients per channel, for each kind of channel, int64 (P, kinds), zero before.
+        orders: Output: number of coefficients that the packet contains for a channel, by kind of channel (position,
+            rotation, scale, opacity, colour), int64 (P, kinds), zero before.
         quantised: Output: residuals of coefficients, int32 (n, channels, frames), zero before.
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)

@@ -236,7 +236,8 @@ def _unpack_coefficients(flat, orders, rows):
 
     Args:
         flat: The coded coefficients, (M, U), with U coefficients per track.
-        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
+            (position, rotation, scale, opacity, colour), int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames).
     """
     for i in range(len(rows)):
@@ -256,7 +257,8 @@ def pack_coefficients(values, rows, states, orders, flat):
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
+            (position, rotation, scale, opacity, colour), int64 (kinds).
         flat: Output: the coded coefficients, (M, U), with U coefficients per track.
     """
     for i in range(len(rows)):
@@ -279,7 +281,8 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
             (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: Number of coded polynomial coefficients per channel, for each kind of channel, int64 (kinds).
+        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
+            (position, rotation, scale, opacity, colour), int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
         wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
         dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a quantisation step.

@@ -202,7 +202,7 @@ class TracksEncoder:
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the side information and the tiers of the manifest for the groups encoded so far."""
+        """Returns the side information of the groups encoded so far, and the sizes of their tiers for the manifest."""
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
@@ -244,7 +244,7 @@ class TracksEncoder:
             old: Indices of the tracks that began in earlier groups.
             numbers: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the former unit, in units of the first shot.
+            before: log2 of the former unit, relative to the unit of the first shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):
@@ -296,14 +296,16 @@ class TracksEncoder:
         self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
-        """Writes headers, positions, steps and expected sizes of tracks (Gaussians over time) into a motion coder.
+        """Writes headers, positions, quantisation steps and expected sizes of some tracks into a motion coder.
+
+        Tracks are Gaussians over time. The coder has an entry for each track with coded motion.
 
         Args:
             coder: The motion coder, changed in place.
             some: Range of the coder's entries to fill.
             group: The tracks of the group of frames.
-            by: Index in the group of each track of the coder.
-            numbers: Index in the stream of each track of the group.
+            by: For each entry of the coder, the index of its track within the group.
+            numbers: For each track of the group, its index within the stream.
             moving: Mask of moving tracks of the group.
         """
         rows, known, tracks = by[some], self._known, numbers[by[some]]
@@ -326,7 +328,8 @@ class TracksEncoder:
             group: The tracks of the group.
             coder: Motion coder of these tracks, first those that need no new keyframe Gaussian.
             known: Number of tracks that need no new keyframe Gaussian.
-            births: Function that encodes the keyframe Gaussians of new tracks, and fills the rest of the coder.
+            births: Function that encodes the keyframe Gaussians of new tracks, and writes the motion of these tracks
+                into the coder's remaining entries.
 
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
@@ -347,7 +350,8 @@ class TracksEncoder:
         Args:
             coder: Motion coder of the tracks, first those that need no new keyframe Gaussian.
             known: Number of tracks that need no new keyframe Gaussian.
-            births: Function that encodes the keyframe Gaussians of new tracks, and fills the rest of the coder.
+            births: Function that encodes the keyframe Gaussians of new tracks, and writes the motion of these tracks
+                into the coder's remaining entries.
 
         Returns:
             Packets of all tracks, and the number of bytes used for each track, float64.

@@ -101,7 +101,11 @@ class KeyframeEncoder:
 
     @property
     def shots(self) -> tuple[Shot, ...]:
-        """Side information of the keyframe Gaussians encoded so far; scene cuts may begin a new object (shot)."""
+        """Side information of the keyframe Gaussians encoded so far, one entry for each shot.
+
+        A shot is a range of groups of frames that share quantisation steps and probability tables; a scene cut may
+        begin a new shot.
+        """
         shots, block = list[Shot](), 0
         for (first_group, infos), reference in zip(self._infos, self._references, strict=True):
             boxes = [info.boxes for info in infos]
@@ -120,7 +124,7 @@ class KeyframeEncoder:
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the unit of positions in the current motion, in units of the first shot."""
+        """log2 of the unit of positions in the current motion, relative to the unit of the first shot."""
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:
@@ -212,14 +216,17 @@ class KeyframeEncoder:
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
     def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, level: int) -> SplatCoding:
-        """Returns the current quantisation parameters, for further Gaussians.
+        """Returns the quantisation parameters of the current shot for further Gaussians.
+
+        A shot is a range of groups of frames that share these parameters; a scene cut may begin a new shot.
 
         Args:
             splats: The Gaussians to encode.
             classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None for `level`.
-            info: Current side information.
-            level: Median precision class of the first Gaussians that were encoded with these parameters.
+                coarser; None to use `level` for all.
+            info: Side information of the shot.
+            level: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is the
+                coarsest).
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
         levels = np.full(count, level, np.uint8) if classes is None else coded_classes(classes, count, most)

@@ -108,7 +108,7 @@ class MotionCoder:
             threads: Number of threads; None for one per processor.
 
         Returns:
-            Initial probability of a zero of each model, out of 2**8, int64 (contexts).
+            Initial probability that a bit is 0, for each model, out of 2**8, int64 (contexts).
         """
         zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
         some = [
@@ -127,7 +127,7 @@ class MotionCoder:
         """Encodes the motion of the tracks (Gaussians over time) of one block.
 
         Args:
-            zero: Initial probability of a zero of each adaptive bit model, out of 2**8, int64 (contexts).
+            zero: Initial probability that a bit is 0, for each adaptive bit model, out of 2**8, int64 (contexts).
             ends: First track and end (exclusive) of the block, as indices of the coder's tracks.
         """
         begin, end = ends

@@ -48,7 +48,8 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
-        motion_spacing: log2 of the unit of positions in the motion of these groups, in units of the first shot.
+        motion_spacing: log2 of the unit of positions in the motion of these groups, relative to the unit of the first
+            shot.
     """
 
     first_group: int
@@ -67,7 +68,8 @@ class SequenceInfo:
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
         coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, for
             each kind of channel, int64 (kinds).
-        bit_zero: Initial probability of a zero for each adaptive bit model of motion, out of 2**8, int64 (contexts).
+        bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
+            (contexts).
         sections: Named sections, content by name.
         lifetimes: Lifetimes of tracks.
     """
@@ -99,7 +101,7 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """log2 of the unit of positions in the motion of each group, in units of the first shot, int64 (groups)."""
+        """log2 of the unit of positions in each group's motion, relative to that of the first shot, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
@@ -178,7 +180,10 @@ def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
 
 
 def _version_of(shots: Sequence[Shot]) -> int:
-    """Returns the lowest version of the side information that can describe the shots."""
+    """Returns the lowest version of the side information with which the keyframe Gaussians of all shots can be stored.
+
+    A shot is a range of groups of frames that share quantisation steps.
+    """
     if any(shot.motion_spacing for shot in shots):
         return WITH_MOTION_UNITS
     return VERSION if len(shots) == 1 else WITH_SHOTS
@@ -199,7 +204,15 @@ def _write_shots(shots: Sequence[Shot], version: int) -> bytes:
 
 
 def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot, ...]:
-    """Reads the side information of the keyframe Gaussians."""
+    """Reads the side information of the keyframe Gaussians, one part for each shot.
+
+    A shot is a range of groups of frames that share quantisation steps and probability tables.
+
+    Args:
+        data: Serialised side information of all shots.
+        version: Version of the side information, `VERSION` to `WITH_MOTION_UNITS`.
+        blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
+    """
     if version == VERSION:
         return (Shot(0, 0, read_keyframes(data, blocks[-1])),)
     reader, num_groups = ByteReader(data, "side information of shots"), len(blocks) - 1

@@ -16,7 +16,7 @@ class TrackGroup:
     Attributes:
         keys: Key of each track, which identifies the track in all groups; ascending, int64 (n).
         begins: First frame of each track, relative to the group, int64 (n).
-        ends: First frame without each track, relative to the group, int64 (n).
+        ends: First frame after the end of each track, relative to the group, int64 (n).
         moves: Trajectories of the tracks over the group.
         first: Function that returns the Gaussians of given tracks (indices in the group), each in its first frame.
     """

@@ -140,8 +140,10 @@ class PacketMoves:
     """Decoded motion of the m moving tracks (Gaussians over time) of a packet, as polynomials over time.
 
     Attributes:
-        coefficients: Polynomial coefficients, float32 (m, channels, K), padded with 0 to K coefficients per channel.
-        orders: Number of coefficients per channel in the packet, for each kind of channel, int64 (kinds).
+        coefficients: Polynomial coefficients, float32 (m, channels, K). Coefficients that the packet does not contain
+            are 0.
+        orders: Number of coefficients that the packet contains for a channel, by kind of channel (position, rotation,
+            scale, opacity, colour), int64 (kinds).
     """
 
     coefficients: np.ndarray

@@ -32,7 +32,7 @@ class SceneFree:
 
     Attributes:
         weights: File with network weights for anchors; None for the shipped ones.
-        trust: Strength of the network's correction for anchors: 0 gives the result of the concealer `grow`, 1 the full
+        trust: Weight of the network's correction for anchors: 0 gives the result of the concealer `grow`, 1 the full
             correction.
         gaussian_weights: File with network weights for explicit Gaussians; None for the shipped ones.
     """

@@ -1,8 +1,8 @@
 """Neural network of the concealer `scene_free` for explicit Gaussians: predicts factors on size and opacity.
 
-The factors depend on the lost share `rho` of a Gaussian's neighbours, as `L = -log(1 - rho)`. Multiplying sizes by
-`exp(L / 2)` preserves the covered area of a surface. The opacity `1 - (1 - a) ** exp(L)` in place of `a` preserves the
-transmittance of many thin layers. The network combines the two.
+The factors depend on the share `rho` of a Gaussian's neighbours that was lost, as `L = -log(1 - rho)`. Larger sizes
+suit surfaces: the factor `exp(L / 2)` preserves the covered area. Higher opacities suit many thin layers: replacing the
+opacity `a` by `1 - (1 - a) ** exp(L)` preserves their transmittance. The network chooses a combination of both factors.
 """
 
 from dataclasses import dataclass

@@ -34,7 +34,7 @@ BYTES_PER_BIT = 2
 
 
 class Coder(NamedTuple):
-    """State of the range coder of a sketch.
+    """State of the range coder that codes a sketch, the coarse copies of a scene's most important anchors.
 
     Attributes:
         decoding: True when decoding, False when encoding.

@@ -99,7 +99,7 @@ def grown_with_copies(
     Args:
         filled: Received scene in which copies have replaced lost Gaussians.
         inputs: Inputs of the network that corrects the enlargement.
-        growth: Parameters of the enlargement (`Copies.growth`): exponents of size and opacity, strength of the network.
+        growth: Parameters of the enlargement (`Copies.growth`): exponents of size and opacity, weight of the network.
     """
     size, opacity, trust = growth
     gains = default_element_weights()(inputs, trust, (size, opacity))
@@ -134,7 +134,7 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Computes the data for enlarging anchors next to lost anchors without a copy.
+        """Prepares the enlargement of drawn anchors around lost ones. Lost anchors with a coarse copy count as drawn.
 
         Args:
             filled: Received scene in which coarse copies have replaced lost anchors.
@@ -188,11 +188,12 @@ def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
 def sketched_attributes(
     section: SketchSection, expected: Float[np.ndarray, "M 6"]
 ) -> tuple[Float[np.ndarray, "M F"], Float[np.ndarray, "M 6"], Float[np.ndarray, "M K 3"], Bool[np.ndarray, "M K"]]:
-    """Returns features, scalings, offsets and offset masks of the coarse copies.
+    """Returns features, scalings, offsets and offset masks of the M coarse copies in a sketch.
 
     Args:
         section: The sketch.
-        expected: Scalings of these anchors predicted by the prior.
+        expected: Scalings that the prior predicts for the anchors that have a copy; decoded scalings are relative to
+            these.
     """
     levels = section.levels[section.levels > 0]
     channels = section.basis.channels(levels, section.values)

@@ -47,7 +47,8 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
     Args:
         offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).
         ridges: Regularisation of each term, float64 (10).
-        nearest: Added to the squared distances, as a fraction of their mean.
+        nearest: Constant that limits the weight of very near neighbours. It is added to the squared distances after
+            division by their mean.
         wild: Maximum sum of absolute weights; beyond it, inverse-distance weights are used.
         proximity: Temporary memory for inverse-distance weights, float64 (k).
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
@@ -100,11 +101,15 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, shares, found):
     """Estimates the motion of n tracks from the motion of their k neighbours (see `Neighbors`).
 
+    The change of colour is assumed to be a linear function of the colour: the mean change of the neighbours, plus a
+    slope times the difference of the track's colour from the neighbours' mean colour.
+
     Args:
         index: Neighbours of each track, as rows of `values`, int32 (n, k).
         weights: Interpolation weights for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weights, for the colour, float32 (n, k).
-        contrasts: Weights that give the slope of the colour change, float32 (n, k, 3).
+        contrasts: Factors on the neighbours' colour changes; the sum of the products over neighbours and channels is
+            the slope, float32 (n, k, 3).
         contrast: Difference of each track's colour from the mean of its neighbours, float32 (n, 3).
         values: Values of the tracks that serve as neighbours, float32 (m, 13).
         has_shapes: True if a scale or opacity in `values` is not 0.

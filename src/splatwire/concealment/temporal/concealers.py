@@ -45,9 +45,9 @@ class ConcealedMotion:
     """Motion that a concealer estimates for tracks with lost motion, in one group of pictures.
 
     Attributes:
-        at: Function that estimates the offsets of the n lost tracks from their keyframe Gaussians in a frame, float32
-            (n, C). Its arguments are the index of the frame in the group and the offsets of the m received tracks,
-            float32 (m, C). The channels are those of `GroupMotion.at`.
+        at: Function that estimates the state of the n lost tracks in one frame, as differences from their keyframe
+            Gaussians, float32 (n, C). Its arguments are the index of the frame in the group and the same differences of
+            the m received tracks, float32 (m, C). The channels are those of `GroupMotion.at`.
         shown: Mask of the lost tracks that are drawn, bool (n); or False to hide all of them.
     """
 
@@ -77,8 +77,8 @@ class TemporalConcealer(Protocol):
 class MotionConcealer:
     """Estimates lost motion: continues the last known motion of a track, or interpolates that of its neighbours.
 
-    With interpolation, each lost track is treated as is best for the received tracks around it. It moves like its
-    neighbours, stays at its last position, or is hidden.
+    With interpolation, a lost track moves like its neighbours, stays at its last position, or is hidden. The choice is
+    tested on the received tracks around it, and the one with the smallest error is used.
 
     Attributes:
         name: Name of the concealer.
@@ -166,5 +166,5 @@ def temporal_concealer(name: str, **options: Any) -> TemporalConcealer:
 
 
 def temporal_concealer_names() -> tuple[str, ...]:
-    """Returns the names of the concealers of sequences, built-in ones first, except those with a required option."""
+    """Returns the names of the concealers of sequences without required options, built-in ones first."""
     return temporal_names()

@@ -31,16 +31,17 @@ AT_ONCE = 1 << 15
 class Neighbors:
     """Neighbours of tracks with lost motion, and weights to estimate motion and colour from them.
 
-    A track is assumed to move like the weighted mean of its neighbours. The change of its colour is predicted by a
-    linear function of the colour, fitted to the neighbours.
+    A track is assumed to move like the weighted mean of its neighbours. The change of colour is assumed to be a linear
+    function of the colour. It is the mean change of the neighbours, plus a slope times the difference of the track's
+    colour from the neighbours' mean colour.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights that give the slope of this function as a sum of the neighbours' colour changes, float32 (n,
-            k, 3).
+        contrasts: Factors on the neighbours' colour changes, float32 (n, k, 3). The sum of the products over neighbours
+            and channels is the slope.
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -96,7 +97,10 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fits the change of colour as a linear function of the colour to the neighbours of each lost track.
+    """Fits the slope of the change of colour as a function of colour, from the neighbours of each lost track.
+
+    The slope is a weighted sum of the neighbours' colour changes, which are known only later, frame by frame. The
+    weights are computed here by a least-squares fit.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -104,8 +108,8 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        Weights that give the slope as a sum of the neighbours' colour changes, (n, k, 3); and difference of each
-        track's colour from the mean of its neighbours, (n, 3).
+        Weights of the neighbours' colour changes in this sum, (n, k, 3); and difference of each track's colour from the
+        mean colour of its neighbours, (n, 3).
     """
     # a change of lighting brightens bright surfaces more than dark ones
     proximity = closeness.astype(np.float64)

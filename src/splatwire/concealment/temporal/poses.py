@@ -41,7 +41,8 @@ class ConcealmentState:
 
     Attributes:
         alive: Mask of tracks that exist at the end of the group, bool (T).
-        offsets: Difference of each track from its keyframe Gaussian in the last frame, float32 (T, C).
+        offsets: State of each track in the last frame of the group, as difference from its keyframe Gaussian, float32
+            (T, C).
         velocity: Change of the offsets since the previous frame, float32 (T, C).
         concealed: Mask of tracks with estimated motion, bool (T).
     """
@@ -63,7 +64,7 @@ class ConcealmentState:
 
 
 def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns in which frames of a group of pictures each track with lost motion exists.
+    """Returns the first and the last frame of each track with lost motion within a group of pictures.
 
     Args:
         sequence: The sequence.

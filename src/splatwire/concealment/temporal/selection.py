@@ -159,7 +159,10 @@ class _Field:
         self._tree = build_kd_tree((splats.means[tracks] + offsets)[self._rows])
 
     def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
-        """Computes the colour and opacity that the received Gaussians without the tested ones produce at given points.
+        """Computes the colour and opacity that received Gaussians produce at given points.
+
+        The motion of the tested tracks is estimated as if it were lost, to measure the error of an estimator. Their
+        Gaussians are therefore left out.
 
         Args:
             points: One point for each tested track, (t, 3).
@@ -179,8 +182,8 @@ class _Field:
         Args:
             around: Colour and opacity of the other Gaussians at the tracks' positions.
             tested: Tested tracks, as indices into the received tracks, int64 (t).
-            states: True state, estimated state: position of each tested track, (t, 3), and mask of the tracks that
-                exist, bool (t).
+            states: Two pairs of arrays: the true state of the tested tracks, then the estimated one. A pair consists of
+                the positions, (t, 3), and the mask of the tracks that exist, bool (t).
 
         Returns:
             Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).

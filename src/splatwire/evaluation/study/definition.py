@@ -139,7 +139,7 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Short name of the stream that this method uses, for file names."""
+        """Short name, for file names, of the stream variant that this row uses (packetization and additional data)."""
         if self.decoded:
             return f"decoded-{self.key}"
         if self.packetization is None:
@@ -273,7 +273,7 @@ class Study:
 
     @property
     def lossy_rows(self) -> tuple[Row, ...]:
-        """Methods that are evaluated with losses."""
+        """Rows of the result table that are evaluated with packet losses."""
         return tuple(row for row in self.rows if not row.lossless)
 
     def row(self, key: str) -> Row:

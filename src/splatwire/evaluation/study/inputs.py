@@ -234,7 +234,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
-    """Returns the definition of a sequence with one camera for each frame, stored as a cameras file."""
+    """Returns the definition of a sequence with a cameras file that has one camera for each frame; writes this file."""
     entry, stream = source.entry, source.stream
     assert stream is not None
     assert entry.reference is not None

@@ -59,7 +59,8 @@ class Lead:
         right: Image with the best concealment, or the reference image.
         caption: Description of the images: view and loss.
         curve: Chart of the PSNR against the loss rate, SVG; None if only one rate was measured.
-        opens: Labels of the methods that view comparisons show first; empty for the reference and the baseline.
+        opens: Labels of the two methods that image comparisons show at first, left and right. If empty, the comparisons
+            begin with the reference and the baseline.
     """
 
     sentence: str

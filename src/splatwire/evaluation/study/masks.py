@@ -1,4 +1,4 @@
-"""Loss mask files for evaluating other codecs under the same losses; packet loss that datagram losses cause."""
+"""Creates loss mask files for evaluating other codecs under equal losses; measures packet loss due to datagram loss."""
 
 import io
 import statistics

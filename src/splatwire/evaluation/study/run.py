@@ -171,7 +171,7 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Selects the task whose worst views the report shows, one for each scene and loss."""
+    """Selects one task for each scene and loss. The report shows the views with the lowest PSNR in these tasks."""
     # A task of the baseline, or of the first row with losses if there is no baseline.
     judges = []
     for scene in dict.fromkeys(cell.scene for cell in cells):

@@ -42,11 +42,15 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
-    """Divides sorted values into runs that have the same nearest entry of a code book.
+    """Divides sorted values into ranges that have the same nearest entry of a code book.
+
+    Args:
+        ordered: The values, ascending.
+        centers: Entries of the code book, ascending.
 
     Returns:
-        Start of each run and end of the last, int64 (entries + 1). The values `ordered[bounds[i]:bounds[i + 1]]` are
-        nearest to entry `i`.
+        Bounds of the ranges, int64 (entries + 1). The values nearest to entry `i` are `ordered[bounds[i]:bounds[i +
+        1]]`, where `bounds` is the result.
     """
     return np.concatenate([[0], np.searchsorted(ordered, (centers[1:] + centers[:-1]) / 2), [len(ordered)]])
 

@@ -223,7 +223,10 @@ def _unapplied_meaning(comment: str) -> str | None:
 
 
 def _unapplied_meaning_of_piece(comment: str) -> str | None:
-    """Describes what a part of a comment probably changes, such as `a shift of the positions`; None if nothing."""
+    """Describes the transform or unit that a piece of a file's comment declares, such as `a shift of the positions`.
+
+    This package does not apply such declarations. Returns None if the comment declares nothing of the kind.
+    """
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
     if _PROGRAM.match(comment) and sum(number is not None for number in numbers) < _VECTOR:

@@ -24,7 +24,11 @@ _ORBIT = struct.Struct("<3f")
 
 
 def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
-    """Parses the metadata in the records of a file; damaged records are ignored."""
+    """Parses the scene metadata in the extension records of an SPZ file; damaged records are ignored.
+
+    Args:
+        extensions: Content of each extension record by its type.
+    """
     found = NO_METADATA
     if _METADATA in extensions:
         try:

@@ -1,6 +1,7 @@
-"""Reading of an opened OpenUSD scene in the present process: its visible Gaussians, frames and metadata.
+"""Reads an opened OpenUSD scene in the present process: its visible Gaussians, frames and metadata.
 
-Used in a process with limits only, because usd-core may crash in a damaged file or take any amount of memory and time.
+It is only used in a subprocess with limits on memory and time, because usd-core may crash or run without end if a file
+is damaged.
 """
 
 import itertools
@@ -305,7 +306,10 @@ def _is_visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
 
 def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
-    """Returns the times at which a prim may become visible or invisible, the earliest possible time first."""
+    """Returns the times at which a prim may become visible or invisible, ascending.
+
+    The first entry is always the earliest possible time (`EarliestTime`), at which no change need be stored.
+    """
     above = (UsdGeom.Imageable(one) for one in (prim, *_ancestors(prim)))
     times = {time for one in above if one for time in one.GetVisibilityAttr().GetTimeSamples()}
     return [Usd.TimeCode.EarliestTime(), *map(Usd.TimeCode, sorted(times))]

@@ -1,9 +1,14 @@
 """Compressed PLY of PlayCanvas and SuperSplat: 16 bytes per Gaussian, quantised per chunk of 256 Gaussians.
 
-Axes are RDF (right, down, forward). Element `chunk` has the bounds of positions, logarithmic scales and colours.
-`vertex` has four words: positions and scales of 11, 10 and 11 bits; rotation of 2 and three times 10 bits (index of the
-largest of w, x, y, z, and the three other components); colour and opacity of four times 8 bits. `sh` has the spherical
-harmonics coefficients of degree 1 and above, one byte each for -4 to 4.
+Axes are RDF (right, down, forward). The element `chunk` stores, for each chunk, the minima and maxima of positions,
+logarithms of scales, and colours. The element `vertex` stores four words of 32 bits for each Gaussian:
+
+* position: x, y and z with 11, 10 and 11 bits, relative to the chunk's bounds;
+* rotation: 2 bits for the index of the largest of w, x, y and z, then 10 bits for each of the other three;
+* scale: the logarithms of the three scales with 11, 10 and 11 bits, relative to the chunk's bounds;
+* colour: red, green, blue and opacity with 8 bits each.
+
+The element `sh` stores the spherical harmonics coefficients of degree 1 and above, one byte each for the range -4 to 4.
 """
 
 import logging

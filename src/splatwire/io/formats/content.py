@@ -27,7 +27,7 @@ class FileContent(CheckedFields):
     Attributes:
         splats: The Gaussians; positions are relative to `origin`.
         origin: World coordinates of the point that positions are relative to.
-        antialiased: True if the file declares that training reduced opacity when Gaussians are widened to a pixel.
+        antialiased: True if the file declares that the scene was trained with antialiased rendering (Mip-Splatting).
         metadata: Metadata of the scene, also relative to `origin`.
     """
 

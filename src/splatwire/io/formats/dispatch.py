@@ -118,7 +118,9 @@ def read_content(path: Path) -> FileContent:
 
 @checked
 def is_antialiased(path: Path) -> bool:
-    """True if a file declares that training reduced opacity when Gaussians are widened to a pixel.
+    """Returns True if a file declares that its scene was trained with antialiased rendering (Mip-Splatting).
+
+    This rendering lowers the opacity of Gaussians that it widens to a pixel.
 
     Raises:
         DatasetError: If it is a damaged file of explicit Gaussians.
@@ -271,7 +273,8 @@ def write_splats(
         parts: Batches of Gaussians, all of one degree of spherical harmonics; may be a generator.
         path: Path of the file, written atomically.
         steps: Quantisation steps to store in a PLY.
-        antialiased: True if training reduced opacity when Gaussians are widened to a pixel; stored in PLY, SPZ and SOG.
+        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
+            that it widens to a pixel (Mip-Splatting); stored in PLY, SPZ and SOG.
         origin: World coordinates of the point that positions are relative to. A PLY stores float64 world coordinates.
         outliers: Treatment of a few Gaussians with extreme values, which reduce the precision of all others in
             quantised formats: `clamp` moves them towards the others, `prune` removes them, `keep` leaves them

@@ -1,7 +1,8 @@
 """`.4dgs` files: Gaussians, each with the time interval in which it exists; read and written by the package fourdgs.
 
-The format has no frames. Sequences are written without its motion and fading: every change of a Gaussian's values
-starts a new Gaussian. When a file is read, the Gaussians are evaluated at the middle of each frame.
+The format has no frames. When a sequence is written, each change of a Gaussian's values starts a new Gaussian; the
+format's parameters for motion and fading are not used. When a file is read, the Gaussians are evaluated at the middle
+of each frame.
 """
 
 import logging

@@ -47,8 +47,8 @@ def write_gltf(
     Args:
         parts: Batches of Gaussians; with `stream`, Gaussians for programs that do not support the extension.
         path: Path of the file.
-        antialiased: True if training reduced opacity when Gaussians are widened to a pixel; stored in the primitive's
-            extras.
+        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
+            that it widens to a pixel (Mip-Splatting); stored in the primitive's extras.
         origin: World coordinates of the point that positions are relative to; stored as translation of the node.
         metadata: Metadata of the scene, relative to `origin`.
         stream: Content of a `.swz` file of the same scene, to embed in the file (EXT_splatwire, docs/gltf.md).

@@ -111,8 +111,8 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
     Args:
         splats: The Gaussians.
-        errors: Function that returns the position errors of the file without outliers. It takes positions with outliers
-            marked. It returns the largest error of each other Gaussian along an axis, world units, float64 (n).
+        errors: Function that predicts position errors if the outliers marked in its argument are left out of the file.
+            It returns the largest error along an axis of each remaining Gaussian, world units, float64 (n).
 
     Returns:
         Positions of all Gaussians, with the outliers marked.

@@ -122,7 +122,7 @@ def warn_of_other_gaussians(elements: dict[str, PlyElement]) -> None:
 
 
 def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
-    """Logs a warning if the element `color_space` of SHARP declares linear RGB."""
+    """Logs a warning if a PLY declares linear RGB in the element `color_space`, which the program SHARP writes."""
     stated = elements.get("color_space")
     if stated is not None and stated.names and stated.rows[stated.names[0]][:1].tolist() == [_LINEAR_RGB]:
         LOG.warning(

@@ -42,7 +42,7 @@ class PlySteps(CheckedFields):
     classes: np.ndarray
 
     def line(self, digest: str) -> str:
-        """Returns the header comment with the steps and the digest of the vertices."""
+        """Returns the header comment of a PLY with the quantisation steps and the digest of the vertices."""
         return f"comment splatwire-steps {digest} {base64.b64encode(self.content).decode()}"
 
 

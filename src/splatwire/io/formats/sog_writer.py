@@ -89,7 +89,7 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
 
 
 def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats outliers that extend the range of positions so far that all others become visibly coarse.
+    """Treats distant Gaussians (outliers) that widen the range of positions, which makes their quantisation coarse.
 
     Args:
         splats: The Gaussians.

@@ -1,4 +1,4 @@
-"""`.splat4d` files: sequences of `.splat` frames with error bounds, read and written by the program of splats4d.
+"""`.splat4d` files: sequences of `.splat` frames. The program of splats4d compresses them with bounds on the errors.
 
 A file begins with `SP4D`, a version and the size of a JSON header as `u32`, and the header with the number of Gaussians
 `n`, the number of frames `t` and the frame rate `fps`.

@@ -89,7 +89,9 @@ def is_antialiased(path: Path) -> bool:
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
-    """Returns the paths of the chunks, followed by that of the environment if the index names one.
+    """Returns the paths of the SOG files (chunks) of a streamed SOG, and last that of its environment, if it has one.
+
+    The environment is a SOG file with Gaussians outside the tree, such as the sky.
 
     Args:
         index: Path of the `lod-meta.json`.
@@ -278,16 +280,16 @@ def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -
 
 
 def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]) -> tuple[Splats, int]:
-    """Reads some ranges of Gaussians from one chunk.
+    """Reads some ranges of Gaussians from one SOG file (chunk) of a streamed SOG.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.
         folder: Path of the chunk.
         runs: Ranges to read, which must not overlap.
-        named: Ranges of all levels of the tree in this chunk.
+        named: Ranges of this chunk that leaves of the level-of-detail tree use, at any level.
 
     Returns:
-        The Gaussians in `runs`; and the number of the chunk's Gaussians that the tree does not use.
+        The Gaussians in `runs`; and the number of the chunk's Gaussians that no leaf uses.
 
     Raises:
         DatasetError: If ranges overlap or end after the chunk.

@@ -129,7 +129,14 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network with constant outputs, which the small variant of HAC++ has for the first feature group."""
+    """Builds a network with constant outputs, the given trained parameters.
+
+    The small variant of HAC++ has such parameters in place of the network for the first feature group.
+
+    Args:
+        values: The constants, as tensor of any shape.
+        num_prior: Number of inputs, which have no effect.
+    """
     bias = values.detach().float().flatten()
     nothing = Linear(torch.zeros(1, num_prior), torch.zeros(1))
     return Mlp(nothing, Linear(torch.zeros(len(bias), 1), bias), _LEAKY_SLOPE)

@@ -18,7 +18,9 @@ class PriorOutputs:
     Attributes:
         feature_mean: Mean of each feature channel.
         feature_scale: Standard deviation of each feature channel, unclamped.
-        feature_weight: Logit of the weight of this prediction of a feature channel, relative to the channel context.
+        feature_weight: Logit of this prediction's weight for each feature channel. A feature is predicted by a mixture:
+            the channel networks give a second prediction with its own logit, and only the difference of both logits
+            matters.
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.
         offset_mean: Mean of each offset coordinate, offset-major.

@@ -114,11 +114,16 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
 
 
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the quantisation steps: of feature channels (F), of logarithms of sizes (4), and of offsets.
+    """Returns the quantisation steps of each attribute value of an anchor.
 
     Args:
-        logs: Logarithms of the learnt quantisation steps: one per feature group, then scale, sizes and offsets.
+        logs: Logarithms of the trained quantisation steps: one per feature group, then one each for the offset scale,
+            the three sizes, and the offsets.
         config: Shapes of anchors and networks.
+
+    Returns:
+        Steps of the feature channels (F), of the logarithms of the offset scale and the three sizes (4), and of the
+        offsets.
     """
     steps, groups = logs.exp(), config.layout.feature_groups
     repeats = torch.tensor(groups, device=logs.device)

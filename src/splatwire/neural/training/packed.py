@@ -75,14 +75,17 @@ def _copy_indices(
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
     """Returns how the weights of several networks are arranged in one combined network.
 
+    All weights of the separate networks are numbered as one list.
+
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
         order: Order of the combined network's outputs.
         device: Device of the results.
 
     Returns:
-        For each weight of the combined network, the index of the weight that is copied there; the indices for the
-        reverse direction; and a zero, for entries that belong to no network.
+        For each weight of the combined network, the index of its value in this list; for each weight in the list, its
+        index in the combined network; and a tensor with one 0 to append to the list. Connections between parts of
+        different networks are copies of this 0.
     """
     # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
     # no network are copies of this zero.

@@ -200,7 +200,9 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the typical anchor size in each anchor's quality tier, which a receiver uses for lost anchors.
+        """Returns the typical anchor size in each anchor's tier, which replaces the unknown sizes of lost anchors.
+
+        Two tiers are assumed: the received anchors, and the lost ones.
 
         Args:
             state: State of the training.

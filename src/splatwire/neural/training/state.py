@@ -254,7 +254,13 @@ def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: 
 
 
 def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
-    """Replaces every tensor of a state that has one row per anchor by the result of a function."""
+    """Applies a function to every tensor with one row per anchor in a state, and stores the results in the state.
+
+    Args:
+        state: State of the training, changed in place.
+        change: Function of two arguments that returns the new tensor: the name of a trained tensor, or None for Adam's
+            moments and statistics; and the tensor.
+    """
     # The first argument of `change` is the name of a trained tensor, or None for Adam's moments and statistics; the
     # second is the tensor.
     for name in state.means.keys() & set(ANCHOR_PARAMETERS):

@@ -61,7 +61,7 @@ class Branches:
     mask_logit: Float[Tensor, "Q K"]
 
     def continuous(self) -> tuple[tuple[str, Branch], ...]:
-        """Returns the attributes except the mask, as pairs of name and estimates."""
+        """Returns the estimates of features, scalings and offsets, each with the name of the attribute."""
         return ("feature", self.feature), ("scaling", self.scaling), ("offset", self.offset)
 
 

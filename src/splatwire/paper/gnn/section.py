@@ -11,7 +11,8 @@ Layout:
   in sixteenths of the standard deviation. A standard deviation is stored as an integer `index`, which stands for
   `(1 + (index mod 8) / 8) * 2 ** floor(index / 8)`;
 * the same constants for lost anchors;
-* all parameters in the order of the network, except heads of attributes with a threshold above 1.
+* all parameters in the order of the network. The output layer (head) of an attribute is left out if the attribute's
+  confidence threshold is above 1, because its output is then never used.
 
 Parameters that are vectors are integers in units of 1/128. A parameter that is a matrix consists of the index of its
 quantisation step (same formula as for standard deviations), the index of the coding scale of each matrix row, and the

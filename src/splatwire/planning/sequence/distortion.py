@@ -146,7 +146,8 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
     """Reduces random measurement errors in the distortion models of several encodings of one sequence.
 
-    All models get the same curve of added error, scaled by a factor for each encoding.
+    The increase of the error by losses, as a function of the lost share, gets the same curve in all models, multiplied
+    by a factor for each encoding.
 
     Args:
         distortions: One model for each encoding.

@@ -25,7 +25,7 @@ less."""
 
 @dataclass(frozen=True, eq=False)
 class SequenceVariant:
-    """An encoding of a sequence at one quality, among which the planner chooses, with a model of its distortion.
+    """One of several encodings of a sequence at different qualities; the planner chooses one of them.
 
     Attributes:
         load: Sizes and importance of the packets.
@@ -114,9 +114,10 @@ def plan_sequence(
 def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
-    """Returns the amounts of parity for a group of pictures that are worth their bytes.
+    """Returns the amounts of parity for a group of pictures that lie on the upper convex hull of PSNR over bytes.
 
-    No mixture of two other amounts gives a higher PSNR with equally many bytes.
+    Other amounts are omitted. For the same bytes, two amounts on the hull, each used for some of the groups, give a
+    higher mean PSNR.
 
     Args:
         variant: Encoded variant of the sequence.

@@ -11,9 +11,9 @@ RATE_WINDOW_S, LEAST_WINDOW_S = 1.0, 10.0
 
 
 class DeliveryRateWindow:
-    """Congestion window for all bytes that QUIC has in flight, from the rate at which they are acknowledged.
+    """Congestion window for a QUIC connection, computed from the rate at which the receiver acknowledges bytes.
 
-    It shrinks when the delivery rate falls, not when packets are lost.
+    The window limits all bytes in flight. It shrinks when the delivery rate falls, not when packets are lost.
 
     Attributes:
         bytes: Congestion window, bytes.

@@ -129,7 +129,9 @@ class LossMeter:
         self._late = LossCounter()
 
     def is_circuit_broken(self, seen: LossCounter) -> bool:
-        """Returns True if the recent loss rate is so high that the path is congested in any case.
+        """Returns True if the recent loss rate exceeds `CIRCUIT_BREAKER_LOSS`.
+
+        The path is then considered congested, whatever its queuing delay.
 
         Args:
             seen: Sent and lost datagrams of the control round.

@@ -113,7 +113,9 @@ class ConnectionSlots:
         return sum(map(len, self._held.values()))
 
     def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
-        """Requests a slot for a new connection, which may abort an older connection; returns True if it gets one.
+        """Requests a slot for a new connection; returns True if it gets one.
+
+        If all slots are in use, the oldest connection of the network with the most slots may be aborted to free one.
 
         Args:
             network: Network of the client.
@@ -195,7 +197,7 @@ class StartRateLimiter:
         return len(starts.recent) < self._most
 
     def note(self, network: Network, nonce: int, now: float) -> None:
-        """Counts a new transfer of a network.
+        """Counts a transfer that a client of the given network has started.
 
         Args:
             network: Network of the client.

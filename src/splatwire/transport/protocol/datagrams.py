@@ -103,7 +103,7 @@ class Welcome(NamedTuple):
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
         num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
         packet_bytes: Maximum size of a packet in bytes.
-        bundled: Number of packets bundled in the init segment, the first in sending order.
+        bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         preview: Preview to show until the scene is decoded; empty without a preview.
         is_live: True for a live stream.

@@ -40,7 +40,7 @@ class NackTracker:
 
     Attributes:
         max_attempts: Maximum number of NACKs per packet.
-        exhausted: Number of packets, the first in sending order, that are not requested any more.
+        exhausted: Number of packets at the start of the sending order that are not requested any more.
     """
 
     def __init__(self) -> None:

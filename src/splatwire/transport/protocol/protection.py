@@ -23,8 +23,8 @@ class Protection:
         side_lead: Share of the packets among which the symbols of the init segment are spread, 0 to 1. 0 sends the init
             segment first, for an early picture; larger values survive longer bursts of losses.
         side_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
-        head_share: Share of the packets, the first in sending order, that are bundled in the init segment, 0 to 1. The
-            repair symbols of the init segment protect them, too.
+        head_share: Share of the packets, from the start of the sending order, that are bundled in the init segment, 0
+            to 1. The repair symbols of the init segment protect them, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
         parity_until: Share of the packets after which all repair symbols of a tier have been sent, 0 to 1. Small values
@@ -32,7 +32,7 @@ class Protection:
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for no limit.
-        resend_until: Share of the packets, the first in sending order, that may be retransmitted, 0 to 1.
+        resend_until: Share of the packets, from the start of the sending order, that may be retransmitted, 0 to 1.
         motion: For a sequence, one pair per group of pictures: share of the motion packets that get parity, 0 to 1, and
             repair symbols per such packet, 0 to 2. The last pair applies to all later groups.
 
@@ -119,7 +119,8 @@ def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int,
         protection: Redundancy.
 
     Returns:
-        Number of packets of each tier. If the tiers are sent one after another, only their total.
+        Number of packets of each tier, if packets of different tiers are sent interleaved (`tier_spread`). Otherwise a
+        single number, the total of all tiers.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

@@ -75,13 +75,13 @@ class ServedStream:
         head: Symbols of each segment (source block) of the init segment, with a reserve of repair symbols.
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
-        bundled: Number of packets bundled in the init segment, the first in sending order.
+        bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
         schedule: Datagrams in sending order, as in `SendSchedule.items`.
         preview: Encoded preview, which clients get first; empty without a preview.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
-        resendable: Number of packets, the first in sending order, that may be retransmitted; None for all.
+        resendable: Number of packets at the start of the sending order that may be retransmitted; None for all.
         tiles: Tiles of a stream with levels of detail, else None.
         opening_packets: Number of packets of the coarsest tiles, which are sent first for every viewpoint.
         is_live: True for a live stream.
@@ -166,7 +166,7 @@ class ServedStream:
 
     @functools.cached_property
     def num_retransmittable(self) -> int:
-        """Number of packets, the first in sending order, that may be retransmitted."""
+        """Number of packets at the start of the sending order that may be retransmitted."""
         return len(self.packets) if self.resendable is None else self.resendable
 
     def may_retransmit(self, index: int) -> bool:

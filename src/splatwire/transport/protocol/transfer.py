@@ -292,9 +292,10 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Yields what the client requests to be sent again (NACKs): packet, and sequence number of the lost datagram.
+        """Yields the packets that the client requests again (NACKs), each with the sequence number of a lost datagram.
 
-        The index of a packet is -1 if it is unknown. The sequence number is None if the client sent the index.
+        A client requests a packet by its index or by the sequence number of a lost datagram. In the first case, None is
+        yielded as sequence number. In the second case, -1 is yielded as index if the packet is unknown.
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:

@@ -137,7 +137,7 @@ class QuicServer(SocketServer):
         self.core.forget(session)
 
     def pump(self) -> None:
-        """Passes the datagrams that are due to QUIC, and sets a timer for the next datagrams."""
+        """Passes the datagrams whose sending time is reached to QUIC, and sets a timer for the next ones."""
         self._cancel_timer()
         now = self._loop.time()
         due = self.core.poll(now, BATCH)
@@ -180,7 +180,7 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the client.
-            begins: True for a new connection before its handshake, which has a higher limit.
+            begins: True for a connection with an unfinished handshake; the limits for such connections are higher.
         """
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)

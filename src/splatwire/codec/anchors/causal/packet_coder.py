@@ -26,8 +26,8 @@ class Quantised:
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
         scales: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
-        numbers: Decoded attributes (features, four logarithms, offsets) in quantisation steps with 16 fractional bits,
-            int32 (n, attributes).
+        numbers: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes): features,
+            logarithms of the offset scale and of the three sizes, and offsets.
     """
 
     # `symbols` and `numbers` are 0 for missing offsets.
@@ -72,7 +72,7 @@ def quantise(
         positions: Positions of the anchors, with all bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
-        octaves: Quantisation step of the offset scale, in octaves.
+        octaves: Quantisation step of the logarithm of the offset scale (the factor on an anchor's offsets), in octaves.
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()

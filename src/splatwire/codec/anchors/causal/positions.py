@@ -115,16 +115,18 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds the lowest group of position bits in which an anchor's Morton code is not 0, for statistics.
+    """Finds, for statistics, the lowest group of three bits in each Morton code that is not 0.
 
-    A group has one bit per axis. Only bits that packets contain are considered.
+    A group has one bit per axis. Only the low bits that packets contain are considered; the bits above are in the side
+    information.
 
     Args:
-        codes: int64 (N), the exact codes.
-        unknown: int64 (N), number of low bits of each code that the packets contain.
+        codes: int64 (N), complete Morton codes of the anchors.
+        unknown: int64 (N), number of low bits of each code that packets contain, and that are unknown without them.
 
     Returns:
-        Number of such groups in each code, and index of the lowest one that is not 0, int64 (N) each.
+        For each code, int64 (N): the number of its groups in packets; and the index of the lowest group that is not 0,
+        counted from the lowest bits. The index equals the number of groups if all are 0.
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.

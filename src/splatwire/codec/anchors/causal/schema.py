@@ -1,4 +1,7 @@
-"""Codec `causal` of neural anchors (format 2): connects its encoder, decoder and repacketization."""
+"""Defines the codec `causal` of neural anchors (stream format 2) from its encoder, its decoder and its repacketization.
+
+The causal model predicts the attributes of an anchor from those of the same anchor that were decoded before.
+"""
 
 from splatwire.bitstream import CAUSAL, Packetization, SceneStream
 from splatwire.bitstream.limits import SCHEMAS

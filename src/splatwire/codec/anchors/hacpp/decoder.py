@@ -183,7 +183,11 @@ class SeparatedDecoder(HacppDecoder):
 
 
 def _groups(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
-    """Yields the groups of anchors that share packets: indices of the anchors, and received payloads by attribute."""
+    """Yields groups of anchors of a run (packets decoded in one call). The anchors of a group share their packets.
+
+    Yields:
+        Indices of the group's anchors; and the received payloads, by index of the attribute that a payload contains.
+    """
     both = zip(run.packets, run.members, strict=True)
     for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):
         pairs = list(same)

@@ -115,7 +115,7 @@ def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, no
 
 
 def _fit_masks(mask: np.ndarray) -> np.ndarray:
-    """Returns the initial probability of a 0 for each adaptive model of mask bits, in units of 2**-8."""
+    """Returns the initial probability that a bit is 0, for each adaptive model of mask bits, in units of 2**-8."""
     # It is the frequency of such bits in the whole scene.
     ones = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
     zero = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)

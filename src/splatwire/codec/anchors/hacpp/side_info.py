@@ -42,7 +42,8 @@ class SideInfo:
         prior: Prior network.
         channel: Networks of the channel context, one per feature group.
         heads: Rendering networks: opacity, covariance, colour.
-        mask_zero: Initial probability of a 0 in each adaptive model of offset masks, out of 2**8, int64 (contexts).
+        mask_zero: Initial probability that a bit is 0, for each adaptive model of offset masks, out of 2**8, int64
+            (contexts).
         sections: Optional named sections, content by name.
     """
 
@@ -66,7 +67,7 @@ class SideInfo:
         )  # fmt: skip
 
     def mask_models(self) -> np.ndarray:
-        """Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2)."""
+        """Adaptive bit models of offset masks in their initial state for every packet, int64 (contexts, 2)."""
         return np.repeat(self.mask_zero[:, None] << 8, 2, axis=1)
 
 

@@ -34,7 +34,7 @@ class GaussianResult:
     Attributes:
         scene: The trained Gaussians, on the CPU. After the fine-tuning, encoding without a quality setting is lossless.
         state: State before the fine-tuning, on the training device.
-        test: Quality in the last test, of `scene`; None without test views, or if the training was stopped.
+        test: Quality of `scene` in the test views at the end; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
         seconds: Duration of the training in seconds, without tests.
     """
