@@ -235,7 +235,12 @@ def _mapping_rule(kind: type, rules: list[Rule]) -> Rule:
 
 
 def _items_rule(kind: type, item: Rule) -> Rule:
-    """Builds the rule for a collection annotation such as `Sequence[int]` or `Iterable[Frame]`."""
+    """Builds the check of a value that is annotated as a collection, such as `Sequence[int]` or `Iterable[Frame]`.
+
+    Args:
+        kind: Class of the collection, such as `Sequence`.
+        item: Check of an item.
+    """
     # An iterator can be read only once, so each of its items is checked when the decorated function reads it.
     sized = kind.__name__ in ("Sequence", "Collection", "list", "frozenset", "set")
 
@@ -260,10 +265,14 @@ def _items_rule(kind: type, item: Rule) -> Rule:
 
 
 def _checked_items(values: Any, item: Rule) -> Any:
-    """Yields the items of an iterator, and raises an error at the first one that the rule rejects.
+    """Yields the items of an iterator, and checks each item before it is yielded.
+
+    Args:
+        values: The iterator.
+        item: Check that each item must pass.
 
     Raises:
-        InvalidValueError: If an item is not accepted.
+        InvalidValueError: If an item does not pass the check.
     """
     for value in values:
         if not item.accepts(value):
@@ -288,7 +297,11 @@ def _protocol_rule(kind: type) -> Rule:
 
 
 def array_rule(kind: Any) -> Rule:
-    """Builds the rule of an array field: class, dtype and number of dimensions."""
+    """Builds the check of a value that is annotated as an array: class, dtype and number of dimensions.
+
+    Args:
+        kind: The annotation, such as `Float[np.ndarray, "N 3"]`, or a class of arrays.
+    """
     if kind.__name__ == "ndarray":
         return Rule("an array", lambda value: isinstance(value, kind))
     dims, word = tuple(kind.dim_str.split()), kind.__name__.partition("[")[0].lower()

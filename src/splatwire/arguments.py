@@ -100,7 +100,16 @@ def _rules_of_fields(kind: Any) -> dict[str, Rule]:
 
 
 def _rules(owner: Any, names: list[str], arrays: Callable[[Any], Rule]) -> dict[str, Rule]:
-    """Returns the check of each parameter of a function, or of each field of a dataclass, by name."""
+    """Builds a check for each annotated parameter of a function, or each annotated field of a dataclass.
+
+    Args:
+        owner: The function or the dataclass.
+        names: Names of the parameters or fields.
+        arrays: Function that builds the check for an array annotation.
+
+    Returns:
+        Checks by name of the parameter or field; none for annotations that accept every value.
+    """
     found = {}
     for name in names:
         hint = annotation_of(owner, name)

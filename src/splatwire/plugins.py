@@ -131,7 +131,11 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns ` of PACKAGE` for messages about an entry; empty for entries of splatwire."""
+        """Returns text for messages that names the package of an entry, ` of PACKAGE`; empty for entries of splatwire.
+
+        Args:
+            name: Name of the entry.
+        """
         return "".join(f" of {package}" for package in self.packages(name)[:1])
 
     def _announced(self) -> Iterator["EntryPoint"]:

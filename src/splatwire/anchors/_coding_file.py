@@ -29,7 +29,10 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 
 
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the header fields of a scene file for entropy coding: codec schema, and configuration of its model."""
+    """Returns the header fields for the entropy coding of a scene file: codec schema, and configuration of its model.
+
+    The model predicts the probabilities.
+    """
     config = coding.config
     if isinstance(config, CausalConfig):
         return {"model": CAUSAL, "config": {"layout": vars(config.layout), "context_dim": config.context_dim}}

@@ -16,13 +16,15 @@ from splatwire.types.causal_coding import INPUT_UNIT, OCTAVES, CausalConfig
 
 @dataclass(frozen=True, eq=False)
 class CausalPrediction:
-    """Predicted distributions of M anchors: means, and log2 of standard deviations, both in quantisation steps.
+    """Predicted probability distributions of the attributes of M anchors.
+
+    Means and standard deviations are in quantisation steps; of standard deviations, the log2 is stored.
 
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
-        exists: Logits that each offset exists.
-        form: Means and log2 of standard deviations of four logarithms: scale of the anchor's offsets, and base size of
-            its Gaussians along three axes.
+        exists: Predicted probability that each offset exists, as a logit.
+        form: Means and log2 of standard deviations of four values: logarithm of the scale of the anchor's offsets, and
+            logarithms of the base size of its Gaussians along three axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 

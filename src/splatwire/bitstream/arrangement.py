@@ -20,7 +20,8 @@ class Arrangement(NamedTuple):
 
     Attributes:
         groups: Indices of the elements in coding order, group after group.
-        packets: Packet that contains each group, or the packets of its attributes; None for missing packets.
+        packets: Received packets in the order of the groups, None for missing packets: one packet for each group, or
+            several for each group if the stream has separate packets for its attributes.
     """
 
     groups: PacketGroups

@@ -36,7 +36,7 @@ _CLOSE = 0.98
 
 @dataclass(frozen=True, eq=False)
 class GaussianSketch:
-    """Coarse copies of a scene's most important Gaussians, which a receiver draws if these are lost (a sketch).
+    """Coarse copies of a scene's most important Gaussians (a sketch), drawn in place of Gaussians that were lost.
 
     Attributes:
         splats: All Gaussians of the stream, in coding order.
@@ -121,7 +121,8 @@ class GaussianSketch:
             partial: The received scene.
 
         Returns:
-            The scene with copies, as input of `proposal`, and the inputs of the network that corrects the enlargement.
+            The scene with copies, and inputs for a neural network that corrects how much received Gaussians are
+            enlarged. The method `proposal` takes this pair.
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None

@@ -155,13 +155,13 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 
 
 def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Simulates during which group of pictures each packet of a sequence arrives, with retransmission.
+    """Simulates retransmission in a sequence, and returns the group of pictures during which each packet arrives.
 
     Args:
         stream: Stream of a sequence (dynamic scene).
-        mask: Result of the first transmission.
+        mask: Loss mask of the first transmission of all packets.
         loss: Loss model.
-        seed: Random seed of the first transmission.
+        seed: Random seed of the first transmission; the seeds of retransmissions are derived from it.
 
     Returns:
         Index of the group of pictures for each packet, -1 if the packet never arrives, in the order of

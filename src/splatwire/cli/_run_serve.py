@@ -85,7 +85,7 @@ class _Scenes:
 
     @property
     def updates(self) -> dict[str, ServedStream | None]:
-        """Updates of the streams by the name under which receivers request them."""
+        """Streams of scene updates; the key is the name under which receivers request an update."""
         return {} if self.folder is None else self.folder.updates
 
 

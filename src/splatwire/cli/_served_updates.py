@@ -117,13 +117,13 @@ class UpdateFolder:
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that no scene becomes equal to an earlier version of another scene.
+        """Checks that an update does not give a scene the content of an earlier version of another scene.
 
         Args:
-            changed: Scenes to be changed by an update, by name, with the update applied.
+            changed: Scenes that the update changes, by name, each with the update applied.
 
         Raises:
-            InvalidValueError: If a scene reaches such a version.
+            InvalidValueError: If a changed scene would have such content.
         """
         # Receivers request the next update by the version that they have, and would get that of the other scene.
         reached = {update_name(manifest_digest(chain.scene.manifest)) for chain in changed.values()}

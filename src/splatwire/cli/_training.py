@@ -212,7 +212,11 @@ def columns() -> tuple[ProgressColumn, ...]:
 
 
 def line(now: Progress) -> str:
-    """Formats the state of a training run as one line."""
+    """Formats the progress of a training as one line of text.
+
+    Args:
+        now: Progress after the last completed iteration.
+    """
     size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
     speed = "" if now.iterations_per_second is None else f", {now.iterations_per_second:.1f} it/s"
     return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_elements:,} {now.elements}{size}{speed}"

@@ -260,15 +260,15 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual whose probability interval is between two entries of the probability table.
+    """Decodes a residual whose probability interval starts between two tabulated interval starts.
 
     Args:
         coder: Entropy coder.
-        scale: Index of the distribution.
-        place: Index of the table entry before the residual.
-        start: Start of this entry's probability interval.
-        after: Start of the next entry's probability interval.
-        target: Value read by the range decoder, between both starts.
+        scale: Index of the probability distribution.
+        place: Index of the last table entry whose interval start is at most `target`.
+        start: Interval start in this table entry.
+        after: Interval start in the next table entry.
+        target: Value read by the range decoder, from `start` to `after` (exclusive).
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -295,15 +295,15 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes where the probability interval of a residual starts, for residuals that are not in the table.
+    """Computes the start of a residual's probability interval, for a residual whose start is not tabulated.
 
     Args:
         coder: Entropy coder.
-        symbol: The residual, from `-half` to `half + 1`.
+        symbol: The residual, from `-half` to `half`; `half + 1` for the end of the last interval.
         half: Largest magnitude of a residual with a probability interval.
         mean: Common mean of the mixture's two normals, `MEAN_BITS` fractional bits.
-        narrow: Reciprocal of the smaller standard deviation of the two.
-        wide: Reciprocal of the larger standard deviation.
+        narrow: Reciprocal of the smaller of the two standard deviations.
+        wide: Reciprocal of the larger of the two standard deviations.
     """
     # Not inlined, because the callers call it several times.
     return cumulative(symbol, -half, half, mean, narrow, mean, wide, WEIGHT, coder.normal)

@@ -12,13 +12,15 @@ def step_exponent(bases, which, level, area, long, thin, opacity):
     """Computes `-log2` of the quantisation step of one attribute of a Gaussian, as an integer.
 
     Args:
-        bases: Results for precision class 0, by attribute, `STEP_BITS` fractional bits.
+        bases: `-log2` of each attribute's quantisation step in precision class 0, for a Gaussian with scales and
+            opacity 1; `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
-        area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
-        long: log2 of the ratio of the largest to the second scale.
-        thin: log2 of the ratio of the second to the third scale.
-        opacity: log2 of the opacity.
+        level: Precision class of the Gaussian, 0 for the coarsest; each class has half the quantisation steps of the
+            preceding class.
+        area: log2 of the product of the two largest scales, `BITS` fractional bits.
+        long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
+        thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
+        opacity: log2 of the opacity, `BITS` fractional bits.
     """
     # The result grows by one from each precision class to the next higher one. It also depends linearly on the
     # logarithms of the scales and of the opacity.
@@ -56,13 +58,14 @@ def position_shift(bases, level, s0, long, thin, opacity, unit, most):
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
-        s0: log2 of the largest scale, in fixed point (`BITS` fractional bits, as the following).
-        long: log2 of the ratio of the largest to the second scale.
-        thin: log2 of the ratio of the second to the third scale.
-        opacity: log2 of the opacity.
+        level: Precision class of the Gaussian, 0 for the coarsest; each class has half the quantisation steps of the
+            preceding class.
+        s0: log2 of the largest scale, `BITS` fractional bits.
+        long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
+        thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
+        opacity: log2 of the opacity, `BITS` fractional bits.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
-        most: Maximum result.
+        most: Upper limit on the returned value.
 
     Returns:
         log2 of the step in lattice spacings, 0 to `most`.

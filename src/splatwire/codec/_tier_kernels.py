@@ -37,11 +37,13 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Updates the statistics of one importance tier, which determine the contexts of later anchors.
+    """Adds an anchor to the running statistics of an importance tier, which select the contexts of later anchors.
 
     Args:
-        counts: For each tier, share of anchors in it or a more important one, see `tier_context`; changed in place.
-        recents: For each tier, membership of the last two anchors as two bits, see `tier_context`; changed in place.
+        counts: For each tier, weighted share of the anchors so far that are in this tier or in a more important one,
+            out of 2**16; changed in place.
+        recents: For each tier, two bits, one for each of the last two anchors: 1 if the anchor is in this tier or in a
+            more important one. Changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """

@@ -35,10 +35,10 @@ _OTHERS = (
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:
-    """Returns the named sections (optional parts) of side information for loss concealers: content by name.
+    """Returns the named sections (optional parts) of side information that loss concealers may read: content by name.
 
     Args:
         sections: All named sections.
-        *own: Names of further sections to omit, which only the codec reads.
+        *own: Names of sections to omit because only the codec reads them.
     """
     return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

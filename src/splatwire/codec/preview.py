@@ -48,7 +48,8 @@ class PreviewFrame:
     Attributes:
         middle: Centre of the scene, world units.
         spread: Distance up to which positions have nearly uniform precision, world units.
-        low: Minima of four values before quantisation: the three coordinates after the asinh, and `ln(size / spread)`.
+        low: Minima of four values before quantisation: the three transformed coordinates, and the natural logarithm of
+            a size divided by `spread`.
         high: Maxima of these four values.
     """
 
@@ -81,8 +82,8 @@ class PreviewFrame:
         Args:
             middle: Centre of the scene, world units.
             spread: Distance up to which positions have nearly uniform precision, world units.
-            low: Minima of four values: the three coordinates after the asinh, and the logarithm of a size divided by
-                `spread`.
+            low: Minima of four values: the three coordinates, transformed by `asinh((x - middle) / spread)`, and the
+                logarithm of a size divided by `spread`.
             high: Maxima of these four values.
 
         Raises:

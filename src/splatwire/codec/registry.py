@@ -53,7 +53,7 @@ def schema_named(name: str) -> Schema:
     if not isinstance(found, Schema) and not found.codec:
         coded = (known for known, schema in SCHEMAS.registered().items() if schema.codec or isinstance(schema, Schema))
         raise UnknownNameError("schema", name, coded)
-    return _complete(found)
+    return _load_codec(found)
 
 
 @checked
@@ -79,7 +79,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
     for stream in schemas:
         if not isinstance(stream, Schema) and stream.scene not in type_names:
             continue
-        schema = _complete(stream)
+        schema = _load_codec(stream)
         if isinstance(scene, schema.scene_type) and schema.codes(scene):
             distance = kinds.index(schema.scene_type) if schema.scene_type in kinds else len(kinds)
             fitting.setdefault(distance, []).append(schema)
@@ -91,8 +91,12 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
     return best[0] if best else None
 
 
-def _complete(stream: StreamSchema) -> Schema:
-    """Returns the codec for a kind of stream, with its encoder and decoder."""
+def _load_codec(stream: StreamSchema) -> Schema:
+    """Imports the codec of a kind of stream: its encoder and decoder in addition to the properties of the streams.
+
+    Args:
+        stream: Properties of the streams, with the place of the codec; returned unchanged if it is a codec already.
+    """
     # Stream readers register only the properties of streams, to avoid importing the codec.
     if isinstance(stream, Schema):
         return stream

@@ -135,15 +135,16 @@ def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.nd
 
 
 def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarray:
-    """Finds the original of each Gaussian of a coarser level that is a copy of one finer Gaussian.
+    """Finds the fine Gaussian (original) from which each copied Gaussian of a coarser level of detail was made.
 
     Args:
-        splats: Gaussians of all levels.
+        splats: Gaussians of all levels of detail.
         fine: Indices in `splats` of the received Gaussians of the finest level.
-        copies: Indices in `splats` of the copies, int64 (C).
+        copies: Indices in `splats` of the Gaussians of coarser levels that are copies of a single fine Gaussian, int64
+            (C).
 
     Returns:
-        Position in `fine` of the original of each copy, int64 (C); -1 if no original was received.
+        Index in `fine` of the original of each copy, int64 (C); -1 if the original was not received.
     """
     # A stream does not contain this relation: the original has nearly the same position, size, colour and opacity.
     near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))

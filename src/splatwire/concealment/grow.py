@@ -90,7 +90,8 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
+            tier_sizes: Typical size of an anchor in the importance tier of each anchor, a weight in the scene's
+                received share; None for equal weights.
         """
         return self.limited(received, known, tier_sizes) ** -self.exponent
 
@@ -100,15 +101,18 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         tier_sizes: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Limits the enlargement of received anchors to `max_gain` and `max_excess`, by raising received shares.
+        """Raises small received shares, so that the enlargement of anchors stays within `max_gain` and `max_excess`.
+
+        The enlargement is a negative power of the received share.
 
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weight of each anchor in the average loss of the scene; None for equal weights.
+            tier_sizes: Typical size of an anchor in the importance tier of each anchor, a weight in the scene's
+                received share; None for equal weights.
 
         Returns:
-            The shares `received`, raised where the enlargement would exceed a limit.
+            The shares `received`, with a lower bound.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0

@@ -84,8 +84,8 @@ def register_concealer(
             (`ReceivedScene.records`). A tuple lists alternatives.
         option: Name of a required option, such as a weights file, which users set by `name:VALUE`.
         section: Name of the side information section that the concealer reads; it can replace the option.
-        shipped: Network weight files of the package that the concealer reads.
-        listed: True if `concealer_names` lists it.
+        shipped: Network weight files that the concealer reads; they belong to the same Python package.
+        listed: True to include the concealer in the result of `concealer_names`.
         temporal: True for sequences, False for static scenes.
 
     Raises:
@@ -113,7 +113,8 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
 
     Args:
         sections: Names of the sections in the stream's side information.
-        provides: Types of elements and side information in the stream; None lists the concealers for all of them.
+        provides: Types of elements and side information in the stream; None if they are unknown, so that concealers are
+            listed whatever types they need.
     """
     there = {None, *sections}
     return tuple(

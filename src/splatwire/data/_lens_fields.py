@@ -48,7 +48,12 @@ _AXES = re.compile(
 
 
 def states_axes(name: str, value: object) -> bool:
-    """True if a field's text probably names camera axes or the direction of poses."""
+    """True if a field probably names the camera axes, or the direction of the pose matrices (such as camera to world).
+
+    Args:
+        name: Name of the field.
+        value: Value of the field.
+    """
     if not isinstance(value, str) or not _CONVENTION.fullmatch(name):
         return False
     return name.lower() not in _BARE or _AXES.search(value) is not None
@@ -89,7 +94,9 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """True if a camera's vertical angle of view can be ignored, because other fields determine its lens.
+    """True if a camera has equal focal lengths along x and y, so that its vertical angle of view can be ignored.
+
+    The fields of the focal lengths and of the horizontal angle of view must be present.
 
     Args:
         values: Fields of the camera.
@@ -101,7 +108,7 @@ def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
-    """True if the vertical angle of view probably refers to Blender's sensor instead of the picture.
+    """True if the vertical angle of view was probably computed for the shape of Blender's sensor, not of the picture.
 
     Args:
         values: Fields of the camera; angles in radians.

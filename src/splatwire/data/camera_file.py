@@ -143,7 +143,7 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
 def _check_statements(
     path: Path, name: str, view: dict[str, Any], viewmat: np.ndarray, K: np.ndarray, size: tuple[int, int]
 ) -> None:
-    """Checks that fields of a camera that are not used, such as a second matrix, agree with those that are.
+    """Checks that unused fields of a camera, such as a second matrix, agree with the values that were read.
 
     Args:
         path: The file, for messages.
@@ -154,7 +154,7 @@ def _check_statements(
         size: Width and height of the picture, pixels.
 
     Raises:
-        DatasetError: If a matrix or an angle of view contradicts them.
+        DatasetError: If a matrix or an angle of view contradicts these values.
     """
     if (why := contradicting_angle(view, (float(K[0, 0]), float(K[1, 1])), size)) is not None:
         raise DatasetError(f"{path}: view '{name[:120]}' {why}: remove the wrong one")
@@ -177,7 +177,12 @@ def _check_statements(
 
 
 def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
-    """Logs a warning about fields that name other axes than those of OpenCV, or another direction of the poses."""
+    """Logs a warning if a field names camera axes other than OpenCV's, or poses other than world-to-camera matrices.
+
+    Args:
+        path: The camera file, for messages.
+        holders: Mappings from names to values of the fields: the file's and each view's.
+    """
     stated = [(key, value) for holder in holders for key, value in holder.items() if states_axes(key, value)]
     for key, value in dict.fromkeys(stated):
         if value != _CONVENTION and not _OPENCV.search(value):

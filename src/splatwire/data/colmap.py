@@ -82,7 +82,7 @@ def find_reconstruction(root: Path) -> Path | None:
 
 
 def _numbered_folders(folder: Path) -> list[Path]:
-    """Returns the folders below `folder` whose names are numbers, in that order."""
+    """Returns the subfolders of `folder` whose names are numbers, in ascending order of the numbers."""
     found = [path for path in folder.iterdir() if path.name.isdecimal()] if folder.is_dir() else []
     return sorted(found, key=lambda path: int(path.name[:_MAX_DIGITS]))
 

@@ -210,7 +210,9 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Returns the views of a split, the file that lists them, and the point cloud that the file names, or None.
+    """Returns the views of a split, the file that lists them, and the point cloud that this file names.
+
+    The point cloud is None if the file names none.
 
     Args:
         path: Folder of the dataset.

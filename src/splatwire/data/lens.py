@@ -174,7 +174,7 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if, at this zoom, each pixel of the pinhole image has a place of its own in the photo.
+    """True if, at this zoom, every pixel of the pinhole image shows a different point inside the photo.
 
     Args:
         lens: The lens.

@@ -22,7 +22,7 @@ def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
 
 
 def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
-    """True if the cameras refer to photos as rotated by their EXIF orientation, False if to the stored pixels.
+    """True if the cameras describe the photos after their EXIF rotation, False if they describe the stored pixels.
 
     Args:
         views: The cameras.

@@ -1,4 +1,4 @@
-"""Conversion of cameras to world coordinates for training, with a warning if float32 rounds them."""
+"""Conversion of cameras to world coordinates for training; warns of noticeable rounding errors in float32."""
 
 import logging
 from pathlib import Path

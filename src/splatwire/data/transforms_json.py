@@ -256,7 +256,11 @@ def _has_size(values: dict[str, Any]) -> bool:
 
 
 def _with_size(values: dict[str, Any]) -> dict[str, Any]:
-    """Returns the fields of a view with its image size as `w` and `h`, if the file names it differently."""
+    """Returns the fields of a view; adds the image size as `w` and `h` if the view has it under other names.
+
+    Args:
+        values: Fields of the view.
+    """
     pair = next((pair for pair in _SIZES if all(type(values.get(key)) in (int, float) for key in pair)), None)
     if pair is None or "w" in values or "h" in values:
         return values

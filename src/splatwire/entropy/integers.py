@@ -58,8 +58,8 @@ def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
     The standard deviation of entry (i, j) has the index `rows[i] + columns[j]` in the scale table.
 
     Args:
-        rows: Number for each row.
-        columns: Number for each column.
+        rows: First summand of this index for each row, an integer.
+        columns: Second summand of this index for each column, an integer.
     """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())

@@ -128,7 +128,10 @@ def _resolved_target(path: Path) -> Path:
 
 
 def _replaceable(path: Path) -> bool:
-    """True if this user may replace an existing output; in sticky folders such as /tmp, only its owner may."""
+    """True if this user may replace an existing output.
+
+    In folders with the sticky bit, such as /tmp, only the owners of the output and of the folder may replace it.
+    """
     user, found, folder = os.geteuid() if hasattr(os, "geteuid") else 0, path.stat(), path.parent.stat()
     if path.is_dir() and not os.access(path, os.W_OK):
         return False

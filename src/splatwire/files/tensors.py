@@ -253,7 +253,18 @@ def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: A
 
 
 def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
-    """Evaluates a call in a pickle without making it; returns a tensor's description, a dictionary or an argument."""
+    """Interprets a function call in a pickle without calling the function.
+
+    Args:
+        maker: The function that the pickle names.
+        arguments: Arguments of the call.
+
+    Returns:
+        Description of a tensor; a dictionary; or, for a parameter of a network, the tensor in the first argument.
+
+    Raises:
+        ValueError: If the function is none of those for tensors, parameters and ordered dictionaries.
+    """
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument
         return {key: value for key, value in (arguments[0] if arguments else ()) if isinstance(key, str)}

@@ -26,7 +26,7 @@ class Check:
         scene: Background, origin and antialiasing of the scene.
         pictures: Views of the sample.
         receptions: Simulated packet losses, each applied to all views.
-        least: Lower limit of a view's error at the start, the divisor of its loss.
+        least: Lower limit on the error by which the loss of a view is divided.
         first: Mean squared errors at the start. Rows: no packet loss, then each simulated one; columns: views.
     """
 
@@ -55,7 +55,7 @@ class Check:
             splats: The Gaussians at the start, rounded.
             pictures: All fitted pictures.
             receptions: Simulated packet losses; empty for none.
-            least: Lower limit of a view's error at the start, the divisor of its loss.
+            least: Lower limit on the error by which the loss of a view is divided.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views

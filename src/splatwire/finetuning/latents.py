@@ -169,7 +169,7 @@ def gradients_of(
     Rounding is treated as the identity function (straight-through).
 
     Args:
-        latents: The parameters, with `turns` 0.
+        latents: The parameters; their rotations `turns` must be 0.
         drawn: The drawn Gaussians, `latents.splats(offsets)`.
         offsets: Rounding errors, which count as constants; None without rounding.
         found: Gradients with respect to the drawn Gaussians.

@@ -81,7 +81,10 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns the index of the first original Gaussian of each tile, level by level, coarsest first."""
+    """Returns the index of the first Gaussian of each tile, level by level, coarsest first.
+
+    The indices refer to the Gaussians of the finest level of detail.
+    """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
         firsts = np.searchsorted(parents_of(finer.num_tiles, shape.num_tiles), np.arange(shape.num_tiles + 1))

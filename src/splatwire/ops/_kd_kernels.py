@@ -10,7 +10,7 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts points into the leaves of a k-d tree, whose sizes are given.
+    """Sorts points into the leaves of a k-d tree, so that each leaf gets a given number of points.
 
     Args:
         points: Coordinates, float (N, 3).

@@ -20,7 +20,8 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
             each.
         count: Number of elements N, at most 2**32.
         bits: Number of bits of a code.
-        groups: Major sort keys, by which elements are sorted before their codes, 0 to 2**16 - 1, (N); None for none.
+        groups: Primary sort key of each element, 0 to 2**16 - 1, (N); codes order elements with equal primary keys.
+            None to sort by the codes alone.
 
     Returns:
         Indices of the elements in sorted order, uint32 (N).

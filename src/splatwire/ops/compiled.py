@@ -172,11 +172,11 @@ def _cache_in(folder: Path) -> Iterator[None]:
 
 
 class _Compilations(event.Listener):
-    """Log of compiled kernels.
+    """Listener that logs each compilation of a kernel, and counts the compilations that are running.
 
     Attributes:
-        depth: Number of nested compilations of a thread.
-        num_running: Number of compilations that have not ended, in all threads.
+        depth: Number of running compilations in the current thread, one inside another.
+        num_running: Number of running compilations in all threads.
     """
 
     def __init__(self) -> None:

@@ -41,13 +41,13 @@ def _power(base, exponent):
 @njit()
 @no_type_check
 def _insert(index, strength, candidate, u):
-    """Inserts a candidate into a list sorted by descending score, and drops the last entry.
+    """Inserts an anchor into a list sorted by descending score, and drops the last anchor of the list.
 
     Args:
-        index: Anchor indices in the list, changed in place.
-        strength: Scores in the list, changed in place.
-        candidate: Anchor index of the candidate.
-        u: Score of the candidate.
+        index: Indices of the listed anchors, changed in place.
+        strength: Scores of the listed anchors, changed in place.
+        candidate: Index of the anchor to insert.
+        u: Score of this anchor.
     """
     # Behind entries of equal score.
     place = strength.shape[0] - 1

@@ -1,4 +1,4 @@
-"""Functions shared by the paper's concealers: grouping of lost attributes, means of neighbours, mask votes."""
+"""Functions shared by the paper's concealers: grouping of lost attributes, means of neighbours, votes on masks."""
 
 from dataclasses import dataclass
 

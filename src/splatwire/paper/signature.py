@@ -1,4 +1,4 @@
-"""Quantities that CARI computes for each anchor: residuals, signature, uncertainty."""
+"""Quantities that CARI computes for each anchor: residuals, their group means (signature), and uncertainty."""
 
 from dataclasses import dataclass, replace
 

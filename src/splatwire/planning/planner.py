@@ -215,7 +215,13 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
 
 
 def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
-    """Selects the plans to check by rendering: the best ones, and simple baselines of similar quality."""
+    """Selects the plans to check by rendering: the best ones, and baselines with nearly the PSNR of the best.
+
+    Args:
+        plans: Plans found by the search.
+        plain: Baseline plans with simple redundancy.
+        head_target: Minimum fraction of transfers in which the side information must arrive.
+    """
     enough = head_target - math.sqrt(head_target * (1 - head_target) / HEAD_TRIALS)
     everything = [*plans, *plain]
     safe = [plan for plan in everything if plan.head_arrives >= enough] or everything

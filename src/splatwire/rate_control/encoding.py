@@ -220,10 +220,10 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates how much the reported PSNR grows if the PSNR in the search views grows by one decibel.
+    """Estimates how much the reported PSNR grows if the PSNR that the search measures grows by one decibel.
 
     Args:
-        pairs: PSNR in the search views, and PSNR in the held-out views that is reported, for each stream so far,
+        pairs: PSNR in the views used for the search, and reported PSNR (in held-out views), for each stream so far,
             decibels.
     """
     # The estimate is limited to the range from 0.5 to 2.
@@ -328,7 +328,8 @@ class _Plan:
 
         Args:
             share: Share of the Gaussians of `source` to keep, 0 to 1.
-            tuned: Results of earlier fine-tunings, from which kept Gaussians start.
+            tuned: Results of earlier fine-tunings. The kept Gaussians are taken from the smallest result with enough
+                Gaussians, or else from `source`.
 
         Returns:
             The kept Gaussians, and the precision class of each.
@@ -374,7 +375,7 @@ class _Plan:
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def measured(self, encoded: EncodedScene) -> float:
-        """Returns the mean PSNR of an encoded scene in the search views, decibels."""
+        """Returns the mean PSNR of an encoded scene in the views used to search for a quantisation level, decibels."""
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
@@ -569,8 +570,9 @@ class _Trials:
         Args:
             measure: Returns the size or the PSNR of an encoded scene.
             permitted: Range of accepted values.
-            known: First stream to compare with, and its size or PSNR.
-            slope: Expected increase of the value per quantisation level.
+            known: Size or PSNR of the stream from which the search starts, and this stream.
+            slope: Expected increase of the size or PSNR if the quantisation level increases by 1; the increase per
+                share is derived from it.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known

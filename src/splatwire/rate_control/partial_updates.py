@@ -127,7 +127,14 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
-        """Returns the receivers' version of each new Gaussian, and a mask of those that receivers already have."""
+        """Finds the version of each Gaussian of a new scene that the receivers have.
+
+        Args:
+            splats: Gaussians of the new scene.
+
+        Returns:
+            The receivers' versions, arbitrary for new Gaussians; and a mask of the Gaussians that receivers have.
+        """
         if splats.num_gaussians == self.newest.num_gaussians:
             return self.held, self.known.copy()
         match = match_by_position(self.newest.means, splats.means)

@@ -93,7 +93,9 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, level: float) -> float:
-        """Returns the share of Gaussians to keep at a quantisation level, so that the stream is smallest for its PSNR.
+        """Returns the best share of Gaussians to keep at a quantisation level.
+
+        With this share, saving a byte by pruning costs the same error as saving it by coarser quantisation.
 
         Args:
             level: Quantisation level (`Quality.level`).

@@ -89,7 +89,12 @@ def measured_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns rounding errors that are kept for one attribute and set to 0 for all others."""
+    """Returns the rounding errors of one attribute; those of all other attributes are set to 0.
+
+    Args:
+        offsets: Rounding errors of all attributes.
+        name: Name of the attribute.
+    """
     none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
     none["quats"][:, 0] = 1
     return Offsets(**{**none, name: getattr(offsets, name)})

@@ -182,9 +182,11 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: Index of the first tile, and number of tile columns, of each Gaussian.
-        strips: Pixel rows of each Gaussian in each of its tile columns.
-        starts: Start of each tile's list.
+        corners: For each Gaussian, the tile of its first tile column in the image's first row of tiles, and the number
+            of its tile columns.
+        strips: First and end (exclusive) of the pixel rows that a Gaussian covers in a tile column: one row for each of
+            its tile columns, Gaussian after Gaussian.
+        starts: Start of each tile's part in the result, and the total length.
         grid_x: Number of tile columns of the image.
 
     Returns:

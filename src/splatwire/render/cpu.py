@@ -114,7 +114,7 @@ class Picture:
         num = arrays[0].shape[0]
         self.size = (cameras.height, cameras.width)
         self.grid_x, self.grid_y = -(-cameras.width // TILE), -(-cameras.height // TILE)
-        self.splats = _cache_lines(num)
+        self.splats = _allocate_splats(num)
         self.tiles = np.empty((num, 4), np.int32)
         self.camera = _camera_arguments(cameras, view)
 
@@ -223,8 +223,15 @@ class Picture:
         return _Band(first, order, *_cpu_lists.fill_tiles(self.splats, order, columns, self.grid_x, first, last))
 
 
-def _cache_lines(num: int) -> np.ndarray:
-    """Allocates the array of projected Gaussians."""
+def _allocate_splats(num: int) -> np.ndarray:
+    """Allocates an uninitialised array for projected Gaussians, aligned to cache lines.
+
+    Args:
+        num: Number of Gaussians.
+
+    Returns:
+        float32 (num, SPLAT).
+    """
     # Aligned to cache lines.
     room = np.empty((num + 1) * SPLAT, np.float32)
     first = -room.ctypes.data % 64 // 4

@@ -37,12 +37,12 @@ def quick_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates how much the pictures change if one of the most important anchors is removed or changed.
+    """Estimates how much the pictures change if anchors are removed or changed, for the most important anchors.
 
     Args:
         scene: The complete scene, on the CPU; not a result of loss concealment.
         cameras: Cameras; at least two views.
-        chosen: Number of anchors with individual estimates; removing any other anchor counts as no error.
+        chosen: Number of most important anchors. The error of removing or changing any other anchor is set to 0.
         probes: Number of back-propagations per view; more give a more precise estimate.
         seed: Random seed.
         progress: Called with the finished share of views.
@@ -110,12 +110,14 @@ def _back_propagate(
 ) -> _NetworkErrors:
     """Estimates the picture errors in one view if attributes of the selected anchors change.
 
+    The errors are derived from one number, the sum of all pixel values, each multiplied by a random sign.
+
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view, and gradients of a random combination of pixels with respect to them.
-        each: Change of that combination if a single Gaussian of a selected anchor is removed.
+        drawn: Gaussians of the view, and gradients of this sum with respect to them.
+        each: Change of this sum if one Gaussian of a selected anchor is removed.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.

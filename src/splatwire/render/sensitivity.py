@@ -142,7 +142,7 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, found: GatheredGradients
 ) -> None:
-    """Adds the picture errors of one view, if features, scalings or offsets of anchors change, to `total`.
+    """Adds the picture errors that changes of features, scalings and offsets of anchors cause in one view to `total`.
 
     Args:
         total: Errors summed over views; changed in place.

@@ -101,11 +101,11 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
     Args:
         path: The file.
         kind: Detected file type.
-        num_frames: Must be None.
+        num_frames: Number of frames that the caller requests; None, because the file determines its number of frames.
 
     Raises:
         DatasetError: If the file is damaged, or an OpenUSD scene has no time samples.
-        InvalidValueError: If a number of frames is given.
+        InvalidValueError: If the caller requests a number of frames.
     """
     if num_frames is not None:
         raise InvalidValueError(f"{path} has its own frames: a number is for .splatv files")

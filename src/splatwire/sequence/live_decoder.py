@@ -91,7 +91,7 @@ class LiveDecoder:
                 motion.append(packet)
         if motion and self._decoder is not None:
             opened = self._current_decoder()
-            self._store_keyframes(opened, self._manifest, whole=True)
+            self._store_keyframes(opened, self._manifest, complete_only=True)
             for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
                 opened.prepare(list(some), self._num_bytes, self._threads)
         yield from self._complete()
@@ -143,7 +143,7 @@ class LiveDecoder:
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Decodes new keyframe packets, and stores the motion packets of a group."""
-        self._store_keyframes(decoder, manifest, whole=False)
+        self._store_keyframes(decoder, manifest, complete_only=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:
             del self._blocks[block]
@@ -151,17 +151,17 @@ class LiveDecoder:
             decoder.hold(block, tuple(sorted(self._blocks[block], key=lambda packet: packet.id)))
         self._have = {number: count for number, count in self._have.items() if number > group}
 
-    def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:
+    def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, complete_only: bool) -> None:
         """Decodes the keyframe packets that were received since the last call, and stores their Gaussians.
 
         Args:
             decoder: Decoder that stores the Gaussians.
             manifest: Current manifest.
-            whole: True to skip incomplete blocks.
+            complete_only: True to decode only blocks with all packets; False to decode incomplete blocks, too.
         """
         there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
         keyframes = {
-            block for block, count in there.items() if not whole or count == manifest.plan.block_elements(block)
+            block for block, count in there.items() if not complete_only or count == manifest.plan.block_elements(block)
         }
         packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(keyframes))
         for run in runs_of(decoder, manifest, packets):

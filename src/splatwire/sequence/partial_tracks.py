@@ -153,11 +153,11 @@ class NeighborIndex:
 
 
 def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
-    """Chooses a random sample of tracks and finds their neighbours.
+    """Chooses an evenly spaced sample of the tracks in a search tree, and finds their nearest neighbours in the tree.
 
     Args:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
-        index: Search tree of the tracks from which the sample is drawn.
+        index: Search tree.
     """
     some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE)).astype(np.int64)]
     return index.around(means, some, NUM_AROUND + MORE_AROUND + 1, begin=1)

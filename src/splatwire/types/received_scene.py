@@ -169,7 +169,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
-        """Typical size in the importance tier of each element; None if it was not sent."""
+        """Approximate size of each element, typical of its importance tier; None if the stream contains no sizes."""
         tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 

@@ -163,7 +163,7 @@ class SequenceScene:
 
     @property
     def drawable(self) -> Bool[np.ndarray, "T"]:
-        """Mask of the keyframe Gaussians that at least one view can draw."""
+        """Mask of the keyframe Gaussians that can be drawn: visible, and without invalid values."""
         return self.validity().kept
 
     def validity(self) -> ElementValidity:

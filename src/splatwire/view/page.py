@@ -35,13 +35,13 @@ def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host
 
 @checked
 def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -> PageContent:
-    """Returns the content of the page server for a running transfer.
+    """Returns the page and the relayed stream that a page server serves during a running transfer.
 
     Args:
         name: Title of the stream on the page.
         relay: Relay of the running transfer.
-        cameras: Cameras that determine the initial viewpoint of the page; None for the viewpoint of the stream. They
-            require that the relay has received the side information (`Relay.headed`).
+        cameras: Cameras that determine the initial viewpoint of the page; None for the viewpoint of the stream. With
+            cameras, call this function after the relay has received the side information (`Relay.headed`).
         host: Address that the page server listens on.
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}

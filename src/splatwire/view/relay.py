@@ -106,7 +106,11 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if more pieces may follow: the transfer runs, and `pieces` are those of the current file."""
+        """True if more data may be appended to a `.swz` file: the transfer runs, and no new file has replaced this one.
+
+        Args:
+            pieces: Pieces of this file so far, in order.
+        """
         return not self._over and pieces is self._pieces
 
     async def _forward(self) -> None:

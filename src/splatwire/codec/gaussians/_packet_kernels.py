@@ -70,11 +70,13 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns the sort key by which Gaussians are divided into packets, so that a lost packet leaves no large hole.
+    """Returns the sort key by which Gaussians are divided into packets: reversed low bits of the cell's Morton code.
+
+    Gaussians with consecutive keys are far apart, so that a lost packet leaves no large hole.
 
     Args:
         code: Morton code of the Gaussian's grid cell.
-        bits: Number of low bits of the code; in reversed order they form the key.
+        bits: Number of low bits of the code; the lowest becomes the highest bit of the key.
     """
     slot = np.int64(0)
     for bit in range(bits):

@@ -40,7 +40,8 @@ def convert(
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         powers: Table of powers of two, from `exponentials`.
-        colours: Matrix from RGB to Y Co Cg, divided by the constant of degree 0, float64 (3, 3).
+        colours: Orthonormal matrix from RGB to Y Co Cg; every entry is divided by the value of the harmonic of degree
+            0. float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
         means: Output, float32 (N, 3).
         quats: Output, unit quaternions (w, x, y, z), float32 (N, 4).

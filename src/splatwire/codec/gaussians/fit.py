@@ -62,8 +62,7 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
             indices.
 
     Returns:
-        Index of each context's width in the coder's table of standard deviations, divided by `SCALE_UNIT`, int64 (A, B,
-        C).
+        Standard deviation for each context, as an index in the coder's table divided by `SCALE_UNIT`, int64 (A, B, C).
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
     mean = (total + _TRUST * _rank_one_means(number, total)) / (number + _TRUST)

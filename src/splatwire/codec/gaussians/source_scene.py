@@ -270,13 +270,13 @@ def _input_order(count: int) -> np.ndarray:
 
 
 def coded_classes(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
-    """Converts precision classes from the numbers of callers (0 is the finest) to those of the bitstream.
+    """Converts precision classes from the numbering of encoder options to that of the bitstream.
 
     Args:
-        classes: Precision class of each Gaussian (its set of quantisation steps), (N), 0 for the finest, negative for
-            coarser; None for the finest.
+        classes: Precision class of each Gaussian (its set of quantisation steps), (N): 0 for the finest, negative for
+            coarser classes. None selects the finest class for all Gaussians.
         count: Number of Gaussians, N.
-        most: Finest precision class of the bitstream, in which 0 is the coarsest.
+        most: Number of the finest precision class in the bitstream, where 0 is the coarsest.
 
     Returns:
         Class of each Gaussian in the bitstream, uint8 (N), from 0 to `most`.

@@ -161,7 +161,19 @@ def _bit(coder, low, span, at, context, bit):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _raw(coder, low, span, at, value, bits):
-    """Encodes or decodes `bits` equally probable bits; returns the bits and the new state of the range coder."""
+    """Encodes or decodes an integer whose bits are equally probable.
+
+    Args:
+        coder: Entropy coder of the packet.
+        low: Lower end of the range coder's interval; for a decoder, position of the code in the interval.
+        span: Size of the range coder's interval.
+        at: Number of bytes read or written so far.
+        value: The integer to encode; ignored by a decoder.
+        bits: Number of bits of the integer.
+
+    Returns:
+        The integer, and the new values of `low`, `span` and `at`.
+    """
     found = ZERO
     while bits > 0:
         some = min(bits, RAW_BITS)

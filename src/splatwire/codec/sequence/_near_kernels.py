@@ -37,13 +37,16 @@ def add_known(places, i, known, around, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_candidates(squares, count, lanes, some):
-    """Excludes tracks that cannot be nearest neighbours from the search; returns the number of remaining tracks.
+    """Finds the tracks that can be nearest neighbours of a point; other tracks are too far away.
 
     Args:
-        squares: Squared distances, float64.
-        count: Number of squared distances.
-        lanes: Working array, float64 (LANES).
-        some: Output: indices of the remaining tracks, ascending.
+        squares: Squared distance of each track from the point, float64.
+        count: Number of tracks.
+        lanes: Working array for the minimum distances of groups of tracks, float64 (LANES).
+        some: Output: indices of the tracks that can be nearest neighbours, ascending.
+
+    Returns:
+        Number of these tracks.
     """
     # The distances are divided into `NUM_NEIGHBOURS` groups. No distance above the largest of the groups' minima can be
     # among the smallest.

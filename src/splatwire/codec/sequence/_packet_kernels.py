@@ -120,7 +120,13 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns how many of the following tracks one packet may contain: their indices must be close together."""
+    """Returns the maximum number of tracks in a packet, because the indices of its tracks must be close together.
+
+    Args:
+        headers: Motion headers of the tracks, ascending by track index.
+        begin: Row of the packet's first track.
+        n: Number of tracks available from this row on.
+    """
     while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
         n -= 1
     return n
@@ -129,7 +135,7 @@ def _candidates(headers, begin, n):
 @njit(error_model="numpy")
 @no_type_check
 def _expected_tracks(costs, begin, end, scale, aim):
-    """Estimates how many of the following tracks (Gaussians over time) fit into a packet of a given size.
+    """Estimates how many tracks (Gaussians over time), from track `begin` on, fit into a packet of a given size.
 
     Args:
         costs: Expected number of bytes for each track, float64.

@@ -95,7 +95,7 @@ class TracksDecoder:
         Call `expect` before this method.
 
         Args:
-            other: Decoder of the same stream before it grew.
+            other: Decoder of the same stream for fewer groups of pictures, before the stream was extended.
         """
         known = other._num_tracks
         for name in ("means", "quats", "scales", "opacities", "sh"):
@@ -295,7 +295,10 @@ class _BlockMap:
                     track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
-        """Returns a block's group of frames, and its index among the blocks with keyframe Gaussians, or None."""
+        """Returns the group of frames of a block, and the index of the block among all blocks of keyframe Gaussians.
+
+        The second value is None for a block of motion.
+        """
         return self._blocks[block]
 
     def blocks_of_tracks(self) -> np.ndarray:

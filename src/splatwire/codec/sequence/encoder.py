@@ -237,14 +237,14 @@ class TracksEncoder:
     def _change_unit(
         self, targets: Targets, old: np.ndarray, numbers: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
-        """Converts the motion of tracks that began earlier to the unit of positions of a new shot (after a scene cut).
+        """Converts the motion of older tracks to the length unit of a new shot (groups of frames after a scene cut).
 
         Args:
             targets: Motion of the group's tracks, changed in place.
             old: Indices of the tracks that began in earlier groups.
             numbers: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the former unit, relative to the unit of the first shot.
+            before: log2 of the ratio of the former length unit to that of the first shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):
@@ -271,7 +271,7 @@ class TracksEncoder:
         Args:
             group: The tracks of the group of frames.
             classes: Precision class of each track of the group, or None.
-            where: Indices in the group of the new tracks.
+            where: Rows of the new tracks among the tracks of the group.
             numbers: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if another scene begins in the group.
         """

@@ -119,12 +119,12 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information whose lattice spacing determines the unit of positions in the current motion."""
+        """Side information with the lattice spacing that determines the length unit of motion in the current shot."""
         return self._references[-1]
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the unit of positions in the current motion, relative to the unit of the first shot."""
+        """log2 of the ratio of the length unit of motion in the current shot to that in the first shot."""
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:
@@ -265,17 +265,17 @@ def _num_bytes(coded: CodedKeyframes) -> int:
 
 
 def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
-    """Converts the positions of a block's Gaussians to the fixed-point unit of motion.
+    """Converts the positions of a block's Gaussians to the fixed-point length unit of motion.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, columns), with positions in halves of the lattice
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of half the lattice spacing of `info`, in units of motion.
+        spacing: log2 of the ratio of half the lattice spacing to the length unit of motion.
 
     Returns:
-        Positions in units of motion, int64 (n, 3).
+        Positions in the length unit of motion, int64 (n, 3).
     """
     places = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = places << spacing if spacing > 0 else places >> -spacing

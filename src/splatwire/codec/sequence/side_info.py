@@ -48,8 +48,7 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
-        motion_spacing: log2 of the unit of positions in the motion of these groups, relative to the unit of the first
-            shot.
+        motion_spacing: log2 of the ratio of the length unit of motion in these groups to that in the first shot.
     """
 
     first_group: int
@@ -101,13 +100,13 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """log2 of the unit of positions in each group's motion, relative to that of the first shot, int64 (groups)."""
+        """log2 of the ratio of each group's length unit of motion to that of the first shot, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of the ratio of a block's lattice spacing to that from which the unit of its motion is derived.
+        """Returns log2 of the ratio of half a block's lattice spacing to the length unit of its motion.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

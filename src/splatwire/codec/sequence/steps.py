@@ -1,4 +1,4 @@
-"""Quantisation steps of a Gaussian's motion, derived from those of its state in the first frame."""
+"""Quantisation steps of a track's motion, computed from the decoded attributes of the track's keyframe Gaussian."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
         info: Side information of the keyframe Gaussians.
         coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, for each kind of
             channel, int64 (kinds).
-        spacing: log2 of the ratio of the lattice spacing of `info` to that from which the unit of motion is derived.
+        spacing: log2 of the ratio of half the lattice spacing of `info` to the length unit of motion.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
@@ -32,15 +32,15 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
 
 
 def in_other_units(places: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Converts positions and quantisation steps of tracks to another unit of positions.
+    """Converts positions and quantisation steps of tracks from one fixed-point length unit to another.
 
     Args:
         places: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.
         shifts: log2 of the quantisation steps of motion, int64 (n, channels).
-        spacings: log2 of the former unit in new units, by track, int64 (n).
+        spacings: log2 of the ratio of each track's former unit to its new unit, int64 (n).
 
     Returns:
-        Positions and steps for the new unit.
+        Positions in the new unit, and log2 of the quantisation steps in it.
     """
     if not spacings.any():
         return places, shifts

@@ -70,7 +70,9 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns the area of each neighbour, and its squared distance relative to the areas of both anchors.
+    """Returns inputs for the weights of neighbours: each neighbour's area, and its squared relative distance.
+
+    The squared distance is divided by twice the sum of two areas, that of the anchor and that of the neighbour.
 
     Args:
         area: Area that the prior predicts for each anchor of the scene.
@@ -128,7 +130,9 @@ def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surrounding
 def _size_features(
     partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
-    """Returns network inputs that describe an anchor's size, offsets, and the uncertainty of their prediction.
+    """Returns network inputs for each anchor: its size, its number of offsets, and the uncertainty of predictions.
+
+    The uncertainty is that of the predicted features and scalings.
 
     Args:
         partial: The received scene.

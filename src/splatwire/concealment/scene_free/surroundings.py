@@ -48,7 +48,8 @@ class Surroundings:
         weights: Weight of each anchor when the lost share of a neighbourhood is computed.
         rows: Indices of the M anchors whose neighbours are known.
         near: Nearest neighbours of the M anchors.
-        classes: Nearest large neighbours of the M anchors, one item for each size class in `CLASS_SHARES`.
+        classes: Nearest neighbours of the M anchors among the large anchors of the scene. Each item is for another
+            minimum size: the largest eighth and the largest 64th of the anchors (`CLASS_SHARES`).
     """
 
     log_size: Float[np.ndarray, "N"]

@@ -179,7 +179,7 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
-    """Returns the scalings that the prior predicts; values below a fraction of their median are raised to it."""
+    """Returns the scalings that the prior predicts, each at least a fixed fraction of the median of its column."""
     mean = to_numpy(prior.scaling.mean)
     floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
     return np.maximum(np.maximum(mean, floor), np.float32(1e-9))

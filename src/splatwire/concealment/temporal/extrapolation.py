@@ -132,15 +132,17 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns how much of a track's difference from its neighbours' motion continues in the next group of pictures.
+    """Returns a factor on a track's deviation from its neighbours' motion, for the next group of pictures.
+
+    It estimates how much of the deviation continues.
 
     Args:
-        own: Difference from the neighbours' motion at the end of the previous group, (n, C).
+        own: Deviation from the neighbours' motion at the end of the previous group, (n, C).
         rounding: Quantisation steps of the positions, (n).
         concealed: Mask of tracks whose motion was only estimated, bool (n).
 
     Returns:
-        Factor on the difference, 0 to 1, float (n, C).
+        Factor on the deviation, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
     apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)

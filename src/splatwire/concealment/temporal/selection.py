@@ -1,4 +1,4 @@
-"""Chooses how to conceal each track with lost motion, by tests on tracks with received motion around it."""
+"""Chooses how to conceal tracks with lost motion, by testing each method on tracks nearby whose motion was received."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -92,8 +92,8 @@ def _errors(
         candidates: Estimators of lost motion.
 
     Returns:
-        For each fold, the errors of its t tracks, float64 (t, candidates + 1): one column for each estimator, then one
-        for a hidden track.
+        For each fold, the errors of its t tracks, float64 (t, candidates + 1): one column for each estimator. The last
+        column contains the errors if the tracks are not drawn.
     """
     # Pictures are compared at the true and at the estimated position, in a few frames; Gaussians are spheres, without
     # depth order.
@@ -131,8 +131,8 @@ class _Around(NamedTuple):
 
     Attributes:
         points: Positions, (t, 3).
-        density: Sum over the Gaussians of opacity times falloff at the point, (t).
-        colour: Sum over the Gaussians of colour times the same weight, (t, 4). The fourth channel stands for opacity.
+        density: Sum of the Gaussians' weights at each point, (t). A Gaussian's weight is its opacity times its falloff.
+        colour: Sum of the Gaussians' colours, each times its weight, (t, 4). The fourth channel stands for opacity.
     """
 
     points: np.ndarray

@@ -48,9 +48,9 @@ class SequenceScore:
     Attributes:
         row: The loss model and the concealer.
         psnr: PSNR of each frame against the render of the original frame, mean over views, decibels, float64 (F).
-        change: Flicker from each frame to the next, float64 (F - 1): the mean squared error of the difference between
-            both frames.
-        later: Index of the first frame that means include.
+        change: Flicker from each frame to the next, float64 (F - 1): mean square of the change of the error, which is
+            the rendered minus the original picture.
+        later: Index of the first frame that is included in means.
         num_lost: Number of packets that were lost or late.
     """
 

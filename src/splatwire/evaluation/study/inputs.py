@@ -305,7 +305,13 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides the elements of a stream into other packets, as a method requires."""
+    """Divides the elements of a stream into packets in the way that the method under test requires.
+
+    Args:
+        whole: The stream.
+        row: Table row of the method.
+        progress: Called with the finished share, 0 to 1.
+    """
     # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method
     # does not need is removed.
     assert row.packetization is not None

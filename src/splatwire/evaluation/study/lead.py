@@ -131,11 +131,11 @@ def _rate(loss: Loss) -> float:
 
 
 def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
-    """Summarises in one sentence how much concealment improves the PSNR; None if no PSNR is finite.
+    """Summarises in one sentence the PSNR with and without concealment under loss; None if a PSNR is not finite.
 
     Args:
         found: Statistics under the highest loss, by key of the method.
-        rows: The methods to compare; None for a single method.
+        rows: The methods without and with concealment; None to state the PSNR of the only method.
         source: Kind of reference images, such as `photos`.
     """
     shown = [found[row.key] for row in (rows.uncovered, rows.best)] if rows else list(found.values())[:1]

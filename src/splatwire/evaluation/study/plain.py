@@ -87,5 +87,5 @@ def _row(result: StudyResult, summary: Summary) -> dict[str, Any]:
 
 
 def _stream_name(row: Row) -> str:
-    """Returns the name of the stream that a table row uses: "contiguous" for contiguous packets, else "stream"."""
+    """Returns the name of a method's stream: "contiguous" if packets contain consecutive elements, else "stream"."""
     return "contiguous" if row.packetization is not None and row.packetization.grouping == "contiguous" else "stream"

@@ -32,7 +32,7 @@ class Record:
         send_order: Order of sending; None without loss.
         conceal: Name of the concealer.
         options: Options of the concealer, canonical JSON.
-        erode: The only attribute that anchors in lost packets lose; None if they lose all.
+        erode: The one attribute that is removed from anchors in lost packets; None if all attributes are removed.
         view: Name of the view.
         renderer: Name of the renderer.
         code: Version of the code.
@@ -153,7 +153,7 @@ def table_to_bytes(rows: Sequence[Mapping[str, Any]], place: Sequence[str] = ())
 
     Args:
         rows: Records as mappings from column names to values.
-        place: Names of the first columns, which contain texts; the others are the fields of `Record`.
+        place: Names of text columns to place before the columns for the fields of `Record`.
     """
     pq, pyarrow = parquet()
     known, buffer = {item.name for item in fields(Record)} | set(place), io.BytesIO()

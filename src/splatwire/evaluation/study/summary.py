@@ -180,7 +180,7 @@ def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> lis
 
     Args:
         summaries: Statistics per scene and method.
-        what: Description of the scenes, the name of the scene in the result.
+        what: Description of the scenes, used as the scene name in the result.
         baseline: Key of the table row of the baseline; None without a baseline.
 
     Returns:

@@ -232,7 +232,13 @@ def _row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
 
 
 def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
-    """Parses a table row of a protocol file that gives the decoded results of another codec."""
+    """Parses the description of results that another codec has decoded: one table row of a study's TOML file.
+
+    Args:
+        location: Place of the row in the file, for messages.
+        table: Content of the row.
+        expand: Function that replaces variables in paths.
+    """
     _check_keys(location, table, _DECODED_ROW, ("key", "label"))
     location, found = f"{location} ({table['key']})", []
     try:

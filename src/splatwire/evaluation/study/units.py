@@ -32,7 +32,7 @@ class Unit:
         options: Options of the concealer.
         weights: File of the scene's GNN weights; empty if unused.
         file_digest: Digests of weight files and versions of other packages that affect the result; empty without any.
-        erode: The only attribute that anchors in lost packets lose; None if they lose all.
+        erode: The one attribute that is removed from anchors in lost packets; None if all attributes are removed.
         metrics: Names of the metrics.
         lpips_digest: Digest of the LPIPS weights; empty if they are absent or LPIPS is not requested.
         lpips_views: Maximum number of views for LPIPS.

@@ -155,7 +155,7 @@ class UnitRunner:
     def _images(
         self, unit: Unit, arrived: ReceivedInput, views: ReferenceViews
     ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-        """Returns the images to compare with the references, one for each view: renders, or those of another codec."""
+        """Returns one image of each view to compare with its reference: a render, or the result of another codec."""
         if arrived.scene is None:
             paths = picture_paths(Path(unit.stream.path), unit.references)
             return read_pictures(paths, views.cameras.height, views.cameras.width)

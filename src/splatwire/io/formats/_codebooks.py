@@ -56,7 +56,9 @@ def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
 
 
 def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Moves entries of a code book that no value uses to where the quantisation error is largest.
+    """Moves unused entries of a code book to where the quantisation error is largest.
+
+    An entry is unused if it is not the nearest entry of any value.
 
     Args:
         ordered: The values, ascending.

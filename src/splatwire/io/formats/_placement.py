@@ -210,7 +210,7 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
 
 
 def _unapplied_meaning(comment: str) -> str | None:
-    """Describes what a comment probably changes about the file's values, if this package does not apply it.
+    """Describes a transformation of the values that a PLY comment probably requires and this package does not apply.
 
     Returns:
         Description for a warning, such as `a shift of the positions`; None for all other comments.

@@ -66,7 +66,7 @@ def as_dataset_errors(path: Path) -> Iterator[None]:
 
 
 def _opened_stage(path: Path, unread: list[str]) -> Usd.Stage:
-    """Opens a stage and logs the warnings of usd-core, which would print them.
+    """Opens a stage, and logs the warnings of usd-core instead of letting usd-core print them.
 
     Args:
         path: The scene.

@@ -301,8 +301,8 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         top: Largest quantised value.
 
     Returns:
-        The values with the outliers marked; the values with the outliers clipped; and the largest quantisation step
-        with outliers, with clipped outliers, and without outliers (0 if there are none).
+        The values with the outliers marked; the values with the outliers clipped; and the largest quantisation step of
+        three variants: unchanged values, clipped outliers, and outliers removed. A step is 0 if no chunk has outliers.
     """
     found = []
     for share in SHARES:

@@ -188,7 +188,7 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Returns one Gaussian for each interval in which its values are constant; call it after the last frame.
+        """Ends all intervals of constant values, and returns one Gaussian for each; call it after the last frame.
 
         Returns:
             The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.

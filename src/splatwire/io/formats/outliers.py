@@ -236,7 +236,7 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
 
 
 def spatial_order(positions: Column) -> np.ndarray:
-    """Returns the order of Gaussians along a space-filling (Morton) curve, with outliers at the end, nearest first.
+    """Returns the order of Gaussians along a space-filling (Morton) curve; outliers follow by distance from the median.
 
     Args:
         positions: Centres of the Gaussians, with outliers marked.

@@ -89,7 +89,7 @@ def antialiasing_comments(antialiased: bool) -> list[str]:
 
 
 def origin_comments(keyword: str, origin: Origin) -> list[str]:
-    """Returns the PLY comment with the origin in a list; an empty list for the origin (0, 0, 0).
+    """Returns a list with one PLY comment that states the origin; the list is empty for the origin (0, 0, 0).
 
     Args:
         keyword: First word of the comment: `ORIGIN` or `OFFSET`.

@@ -126,7 +126,7 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
 
 
 def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes], int]:
-    """Returns the bytes of a PLY, decompressed if necessary, and their maximum total number.
+    """Returns the bytes of a PLY, decompressed if necessary, and an upper limit on the number of bytes.
 
     Args:
         path: Path of the file, for messages.

@@ -72,10 +72,10 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
-    """Returns the metadata in a PLY comment as text by field, such as title or author.
+    """Returns the metadata fields, such as title or author, that a PLY comment contains; text by field name.
 
     Args:
-        lines: Regular expressions of the comments that state a field, by name of the field.
+        lines: Pattern of the comments that contain a field, by field name.
         comment: The comment.
     """
     matches = {name: line.fullmatch(comment) for name, line in lines.items()}

@@ -113,13 +113,13 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_errors(column: Column) -> np.ndarray:
-    """Returns the largest rounding error along an axis of each position that is not an outlier.
+    """Returns an upper bound on the rounding error of each position along any axis; outliers are omitted.
 
     Args:
         column: Positions of all Gaussians, with outliers marked.
 
     Returns:
-        Errors of the n positions, world units, float64 (n).
+        Bounds of the n positions, world units, float64 (n).
     """
     logs = _logs(column.others)
     half = np.ptp(logs, axis=0) / (2 * _POSITION_TOP)

@@ -240,7 +240,7 @@ def _positions(header: _Header, data: np.ndarray) -> np.ndarray:
 
 
 def _three_bytes(data: np.ndarray) -> np.ndarray:
-    """Decodes the 3-byte rotations (x, y, z) of versions 1 and 2."""
+    """Decodes rotations of 3 bytes each (x, y, z), as in versions 1 and 2 of the SPZ format."""
     vector = data.astype(np.float32).reshape(-1, 3) / np.float32(127.5) - 1
     w = np.sqrt(np.maximum(0, 1 - (vector**2).sum(axis=1, keepdims=True)))
     return np.concatenate([w, vector], axis=1)

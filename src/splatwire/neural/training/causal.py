@@ -225,10 +225,13 @@ def joined(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor]) -> tuple
 
 
 def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M K"]]:
-    """Returns the bits that each offset's mask bit takes: if the offset exists, and if it does not.
+    """Returns the coding cost of each offset's mask in bits, for both possible values of the mask.
 
     Args:
         predicted: Predictions of the causal model.
+
+    Returns:
+        Cost if the offset exists, and cost if it does not, (M, K) each.
     """
     softplus = torch.nn.functional.softplus
     return softplus(-predicted.exists) / math.log(2), softplus(predicted.exists) / math.log(2)

@@ -116,8 +116,8 @@ class GrowthRules:
     Attributes:
         gradient_threshold: An anchor is added near a Gaussian if the mean gradient of its 2D centre is longer than
             this, in coordinates relative to half of the image size; doubled for each finer grid.
-        seen_share: Minimum share of the iterations between two changes in which an anchor must be visible to be
-            removed.
+        seen_share: Share of the iterations between two rounds of growth. An anchor that was visible in fewer iterations
+            is not removed, because too little is known about it.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
             over views.
         levels: Number of grids, from coarse to fine, whose cells receive new anchors.

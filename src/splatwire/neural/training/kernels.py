@@ -45,7 +45,7 @@ def noise_from_host(
 
     Args:
         rows: Number of rows.
-        widths: Numbers of columns of consecutive groups of columns.
+        widths: Number of columns in each group of columns; the random numbers of a group are drawn together.
         generator: Random generator, on the CPU.
         device: Device of the result.
     """
@@ -59,7 +59,7 @@ def noise_on_device(
 
     Args:
         rows: Number of rows.
-        widths: Numbers of columns; only their sum matters.
+        widths: Number of columns in each group of columns, as in `noise_from_host`; only their sum matters here.
         generator: Random generator, on the CPU, that gives the seed.
         device: Device of the result.
     """

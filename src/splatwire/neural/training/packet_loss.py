@@ -41,11 +41,11 @@ _MASK_BYTES = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """Simulated packet loss of one training iteration, after concealment by `grow`.
+    """Simulated packet loss of one training iteration, and the enlargement of received anchors that conceals it.
 
     Attributes:
         known: True for received anchors.
-        size_gain: Factor on the sizes of each anchor's Gaussians.
+        size_gain: Factor on the sizes of each anchor's Gaussians, computed by the concealer `grow`.
     """
 
     known: Bool[Tensor, "N"]

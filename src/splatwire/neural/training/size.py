@@ -87,7 +87,7 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns how many times the stream's size has been measured by an iteration."""
+    """Returns the number of measurements of the stream's size from the start of the training up to an iteration."""
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 

@@ -39,7 +39,10 @@ def short_float(index: int | np.ndarray) -> np.ndarray:
 
 
 def short_float_index(value: np.ndarray | float) -> np.ndarray:
-    """Returns the `short_float` index of the number nearest to each positive value."""
+    """Returns the integer code of the short float nearest to each positive value; `short_float` decodes it.
+
+    A short float has 3 bits for the fraction.
+    """
     fraction, exponent = np.frexp(np.clip(np.asarray(value, dtype=np.float64), 2.0**-_MAX_EXPONENT, 2.0**_MAX_EXPONENT))
     eighths = np.rint((2 * fraction - 1) * 8)
     return (

@@ -52,7 +52,7 @@ class GnnWeights:
 
 
 def scene_fingerprint(context: ReceivedScene) -> str:
-    """Returns the SHA-256 (hex) of positions and layout, which a receiver knows in spite of losses."""
+    """Returns the SHA-256 hash (hex) of positions and layout, both of which a receiver knows in spite of losses."""
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
     digest.update(np.ascontiguousarray(to_numpy(context.places), "<f4").tobytes())

@@ -75,8 +75,8 @@ class MotionTransfer:
 
         Args:
             load: Sizes of the sequence's packets.
-            found: Sending order of the packets, and parity of ranges of packets.
-            protection: Redundancy settings, of which only the timing is used.
+            found: Arrangement of the packets: their sending order, and the parity of ranges of packets.
+            protection: Settings that determine when repair symbols are sent; other settings are ignored.
         """
         order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.parity_ranges))
         timing = replace(protection, parity_until=0.0)

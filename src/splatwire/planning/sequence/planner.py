@@ -169,7 +169,7 @@ def _slope(one: _Choice, other: _Choice) -> float:
 
 
 def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -> list[_Choice]:
-    """Spends a budget of parity bytes on the groups of pictures in which it increases the PSNR most.
+    """Spends a budget of parity bytes on groups of pictures, beginning where a byte increases the PSNR most.
 
     Args:
         choices: Possible amounts of parity for each group, ascending by bytes.

@@ -152,7 +152,8 @@ class LossMeter:
         """Returns True if recent losses are significantly above the baseline loss, so that they are congestion.
 
         Args:
-            seen: Sent and lost datagrams of a control round with a long queue.
+            seen: Numbers of datagrams sent and lost while the queue was long, in one interval of the rate control
+                (about one round trip).
         """
         self._excess = max(self._excess + seen.lost - BASELINE_TOLERANCE * self.baseline * seen.sent, 0.0)
         if self._excess <= 0.5 + self.deviation(seen.sent):

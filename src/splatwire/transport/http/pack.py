@@ -104,7 +104,12 @@ def stream_attributes(stream: SceneStream) -> dict[str, str]:
 
 
 def _element(number: int, stream: SceneStream) -> str:
-    """Returns the HTML element that contains a stream's bytes."""
+    """Returns the HTML element that contains a stream's bytes.
+
+    Args:
+        number: Index of the stream among the streams of the page.
+        stream: The stream.
+    """
     data = base64.b64encode(stream_to_bytes(stream)).decode()
     return f'<script type="application/octet-stream" id="stream{number or ""}">{data}</script>'
 

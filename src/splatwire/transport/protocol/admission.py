@@ -53,13 +53,16 @@ def network_text(network: Network) -> str:
 
 
 def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
-    """Chooses the network that loses a connection to a new one when the server is full; None to refuse the new one.
+    """Chooses the network that must give up a connection in favour of a new one, when the server is full.
 
     Connections are shared fairly between IP prefixes, so that a client gains nothing by using many addresses.
 
     Args:
         held: Number of connections per network, each above 0.
         newcomer: Network of the new connection.
+
+    Returns:
+        The network; None if the new connection is refused.
     """
     for depth in range(1, len(newcomer) + 1):
         found = _largest_holder(held, newcomer[: depth - 1], depth)

@@ -52,7 +52,7 @@ class GapTracker:
         """Returns the sequence numbers to request in the next feedback report.
 
         Args:
-            before: First sequence number that is not requested yet.
+            before: Upper limit (exclusive) on the sequence numbers; later datagrams may still arrive out of order.
             now: Time, seconds.
         """
         for number in [number for number in self._below(before) if self._attempts(number) >= MAX_ATTEMPTS]:

@@ -104,7 +104,8 @@ class Group(NamedTuple):
 
     Attributes:
         start: Index of the group's first packet in sending order.
-        step: Distance between the packets; other groups have the packets in between.
+        step: Difference between the indices of successive packets of the group. The packets with indices in between
+            belong to other groups.
         size: Number of packets of the group.
         repair: Number of repair symbols of the group.
     """

@@ -99,7 +99,11 @@ def _most_important(motion: Sequence[int], importance: Sequence[float] | None, c
 
 
 def _joined(ranges: Sequence[ParityRange]) -> tuple[ParityRange, ...]:
-    """Merges adjacent ranges of packets without parity, and removes empty ranges."""
+    """Merges adjacent ranges that have no parity, and removes ranges that contain no packet.
+
+    Args:
+        ranges: Consecutive ranges of packets, with their parity.
+    """
     out = list[ParityRange]()
     for one in ranges:
         if one.num_packets and out and not (one.groups or out[-1].groups):

@@ -20,15 +20,17 @@ class Protection:
 
     Attributes:
         side_repair: Repair symbols per source symbol of the init segment, 0 to 2.
-        side_lead: Share of the packets among which the symbols of the init segment are spread, 0 to 1. 0 sends the init
-            segment first, for an early picture; larger values survive longer bursts of losses.
+        side_lead: Part of the transfer during which the symbols of the init segment are sent, as a share of the
+            packets, 0 to 1. 0 sends the init segment first, for an early picture; larger values survive longer bursts
+            of losses.
         side_symbol_bytes: Size of the init segment's symbols in bytes, a multiple of 8; None for the default.
         head_share: Share of the packets, from the start of the sending order, that are bundled in the init segment, 0
             to 1. The repair symbols of the init segment protect them, too.
         tier_repair: Repair symbols per packet, 0 to 2, for each importance tier, the most important first. Further
             tiers have no parity.
-        parity_until: Share of the packets after which all repair symbols of a tier have been sent, 0 to 1. Small values
-            recover packets early, large values survive longer bursts of losses.
+        parity_until: Point of the transfer, as a share of the packets, 0 to 1. The repair symbols of a tier are sent
+            before this point, or among the tier's packets. Small values recover packets early, large values survive
+            longer bursts.
         tier_spread: Overlap of the tiers in time, 0 to 1: 0 sends the tiers one after another, 1 mixes all tiers
             evenly. Overlap protects small tiers from bursts of losses.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for no limit.

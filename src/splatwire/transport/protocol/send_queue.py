@@ -56,7 +56,8 @@ class SentLog:
     """Remembers which packet was in each recently sent datagram, for NACKs that contain sequence numbers.
 
     Args:
-        noted: True to log datagrams; False if NACKs contain packet indices.
+        noted: True if NACKs of the receiver contain sequence numbers, so that sent datagrams are logged; False if they
+            contain packet indices and no log is needed.
     """
 
     def __init__(self, noted: bool) -> None:

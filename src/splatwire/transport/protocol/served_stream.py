@@ -161,7 +161,7 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmissions of this stream are limited."""
+        """True if retransmitted bytes or packets of this stream are limited, so that the limit must be respected."""
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property

@@ -154,7 +154,9 @@ def kind_of(data: bytes) -> int:
 
 
 def refuse_other_version(data: bytes) -> bytes | None:
-    """Returns the refusal of a client that uses another protocol version, encoded in that version.
+    """Returns the server's refusal of a client's request, encoded in the protocol version that the client uses.
+
+    Servers refuse all versions but their own.
 
     Args:
         data: Datagram of a client.

@@ -137,14 +137,16 @@ def encode_packets(
     Args:
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         codes: Morton codes of the anchors' positions.
-        unknown: Number of low bits of each Morton code that the packet contains.
+        unknown: Number of low bits of each Morton code that are coded in the packet; the high bits are side
+            information.
         chances: Probabilities of these bits (`positions.SharedPositions`).
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
         scales: Index of each symbol's standard deviation in the coder's table.
-        firsts: First column in `symbols` of each group of attributes predicted together, and the end of the last.
-        form: Index of the group of attributes before which the masks are coded.
+        firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
+            item is the number of columns.
+        form: Index of the attribute group that is coded next after the masks.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
@@ -165,9 +167,22 @@ def encode_packets(
 def anchor_bits(
     codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
 ):
-    """Estimates how many bits each anchor takes in a packet, and writes the numbers to `bits`.
+    """Estimates the coded size of each anchor in bits.
 
-    Arguments are those of `encode_packets`; `offsets` is the first column of `symbols` with offsets.
+    Args:
+        codes: Morton codes of the anchors' positions.
+        unknown: Number of low bits of each Morton code that are coded in packets.
+        chances: Probabilities of these bits (`positions.SharedPositions`).
+        masks: 1 for offsets that exist.
+        logits: Predicted logits of the masks.
+        symbols: Quantised attributes, relative to the predicted means; one row for each anchor.
+        scales: Index of each symbol's standard deviation in the coder's table.
+        offsets: Index of the first column of `symbols` that belongs to offsets.
+        weights: Table of probabilities by logit, see `offset_probability`.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        table: Standard normal CDF, from `normal_table`.
+        bits: Output: size of each anchor, bits.
     """
     for n in range(masks.shape[0]):
         total = position_bits(codes[n], unknown[n], chances)

@@ -45,7 +45,12 @@ class Symbols:
 
     @staticmethod
     def of_rows(rows: np.ndarray, layout: AnchorLayout) -> "Symbols":
-        """Splits an array with all symbols of each anchor, as returned by `rows`, by attribute."""
+        """Creates symbols from an array with all symbols of an anchor in each row; the inverse of the method `rows`.
+
+        Args:
+            rows: Symbols of each anchor, one attribute after another in the columns.
+            layout: Number of offsets and of feature channels.
+        """
         return Symbols(*np.split(rows, np.cumsum([layout.num_offsets, layout.feature_dim, 6]), axis=1))
 
 

@@ -58,10 +58,10 @@ def factor_table() -> np.ndarray:
 
 @functools.cache
 def inverse_step_table(base: float) -> np.ndarray:
-    """Returns the reciprocals of all quantisation steps of an attribute, `INVERSE_STEP_BITS` fractional bits.
+    """Returns the reciprocals of all possible quantisation steps of an attribute, `INVERSE_STEP_BITS` fractional bits.
 
     Args:
-        base: Quantisation step of the attribute before multiplication with the factor.
+        base: Base step of the attribute; a quantisation step is the base step times an entry of `factor_table`.
 
     Returns:
         The reciprocals, int64, one for each entry of `factor_table`.
@@ -160,7 +160,7 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks that are multiplied by the outputs of the prior network."""
+        """Part of the first-layer weights of all channel networks: the weights for outputs of the prior network."""
         # float64 (3 F, total of hidden units)
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(

@@ -49,7 +49,7 @@ def shared_appearance(
 
 @torch.no_grad()
 def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
-    """Moves nearly transparent Gaussians to visible ones, and adds Gaussians in the same way.
+    """Moves nearly transparent Gaussians to the places of visible ones, and adds new Gaussians at visible ones.
 
     Args:
         state: State of the training; changed in place.
