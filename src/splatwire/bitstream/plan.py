@@ -23,8 +23,8 @@ class PacketGroups(NamedTuple):
     packets.
 
     Attributes:
-        ranks: Indices of all elements in coding order, group after group, int64 (N). Group g has the elements
-            `ranks[starts[g]:starts[g + 1]]`.
+        ranks: Indices of all elements in the order of the plan (`PacketPlan`), group after group, int64 (N). Group g
+            has the elements `ranks[starts[g]:starts[g + 1]]`.
         starts: Start of each group in `ranks` and the end of the last, int64 (G + 1).
     """
 
@@ -36,9 +36,9 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    The methods identify an element by its rank. The rank is the element's index in a list that is sorted by importance
-    tier and, within a tier, in coding order. `bitstream.tiers.tier_order` returns the index in coding order for each
-    rank. Without tiers, both are equal.
+    Elements are identified by their index in the order of the plan. In a stream with importance tiers, this order is by
+    tier and, within a tier, by coding order; `bitstream.tiers.tier_order` returns the index in coding order of each
+    element of it. In other streams, it is the coding order.
 
     Attributes:
         packetization: Parameters of the division into packets.
@@ -120,9 +120,7 @@ class PacketPlan:
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Returns the index of the packet that contains each element, int32 (N), in coding order.
-
-        Packets are numbered as `block * lanes + lane`, where `lane` is the index of a packet within its block.
+        """Returns the index of the packet that contains each element, int32 (N), in the order of the plan.
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -159,14 +157,14 @@ class PacketPlan:
         return counts[counts > 0]
 
     def block_ranks(self, block: int) -> np.ndarray:
-        """Elements of a block, packet after packet, as indices in coding order, int64."""
+        """Elements of a block, packet after packet, as indices in the order of the plan, int64."""
         if self.packetization.hashed:
             return self._hash_order(block)
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the elements of a packet as indices in coding order, int64.
+        """Returns the elements of a packet as indices in the order of the plan, int64.
 
         Args:
             packet_id: The packet.

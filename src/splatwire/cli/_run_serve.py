@@ -172,7 +172,7 @@ def allowed_origins(command: Serve) -> tuple[str, ...]:
 
 
 def _access(command: Serve) -> Access | None:
-    """Returns which scenes are private or unlisted, and how access tokens are checked; None without such scenes.
+    """Returns the rules for access to private and unlisted scenes, with the token check; None if all are public.
 
     Raises:
         InvalidValueError: If an option is missing, a name is no served scene, or the key is invalid.

@@ -82,7 +82,7 @@ class UpdateFolder:
         """Reads new files and applies their updates.
 
         Args:
-            now: Current time, seconds; None for that of the clock.
+            now: Current time, seconds; None to read the clock.
 
         Returns:
             The changed scenes, prepared for sending, by name.

@@ -231,7 +231,7 @@ def preview_gaussians(data: bytes) -> tuple[Gaussians, Background]:
     """Returns the Gaussians and the background of a serialised preview.
 
     Args:
-        data: Bytes of the section `preview`, or those in a server's welcome message.
+        data: The preview in encoded form: bytes of the section `preview`, or the preview in a server's welcome message.
 
     Returns:
         Gaussians, and the RGB background colour.

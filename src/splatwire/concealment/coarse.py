@@ -117,7 +117,7 @@ def _coarse_opacities(
 
 
 def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
-    """Finds the coarser Gaussian into which each finer one was probably merged, as indices into `merged`."""
+    """Finds for each finer Gaussian the coarser Gaussian that it was probably merged into, as index into `merged`."""
     centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
     scales = splats.scales[merged].astype(np.float64)
     scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))

@@ -218,7 +218,7 @@ def _transforms_views(
         path: Folder of the dataset.
         split: `train`, `test` or `all`.
         images: Image folder to use instead of `images`, or None.
-        test_views: Rule that selects the test views; None for the usual one of the layout.
+        test_views: Rule that selects the test views; None for the default rule of the layout.
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"

@@ -63,7 +63,7 @@ class TransformsView:
         height: Image height for `K`, pixels.
         mask_path: Mask of the image, or None.
         lens: Distortion of the lens.
-        size_is_known: False if the transforms file has no image size; width and height are then those of the image.
+        size_is_known: False if the transforms file has no image size; width and height are then read from the image.
     """
 
     name: str

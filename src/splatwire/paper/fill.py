@@ -65,7 +65,7 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
     """Groups attributes that are missing for exactly the same anchors; attributes that no anchor lacks are left out.
 
     Returns:
-        For each group, the mask of the anchors whose attributes were received, and the attributes.
+        For each group, the mask of the anchors that have its attributes, and the attributes.
     """
     # Neighbours are searched only once for each group.
     groups: list[tuple[Tensor, list[Attribute]]] = []

@@ -252,7 +252,7 @@ class _EvaluatedPlan:
 def _evaluate_plan(
     variant: StreamVariant, plan: ScenePlan, traces: np.ndarray, budget_bytes: float | int, rendered_trials: int
 ) -> _EvaluatedPlan:
-    """Measures the quality of a plan in new simulated transfers, which did not influence its choice."""
+    """Measures the quality of a plan in simulated transfers that were not used to choose the plan."""
     arrival = arrival_within(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )

@@ -56,7 +56,7 @@ def render_sensitivity(
     Args:
         scene: The complete scene.
         cameras: Views to render.
-        background: RGB of the background; None for that of the scene.
+        background: RGB of the background; None for the scene's background.
         probes: Number of back-propagations per view; more give a more precise estimate of the errors of removals.
         seed: Random seed.
         progress: Called with the finished share of views, 0 to 1.
@@ -142,7 +142,7 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, found: GatheredGradients
 ) -> None:
-    """Adds the picture errors that changes of features, scalings and offsets of anchors cause in one view to `total`.
+    """Adds to `total` the picture errors of one view that changes of features, scalings or offsets would cause.
 
     Args:
         total: Errors summed over views; changed in place.

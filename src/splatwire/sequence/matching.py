@@ -231,7 +231,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns the number by which distances are divided for normalisation: 1.5 times their median."""
+    """Returns the divisor that normalises distances: 1.5 times their median."""
     # Above 0 even if all distances are 0, because they are divided by it.
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 

@@ -133,7 +133,7 @@ class ReceivedScene(Generic[S]):
         return frozenset(map(type, (self.scene.elements, *self.records)))
 
     def with_records(self, *records: Any) -> "ReceivedScene[S]":
-        """Returns a copy with further side information, which replaces that of the same type."""
+        """Returns a copy with further side information; a new record replaces an existing record of the same type."""
         kinds = tuple(map(type, records))
         return replace(self, records=(*(old for old in self.records if not isinstance(old, kinds)), *records))
 

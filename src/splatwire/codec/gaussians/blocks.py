@@ -103,9 +103,7 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Returns log2 of the cell size of the coarse grid by which a block's positions are coded.
-
-    The unit is the spacing of the position lattice.
+    """Returns log2 of the cell size of a block's grid; positions are coded as a cell, then as finer bits.
 
     Args:
         places: int64 (n, 3), positions relative to the corner of the block's box, in this unit.

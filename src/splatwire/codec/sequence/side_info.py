@@ -65,8 +65,8 @@ class SequenceInfo:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
-        coarser: Octaves by which the quantisation steps of motion are coarser than those of the keyframe Gaussian, for
-            each kind of channel, int64 (kinds).
+        coarser: Ratio of the quantisation steps of motion to the steps of the keyframe Gaussian, in octaves, by kind of
+            channel (position, rotation, scale, opacity, colour), int64 (kinds).
         bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
             (contexts).
         sections: Named sections, content by name.
@@ -174,7 +174,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the ratio of the spacings of two position lattices: that of `info` to that of `reference`."""
+    """Returns log2 of the spacing of the position lattice of `info`, relative to that of the lattice of `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 

@@ -64,7 +64,7 @@ class ConcealmentState:
 
 
 def lifetimes(sequence: SequenceScene, group: int, lost_tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the first and the last frame of each track with lost motion within a group of pictures.
+    """Returns the range of frames of a group of pictures in which each track with lost motion exists.
 
     Args:
         sequence: The sequence.

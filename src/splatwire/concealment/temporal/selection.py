@@ -177,7 +177,7 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Computes the error of drawing tracks in an estimated state instead of the true one.
+        """Computes the error in a frame if tested tracks are drawn in an estimated state instead of the true state.
 
         Args:
             around: Colour and opacity of the other Gaussians at the tracks' positions.

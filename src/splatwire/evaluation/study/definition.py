@@ -45,7 +45,7 @@ class SceneEntry:
         dataset: Name of the group of scenes that are averaged in the results.
         images: Name of the image folder within the dataset.
         split: Split of the dataset to read, such as `test`.
-        test_views: Rule that selects the test views of the dataset; None for that of its layout.
+        test_views: Rule that selects the test views of the dataset; None for the default rule of its layout.
         max_width: Maximum width of photos, pixels; None for no limit.
         weights: GNN weights calibrated for this scene.
         sections: Stream with the additional side information that some methods need; None to use `source`.
@@ -216,7 +216,7 @@ class Study:
         views: Maximum number of views per scene, evenly spaced; None for all.
         lpips_views: Maximum number of views for LPIPS; None for all.
         renderer: Name of the renderer.
-        picture_views: Number of views per scene that the report shows: those with the lowest PSNR.
+        picture_views: Number of views per scene that the report shows: the views with the lowest PSNR.
     """
 
     name: str

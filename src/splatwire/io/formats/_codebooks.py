@@ -49,8 +49,8 @@ def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
         centers: Entries of the code book, ascending.
 
     Returns:
-        Bounds of the ranges, int64 (entries + 1). The values nearest to entry `i` are `ordered[bounds[i]:bounds[i +
-        1]]`, where `bounds` is the result.
+        Bounds of the ranges as indices into `ordered`, int64 (entries + 1). The range of entry `i` starts at bound `i`
+        and ends before bound `i + 1`.
     """
     return np.concatenate([[0], np.searchsorted(ordered, (centers[1:] + centers[:-1]) / 2), [len(ordered)]])
 

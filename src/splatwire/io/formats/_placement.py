@@ -268,11 +268,13 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """True if the numbers in a comment or field change nothing, such as a zero shift or an identity matrix.
+    """Returns True if numbers describe no change of the positions.
+
+    The count of the numbers determines their meaning: a scale, a vector, a matrix row by row, or rotation, shift and
+    scale.
 
     Args:
-        values: The numbers. Their count decides what they are: a scale, a vector, a matrix row by row, or rotation,
-            shift and scale.
+        values: The numbers.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]

@@ -254,7 +254,8 @@ def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remark
         count: Number of Gaussians.
         degree: Degree of their spherical harmonics.
         steps: Quantisation steps to store; None for none.
-        digest: Digest of the vertices, by which readers notice that the steps no longer apply.
+        digest: Digest of the vertices. Readers compare it to detect that the vertices were changed and the steps no
+            longer apply.
         remarks: Texts of further comments.
         origin: World coordinates of the origin; positions are float64 unless it is (0, 0, 0).
     """

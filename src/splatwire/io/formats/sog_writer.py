@@ -89,7 +89,7 @@ def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetad
 
 
 def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats distant Gaussians (outliers) that widen the range of positions, which makes their quantisation coarse.
+    """Treats distant Gaussians (outliers) that widen the range of positions and thus coarsen their quantisation.
 
     Args:
         splats: The Gaussians.

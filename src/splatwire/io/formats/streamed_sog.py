@@ -120,7 +120,7 @@ def _is_here(chunk: Path) -> bool:
 
 
 def _file_of(chunk: Path) -> Path:
-    """Returns the file of a bundled chunk, or the `meta.json` of one that is a folder."""
+    """Returns the path of the file to open for a chunk: the bundle itself, or the `meta.json` in the chunk's folder."""
     return chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME
 
 

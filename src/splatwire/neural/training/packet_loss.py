@@ -200,7 +200,7 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the typical anchor size in each anchor's tier, which replaces the unknown sizes of lost anchors.
+        """Returns the typical anchor size in each anchor's tier, for use in place of the unknown sizes of lost anchors.
 
         Two tiers are assumed: the received anchors, and the lost ones.
 

@@ -205,7 +205,7 @@ class ServerTransfer:
         return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
 
     def on_viewpoint(self, view: View, turns: ViewUpdateBudget, now: float) -> None:
-        """Schedules the processing of a client's viewpoint, which replaces an older one.
+        """Schedules the processing of a client's viewpoint; an older viewpoint that is still waiting is dropped.
 
         Args:
             view: Received viewpoint.
