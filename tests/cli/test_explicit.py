@@ -151,6 +151,18 @@ def test_evaluate_applies_the_same_losses_to_every_concealer(run, ply, stream, t
     assert "900 Gaussians" in (tmp_path / "report" / "report.html").read_text()
 
 
+@pytest.mark.parametrize("change", [{"shift": 50.0}, {"factor": 10.0}])
+def test_evaluate_warns_of_a_reference_that_is_another_scene(run, ply, stream, tmp_path, caplog, change):
+    """In the views of the reference, a scene elsewhere or of another size gives nothing but a low PSNR."""
+    splats, shift = read_splats(ply), np.float32(change.get("shift", 0))
+    factor = np.float32(change.get("factor", 1))
+    write_splats([replace(splats, means=splats.means * factor + shift)], tmp_path / "other.ply")
+    run("evaluate", stream, "--reference", ply, "--views", "1", "--lpips-views", "1", "--json")
+    assert "another scene" not in caplog.text
+    run("evaluate", stream, "--reference", tmp_path / "other.ply", "--views", "1", "--lpips-views", "1", "--json")
+    assert "cloud.swz is of another scene than" in caplog.text
+
+
 def test_keep_prunes_the_least_important_gaussians(run, ply, tmp_path):
     done = run("encode", ply, "-o", tmp_path / "half.swz", "--keep", "0.5", "--tiers", "0.1", "--json")
     assert done.json["num_elements"] == COUNT // 2

@@ -261,3 +261,23 @@ def test_near_plane_round_trips_and_must_be_positive(cameras, tmp_path):
 def saved(cameras, folder):
     save_cameras(cameras, folder / "c.json")
     return json.loads((folder / "c.json").read_text())
+
+
+@pytest.mark.parametrize("key", ["principal_point", "principalPoint", "pp"])
+def test_principal_points_of_3dgs_cameras_are_read(key, cameras, tmp_path):
+    path, content = tmp_path / "cameras.json", cameras_of_3dgs(cameras)
+    content[0][key] = [17.5, 10.25]
+    path.write_text(json.dumps(content))
+    assert load_cameras(path).Ks[:2, :2, 2].tolist() == [[17.5, 10.25], [20, 12]]
+    content[0] |= {"cx": 17.5, "cy": 10.25}
+    path.write_text(json.dumps(content))
+    assert load_cameras(path).Ks[0, :2, 2].tolist() == [17.5, 10.25]
+    for fields, message in [
+        ({"cx": 18.5}, "two different principal points"),
+        ({"cx": 0.5, "cy": 0.5, key: [0.5, 0.5]}, "must be in pixels"),
+        ({key: [17.5]}, "expected 1 x 2 numbers"),
+        ({key: "centre"}, "expected 1 x 2 numbers"),
+    ]:
+        path.write_text(json.dumps([content[0] | fields, *content[1:]]))
+        with pytest.raises(DatasetError, match=message):
+            load_cameras(path)

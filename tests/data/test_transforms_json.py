@@ -476,3 +476,23 @@ def test_half_of_a_picture_size_must_be_that_of_the_photo(key, halved):
     rewritten(halved / "transforms.json", **{key: 96})
     with pytest.raises(DatasetError, match=f"'{key}' of 96 without the other side, but its photo is 40 x 24"):
         open_dataset(halved)
+
+
+def lenses_of_two_frames(path, common, own):
+    content = json.loads(path.read_text()) | common
+    content["frames"][0] |= own
+    path.write_text(json.dumps(content))
+    return [view.lens for view in read_transforms(path).views[:2]]
+
+
+def test_lens_parameters_of_a_frame_replace_those_of_the_file(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    listed, named = {"distortion_params": [0.1, 0.02, 0, 0, 0.001, -0.002]}, {"k1": 0.1, "k2": 0.02, "p1": 0.001}
+    for common in (listed, named):
+        own, shared = lenses_of_two_frames(path, {"distortion_params": None, **common}, {"k1": 0})
+        assert (own.k1, own.k2, own.p1) == (0, 0.02, 0.001)
+        assert (shared.k1, shared.k2, shared.p1) == (0.1, 0.02, 0.001)
+    other = {"distortion_params": [0.3, 0, 0, 0, 0, 0]}
+    own, shared = lenses_of_two_frames(path, listed | dict.fromkeys(named, 0), other)
+    assert (own.k1, own.k2, own.p1) == (0.3, 0, 0)
+    assert (shared.k1, shared.k2, shared.p1) == (0.1, 0.02, 0.001)

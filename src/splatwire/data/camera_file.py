@@ -32,6 +32,8 @@ _SAME = 1e-3
 """Largest relative difference of two statements of the same pose or intrinsics."""
 _POSES = {"w2c": False, "viewmat": False, "world_to_camera": False, "c2w": True, "camera_to_world": True}
 """Names of fields with a pose, and True for those from camera to world."""
+_PRINCIPAL_POINT = re.compile(r"principal[-_ ]?points?|pp", re.I)
+"""Names of fields of a camera with its principal point as a list of two numbers."""
 _OPENCV = re.compile(r"opencv|colmap|rdf|3dgs|^w2c$", re.I)
 """Pattern of statements about axes and poses that agree with how files are read."""
 _CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of the top-left pixel is (0.5, 0.5)"
@@ -130,13 +132,37 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
         poses[number, :3, 3] = matrix(path, name, [view["position"]], (1, 3))[0]
         check_rigid(path, name, poses[number])
         fx, fy = matrix(path, name, [[view["fx"], view["fy"]]], (1, 2))[0]
-        center = [[view.get("cx", width / 2), view.get("cy", height / 2)]]
-        intrinsics[number] = pinhole(fx, fy, *matrix(path, name, center, (1, 2))[0])
+        intrinsics[number] = pinhole(fx, fy, *_principal_point(path, name, view, (width, height)))
     viewmats = np.linalg.inv(poses)
     found = make_cameras(path, names, viewmats, intrinsics, width, height)
     _warn_of_conventions(path, views)
     for name, view, viewmat, K in zip(names, views, viewmats, intrinsics, strict=True):
         _check_statements(path, name, view, viewmat, K, (width, height))
+    return found
+
+
+def _principal_point(path: Path, name: str, view: dict[str, Any], size: tuple[int, int]) -> list[float]:
+    """Returns the principal point of a camera of a 3DGS model folder in pixels; without one, the picture's centre.
+
+    Raises:
+        DatasetError: If it is no point in pixels, or two fields contradict each other.
+    """
+    stated = [
+        matrix(path, name, [value], (1, 2))[0].tolist()
+        for key, value in view.items()
+        if _PRINCIPAL_POINT.fullmatch(key) and value is not None
+    ]
+    if "cx" in view or "cy" in view:
+        center = [[view.get("cx", size[0] / 2), view.get("cy", size[1] / 2)]]
+        stated.insert(0, matrix(path, name, center, (1, 2))[0].tolist())
+    found = stated[0] if stated else [size[0] / 2, size[1] / 2]
+    if any(not np.allclose(other, found, rtol=_SAME) for other in stated):
+        raise DatasetError(f"{path}: view '{name[:120]}' has two different principal points: remove the wrong one")
+    if stated and max(map(abs, found)) <= 1 < min(size) / 2:
+        raise DatasetError(
+            f"{path}: view '{name[:120]}' has a principal point of {found[0]:g}, {found[1]:g} in a picture of "
+            f"{size[0]} x {size[1]}: it must be in pixels, from the top-left corner"
+        )
     return found
 
 

@@ -187,8 +187,9 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
 
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
     name = _name(frame["file_path"], images)
-    own = _with_intrinsics(path, name, frame)
-    values = _with_size({**_with_intrinsics(path, name, content), **own})
+    own, common = (_with_intrinsics(path, name, fields) for fields in (frame, content))
+    terms = {**_listed_terms(path, name, common), **_own_terms(own), **_listed_terms(path, name, own)}
+    values = _with_size({**common, **own, **terms})
     lens = _lens(path, name, values)
     image_path = _find_image(path, name)
     rows = frame.get("transform_matrix")
@@ -415,7 +416,6 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
             "in 'camera_model' and 'k1', 'k2', …, or undistort the photos first, for example with "
             "`colmap image_undistorter`"
         )
-    values = values | _listed_terms(path, name, values)
     flag = _as_bool(path, name, values, "is_fisheye")
     if model and values.get("is_fisheye") is not None and flag != (model in _FISHEYE):
         raise DatasetError(
@@ -441,8 +441,18 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
     return FisheyeLens(*bend) if fisheye else Lens(*bend)
 
 
+def _own_terms(frame: dict[str, Any]) -> dict[str, Any]:
+    """Returns the lens parameters that a frame states by their names; they replace those of the whole file."""
+    return {key: frame[key] for key in _LISTED_TERMS if frame.get(key) is not None}
+
+
 def _listed_terms(path: Path, name: str, values: dict[str, Any]) -> dict[str, float]:
     """Returns the lens parameters in nerfstudio's list `distortion_params` by name; empty if there is no list.
+
+    Args:
+        path: The file, for messages.
+        name: Name of the view.
+        values: Fields of a frame, or of the whole file.
 
     Raises:
         DatasetError: If the list has another length, or contradicts a field such as `k1` of the same frame.
@@ -453,7 +463,7 @@ def _listed_terms(path: Path, name: str, values: dict[str, Any]) -> dict[str, fl
     if not isinstance(listed, list) or len(listed) != len(_LISTED_TERMS):
         raise DatasetError(f"{path}: view '{name}': 'distortion_params' is not the list {', '.join(_LISTED_TERMS)}")
     terms = dict(zip(_LISTED_TERMS, listed, strict=True))
-    if other := next((key for key in terms if values.get(key, 0) not in (0, terms[key])), None):
+    if other := next((key for key in terms if values.get(key) not in (None, 0, terms[key])), None):
         raise DatasetError(f"{path}: view '{name}' has two values of {other}: see 'distortion_params'")
     return terms
 

@@ -12,6 +12,7 @@ from random_numbers import Numbers
 from splatwire.bitstream import Packetization, write_stream
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.comparison import compare, compare_files
+from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
@@ -138,10 +139,10 @@ def test_scenes_of_one_gaussian_can_be_compared(folder, tmp_path):
 
 def test_origin_counts_for_the_position_of_a_scene(folder):
     splats = ball_of_gaussians()
-    at = [compare._Extent.of(SplatScene(splats, origin=place), folder) for place in ((0.0, 0.0, 0.0), (5e5, 5e6, 0.0))]
+    at = [SceneExtent.of(SplatScene(splats, origin=place), folder) for place in ((0.0, 0.0, 0.0), (5e5, 5e6, 0.0))]
     assert np.allclose(at[1].centre - at[0].centre, (5e5, 5e6, 0))
-    with pytest.raises(InvalidValueError, match="another scene"):
-        at[0].check(SplatScene(splats, origin=(5e5, 5e6, 0.0)), folder)
+    assert "another scene" in str(at[0].difference(at[1]))
+    assert at[0].difference(at[0]) is None
 
 
 def test_fewer_than_two_files_or_no_view_is_an_error(folder):

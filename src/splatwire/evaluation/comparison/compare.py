@@ -9,18 +9,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import Scene
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.comparison.shots import Shots
+from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.study.prepared_stream import file_bytes
 from splatwire.evaluation.views import ReferenceViews, held_out_cameras, spread, views_of
 from splatwire.files.kinds import file_kind, opened, trained_ply
 from splatwire.files.mmap_array import large_empty
 from splatwire.io import open_scene
 from splatwire.metrics.lpips import Lpips, find_lpips
-from splatwire.ops.arrays import lower_median, to_numpy
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
@@ -28,9 +27,6 @@ READS = 2
 """Number of times that a file is read; the shortest time counts, because the first read also loads compiled code."""
 LEAST_LPIPS_PIXELS = 64
 """Minimum width and height of pictures for LPIPS, pixels."""
-FARTHEST, MOST_SCALED = 2.0, 4.0
-"""Limits beyond which a file is of another scene than the reference: distance of their centres in radii of the
-larger scene, and ratio of their radii. Centre: median position; radius: median distance from it."""
 Progress = Callable[[str, float], None]
 
 
@@ -147,7 +143,7 @@ def compare_files(
         images[view] = image
         progress(f"drawing {chosen.name}", (view + 1) / seen.num_views)
     references = ReferenceViews(seen, images.__getitem__, f"renders of {chosen.name}", behind)
-    known, extent = first.score, _Extent.of(first.scene, chosen)
+    known, extent = first.score, SceneExtent.of(first.scene, chosen)
     del first  # large scenes may not fit into memory together
     lpips = lpips if min(seen.width, seen.height) >= LEAST_LPIPS_PIXELS else None
 
@@ -155,7 +151,8 @@ def compare_files(
         if file == chosen:
             return _with_metrics(replace(known, name=name), references, images, lpips, pictures, progress)
         opened = _TimedScene.of(file, READS)
-        extent.check(opened.scene, file)
+        if (why := extent.difference(SceneExtent.of(opened.scene, file))) is not None:
+            raise InvalidValueError(why)
         drawn = views_of(opened.scene, seen, renderer, behind)
         return _with_metrics(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
 
@@ -187,58 +184,6 @@ def _with_metrics(
         lpips=statistics.fmean(figures["lpips"]) if lpips is not None else None,
         shots=shots,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Extent:
-    """Position and size of a scene, to notice files that contain another scene.
-
-    Attributes:
-        path: File of the scene.
-        centre: Median position, world coordinates.
-        radius: Median distance of the elements from the centre, world units.
-    """
-
-    path: Path
-    centre: Float64[np.ndarray, "3"]
-    radius: float
-
-    @classmethod
-    def of(cls, scene: Scene, path: Path) -> "_Extent":
-        """Measures position and size of a scene.
-
-        Raises:
-            InvalidValueError: If the scene has no elements.
-        """
-        places = to_numpy(scene.positions).astype(np.float64)
-        if not len(places):
-            raise InvalidValueError(f"{path} has no {scene.ELEMENTS}: there is nothing to compare")
-        middle = lower_median(places)
-        return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(places - middle, axis=1))))
-
-    def check(self, scene: Scene, path: Path) -> None:
-        """Checks that another file probably contains the same scene, by comparing position and size.
-
-        Args:
-            scene: The scene in the other file.
-            path: Path of the other file.
-
-        Raises:
-            InvalidValueError: If the other scene is far away from this scene, or much larger or smaller.
-        """
-        other = _Extent.of(scene, path)
-        small, large = min(self.radius, other.radius), max(self.radius, other.radius)
-        away = float(np.linalg.norm(other.centre - self.centre))
-        # A radius of 0, as of a single Gaussian, is no measure of a scene.
-        if (large > 0 and away > FARTHEST * large) or (small > 0 and large > MOST_SCALED * small):
-            raise InvalidValueError(
-                f"{path} is of another scene than {self.path}: {other} instead of {self} (median position and distance "
-                "from it)"
-            )
-
-    def __str__(self) -> str:
-        place = ", ".join(f"{value:.4g}" for value in self.centre)
-        return f"centre ({place}) and radius {self.radius:.3g}"
 
 
 @dataclass(frozen=True, eq=False)

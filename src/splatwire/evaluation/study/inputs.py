@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,11 +19,12 @@ from splatwire.codec import can_repack, decode_stream, encode_scene, repack, sch
 from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.registry import schema_named
-from splatwire.concealment import concealer_names, create_concealer
+from splatwire.concealment import concealed, concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
 from splatwire.concealment.temporal.concealers import temporal_concealer_names
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
+from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.study.decoded import prepare_decoded
 from splatwire.evaluation.study.definition import PASSTHROUGH, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
 from splatwire.evaluation.study.input_files import InputFiles
@@ -42,6 +44,7 @@ from splatwire.render.precision import scene_precision_classes
 from splatwire.types import Anchors
 from splatwire.types.background import Background
 
+LOG = logging.getLogger(__name__)
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
 
@@ -142,6 +145,12 @@ class Source:
         return complete_scene(self.files.scene_file(self.entry.source), self.entry.source)
 
     @property
+    def received(self) -> Scene:
+        """The scene without the elements of lost packets."""
+        loaded = self.files.scene_file(self.entry.source).loaded if self.stream is None else decode_stream(self.stream)
+        return concealed(loaded, create_concealer("drop"))
+
+    @property
     def sections(self) -> Mapping[str, bytes]:
         """Named sections of side information in the stream, such as those that `splatwire calibrate` adds."""
         return {} if self.stream is None else sections_of(self.stream)
@@ -188,6 +197,10 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
+    if entry.reference is not None and not source.timed and entry.kind != "model":
+        evaluated = SceneExtent.of(source.received, entry.source)
+        if (why := SceneExtent.of(drawn(), entry.reference).difference(evaluated)) is not None:
+            LOG.warning("%s", why)
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
     background = _background(first, store) if entry.background is None else entry.background
     looked_at = _frame_views(source, stamp, store) if source.timed else _with_cameras(entry, drawn, stamp, store)
