@@ -281,7 +281,7 @@ def _checked_items(values: Any, item: Rule) -> Any:
 
 
 def _protocol_rule(kind: type) -> Rule:
-    """Builds the rule for a protocol (`typing.Protocol`): it accepts objects that have all members of the protocol."""
+    """Builds the check of a value that is annotated as a protocol: it must have all members of the protocol."""
     # Unlike `isinstance`, the check does not evaluate properties of the object.
     plain = set(dir(typing.Protocol)) | {"__annotations__", "__dataclass_fields__", "__protocol_attrs__"}
     found = {name for base in kind.__mro__ if getattr(base, "_is_protocol", False) for name in vars(base)}
@@ -324,5 +324,5 @@ def array_rule(kind: Any) -> Rule:
 
 
 def array_like_rule(kind: Any) -> Rule:
-    """Builds the rule of a parameter that the function converts to an array: any array, list or tuple."""
+    """Builds the check of an argument that a function converts to an array: any array, list or tuple."""
     return Rule("an array", lambda value: hasattr(value, "shape") or isinstance(value, list | tuple))

@@ -39,7 +39,7 @@ class SketchResult:
         section: Bytes of the section `sketch` of the side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
         exponent: Exponent of the enlargement of received elements next to lost ones.
-        trust: Strength, 0 to 1, of the correction of this enlargement by a neural network.
+        trust: Weight, 0 to 1, of a neural network that corrects this enlargement.
         psnr: Mean PSNR in decibels without loss (`no loss`), and after simulated packet losses with the concealers
             `drop`, `grow` and `sketch`.
         seconds: Duration in seconds.

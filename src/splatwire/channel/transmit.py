@@ -144,7 +144,7 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 
     Args:
         stream: Stream of a sequence (dynamic scene).
-        mask: Result of the first transmission.
+        mask: Loss mask of the first transmission of all packets.
         loss: Loss model.
         seed: Random seed of the first transmission.
 

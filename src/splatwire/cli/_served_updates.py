@@ -60,7 +60,8 @@ class UpdateFolder:
         prepare: Prepares a stream for sending.
 
     Attributes:
-        updates: Prepared updates by the name under which receivers request them; None for an expected update.
+        updates: Prepared updates; the key is the name under which receivers request an update. None for an update that
+            is expected but not there yet.
     """
 
     # The order of the files does not matter. Scenes with equal content change together. While a file waits, only the
@@ -110,7 +111,7 @@ class UpdateFolder:
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
     def _next(self) -> tuple[list[str], Path] | None:
-        """Finds the next update that can be applied: the scenes that it changes, and its file; None if none waits."""
+        """Finds the next update that can be applied; returns the scenes to change and the update's file, or None."""
         states: dict[str, list[str]] = {}
         for name, chain in self._chains.items():
             states.setdefault(chain.source_digest, []).append(name)

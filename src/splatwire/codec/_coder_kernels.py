@@ -60,7 +60,8 @@ class Coder(NamedTuple):
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
         scales: uint16 (streams * spreads * seconds), index of the distribution of each context.
-        windows: int64 (scales, 6), where each distribution is in the next two tables.
+        windows: int64 (scales, 6), range of residuals of each distribution, and its place in the tables `bounds` and
+            `guesses`.
         bounds: int32, starts of the probability intervals.
         guesses: uint16, index in `bounds` at which a decoder starts its search.
         residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes in each
@@ -312,7 +313,7 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual whose probability interval is not in the table.
+    """Encodes a residual with a probability interval whose start is not tabulated.
 
     Args:
         coder: Entropy coder.

@@ -38,12 +38,13 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
-        area: log2 of the product of the two largest scales, in fixed point (`BITS` fractional bits, as the following).
-        long: log2 of the ratio of the largest to the second scale.
-        thin: log2 of the ratio of the second to the third scale.
-        opacity: log2 of the opacity.
-        most: Maximum result.
+        level: Precision class of the Gaussian, 0 for the coarsest; each class has half the quantisation steps of the
+            preceding class.
+        area: log2 of the product of the two largest scales, `BITS` fractional bits.
+        long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
+        thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
+        opacity: log2 of the opacity, `BITS` fractional bits.
+        most: Upper limit on the returned value.
 
     Returns:
         log2 of the step in units of `2**-BITS`, 0 to `most`.

@@ -142,7 +142,7 @@ def _are_alike(one: ColmapView, other: ColmapView) -> bool:
 
 
 def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
-    """Reads the views of a reconstruction in the preferred format of those that exist.
+    """Reads the views of a reconstruction in the most preferred format for which there are files.
 
     Args:
         folder: Folder of the reconstruction.

@@ -1,6 +1,6 @@
 """Detects whether cameras refer to photos as stored or as rotated by their EXIF orientation.
 
-Pose estimators differ in this; only the shape of the cameras tells them apart.
+Pose estimators differ in this; only the aspect ratio of the cameras shows which photos the cameras refer to.
 """
 
 from collections.abc import Sequence

@@ -128,8 +128,9 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
     Args:
         total: Errors summed over views; changed in place.
         place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Change of a random combination of pixels if a Gaussian is removed, float64 (G).
-        probes: Number of random combinations per view, over which errors are averaged.
+        presence: Change of the sum of all pixel values, each multiplied by a random sign, if a Gaussian is removed,
+            float64 (G).
+        probes: Number of such sums per view, over which errors are averaged.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.

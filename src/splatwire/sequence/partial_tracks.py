@@ -173,7 +173,7 @@ def extrapolate_partial_tracks(
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
         known: Neighbours that were found before for some of these Gaussians.
-        sample: Random sample of tracks for testing if most tracks move like their neighbours; None to draw it here.
+        sample: Sample of tracks for testing if most tracks move like their neighbours; None to choose the sample here.
 
     Returns:
         True if positions were extrapolated.

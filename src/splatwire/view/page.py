@@ -16,7 +16,7 @@ from splatwire.view.relay import Relay
 
 @checked
 def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host: str) -> PageContent:
-    """Returns the content of the page server for one stream.
+    """Returns the page and the stream that a page server serves for one stream.
 
     Args:
         name: Title of the stream on the page.

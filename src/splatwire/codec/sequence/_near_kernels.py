@@ -15,7 +15,7 @@ _PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def add_known(places, i, known, around, count):
-    """Adds a track (Gaussian over time) to the list of tracks by which the motion of later tracks is predicted.
+    """Adds a track (Gaussian over time) to the list of tracks from which the motion of later tracks is predicted.
 
     Args:
         places: Positions of the packet's tracks, int64 (M, 3).

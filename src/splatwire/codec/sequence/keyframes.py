@@ -49,7 +49,7 @@ class CodedKeyframes:
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in units of motion, int64 (n, 3).
+        places: Positions relative to the scene's origin, in the length unit of motion, int64 (n, 3).
         digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.

@@ -83,8 +83,8 @@ class KnownTracks:
             keys: Keys (identifiers) of the new tracks, int64 (n).
             places: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
-            spacing: log2 of the unit of `places`, relative to the unit of the first shot. A shot is a range of groups
-                of frames that share quantisation steps.
+            spacing: log2 of the ratio of the length unit of `places` to that of the first shot. A shot is a range of
+                groups of frames that share quantisation steps.
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
         names = np.concatenate([self.keys, keys])

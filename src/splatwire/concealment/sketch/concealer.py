@@ -49,7 +49,7 @@ class Sketch(CheckedFields):
         return "sketch"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Draws coarse copies of lost elements; hides those without a copy and enlarges the elements around them.
+        """Draws coarse copies of lost elements; hides lost elements without a copy, and enlarges the elements around.
 
         Raises:
             InvalidValueError: If the stream lacks the section `sketch`.
@@ -72,7 +72,7 @@ def _missing() -> InvalidValueError:
 
 
 def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
-    """Replaces lost anchors by coarse copies, hides those without one, and enlarges drawn anchors next to hidden ones.
+    """Replaces lost anchors by coarse copies, hides the other lost anchors, and enlarges drawn anchors next to them.
 
     Args:
         partial: The received scene.
@@ -86,7 +86,7 @@ def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) ->
 
 
 def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
-    """Replaces lost Gaussians by their coarse copies, and enlarges drawn Gaussians around those without a copy."""
+    """Replaces lost Gaussians by coarse copies, hides the other lost Gaussians, and enlarges drawn ones around them."""
     filled = with_copies(partial, copies)
     return grown_with_copies(filled, element_inputs(filled), copies.growth)
 

@@ -146,7 +146,7 @@ class _Field:
     Args:
         splats: Keyframe Gaussians of all tracks.
         tracks: Indices of the received tracks, int64 (m).
-        offsets: Their positions relative to their keyframe Gaussians, (m, 3).
+        offsets: Position of each of these tracks relative to its keyframe Gaussian, (m, 3).
         exists: Mask of the received tracks that exist in the frame, bool (m).
     """
 

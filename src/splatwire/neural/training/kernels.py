@@ -91,7 +91,8 @@ class Randomness:
 
     Attributes:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
-        noise: Draws a matrix of uniform random numbers in [0, 1), given the number of rows and the numbers of columns.
+        noise: Draws a matrix of uniform random numbers in [0, 1), given the number of rows, and the number of columns
+            in each group of columns.
         sample: Selects a random subset of anchors, given their number and the share to select; returns indices.
     """
 

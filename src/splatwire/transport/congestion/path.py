@@ -134,7 +134,7 @@ class LossMeter:
         The path is then considered congested, whatever its queuing delay.
 
         Args:
-            seen: Sent and lost datagrams of the control round.
+            seen: Numbers of datagrams sent and lost in the last control round (about one round trip).
         """
         self._recent += min(seen.sent / BATCH, 1.0) * (seen.share - self._recent)
         return self._recent > CIRCUIT_BREAKER_LOSS
@@ -152,8 +152,8 @@ class LossMeter:
         """Returns True if recent losses are significantly above the baseline loss, so that they are congestion.
 
         Args:
-            seen: Numbers of datagrams sent and lost while the queue was long, in one interval of the rate control
-                (about one round trip).
+            seen: Numbers of datagrams sent and lost while the queue was long, in one control round (about one round
+                trip).
         """
         self._excess = max(self._excess + seen.lost - BASELINE_TOLERANCE * self.baseline * seen.sent, 0.0)
         if self._excess <= 0.5 + self.deviation(seen.sent):
@@ -165,7 +165,8 @@ class LossMeter:
         """Detects a significant rise of the loss rate while the queue is short, and updates the baseline loss.
 
         Args:
-            seen: Sent and lost datagrams of a control round with a short queue.
+            seen: Numbers of datagrams sent and lost while the queue was short, in one control round (about one round
+                trip).
 
         Returns:
             Sent and lost datagrams of the recent rounds if their loss rate rose significantly, else None.
