@@ -1,6 +1,8 @@
 """Updates of edits and of a watched training over a path that loses 20 % of the datagrams, and PSNR after an edit.
 
-    python benchmarks/lossy_updates.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat > lossy_updates.json
+    cd $SPLATWIRE_DATA/splats
+    python benchmarks/lossy_updates.py tandt_truck_opensplat_116k.splat > lossy_updates.json
+    python benchmarks/lossy_updates.py guitar.compressed.ply --training
 
 Server and receiver are the real ones, the path is simulated: 20 Mbit/s with a queue of 100 ms, 20 ms each way, losses
 both ways. With feedback, the receiver requests missing packets. Without, repair symbols are sent ahead, and an update
@@ -9,7 +11,8 @@ of which a packet is missing at the end is requested as a whole again. Bytes are
 `edits`: a ball of 2 % of the Gaussians (`updates.py`). `curve` is the mean PSNR over several transfers at the times
 `TIMES` after the request, in four views of the ball, against the edited scene: of the update, and of a transfer of the
 whole scene that is shown when it is complete. `training`: the simulated training of `watched_training.py`, with its
-PSNR. Encoding and applying are measured in processor time and are not part of the times.
+PSNR; the only part with `--training`. Encoding and applying are measured in processor time and are not part of the
+times.
 """
 
 import argparse
@@ -22,12 +25,12 @@ from pathlib import Path
 
 import numpy as np
 from updates import ball, edited
-from watched_training import SECONDS, snapshot_bytes, trained
+from watched_training import watched
 
 from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.codec import apply_update, decode_stream, encode_scene, encode_update
 from splatwire.io import open_scene
-from splatwire.rate_control.partial_updates import PartialUpdates
+from splatwire.rate_control.partial_updates import SHARE
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_precision_classes
@@ -40,7 +43,6 @@ RATE, QUEUE_S, DELAY_S, LOSSES = 2.5e6, 0.1, 0.02, (0.0, 0.2)
 """Bytes per second, longest wait in the queue and one-way delay in seconds, shares of lost datagrams."""
 TIMES = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 TRANSFERS, VIEWS, SIZE = 3, 4, 192
-SHARES = (0.08, 0.1)
 AHEAD = Protection(side_repair=0.6, tier_repair=(0.6,))
 """Redundancy without feedback."""
 MAX_REQUESTS = 20
@@ -148,26 +150,15 @@ def edits(scene: SplatScene) -> list[dict[str, object]]:
 
 def training(target: Splats) -> list[dict[str, object]]:
     """Rows of a watched training."""
-    cameras = surrounding_cameras(SplatScene(target), VIEWS, SIZE)
-    reference, rows = np.asarray(render_scene(SplatScene(target), cameras), np.float64), []
-    for share in SHARES:
-        state = PartialUpdates.start(trained(target, 0))
-        for second in range(1, SECONDS + 1):
-            trainer = trained(target, second)
-            state = state.pushed(trainer, share)
-            update, snapshot = state.chain.updates[-1], snapshot_bytes(trainer)
-            row: dict[str, object] = {
-                "share": share, "second": second, "spz_bytes": snapshot, "update_bytes": update.num_bytes,
-                "trainer_db": round(psnr(trainer, cameras, reference), 2),
-                "receiver_db": round(psnr(decode_stream(state.chain.scene).scene.splats, cameras, reference), 2),
+    rows = []
+    for row, update in watched(target, SHARE):
+        for feedback in (True, False):
+            found = [delivered(update, 0.2, seed, feedback) for seed in range(TRANSFERS)]
+            row["feedback" if feedback else "ahead"] = {
+                "sent_ratio": round(float(np.mean([one[0] for one in found])) / row["spz_bytes"], 4),
+                "seconds": round(max(one[1] for one in found), 3), "requests": max(one[2] for one in found),
             }  # fmt: skip
-            for feedback in (True, False):
-                found = [delivered(update, 0.2, seed, feedback) for seed in range(TRANSFERS)]
-                row["feedback" if feedback else "ahead"] = {
-                    "sent_ratio": round(float(np.mean([one[0] for one in found])) / snapshot, 4),
-                    "seconds": round(max(one[1] for one in found), 3), "requests": max(one[2] for one in found),
-                }  # fmt: skip
-            rows.append(row)
+        rows.append(row)
     return rows
 
 
@@ -175,10 +166,13 @@ def main() -> None:
     """Measures edits and training."""
     parser = argparse.ArgumentParser()
     parser.add_argument("scene", type=Path)
-    scene = open_scene(parser.parse_args().scene)
+    parser.add_argument("--training", action="store_true")
+    args = parser.parse_args()
+    scene = open_scene(args.scene)
     assert isinstance(scene, SplatScene)
     scene = replace(scene.select(scene.drawable), coding=None)
-    print(json.dumps({"times": TIMES, "edits": edits(scene), "training": training(scene.splats)}, indent=1))
+    found = {} if args.training else {"times": TIMES, "edits": edits(scene)}
+    print(json.dumps({**found, "training": training(scene.splats)}, indent=1))
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ NEXT = {
 def test_repeated_pushes_lead_to_the_full_encode(change, share: float) -> None:
     state = PartialUpdates.start(some_splats())
     first, newest = state.chain.scene, change(some_splats())
-    for _ in range(round(1 / share)):
+    for _ in range(round(2 / share)):
         before = state.chain.scene
         state = state.pushed(newest, share)
         new = state.chain.updates[-1].manifest.num_elements if state.chain.scene is not before else 0
@@ -87,6 +87,17 @@ def test_large_changes_are_sent_before_small_ones() -> None:
     received = decode_stream(state.chain.updates[-1]).scene.splats
     assert received.num_gaussians == 50
     assert (received.sh[:, 0].mean(axis=1) > 2).sum() == 25
+
+
+def test_changes_are_coarse_until_all_have_been_sent() -> None:
+    splats = some_splats()
+    state, newest, classes = PartialUpdates.start(splats), trained(splats), []
+    for _ in range(7):
+        state = state.pushed(newest, 0.25)
+        classes.append(decode_stream(state.chain.updates[-1]).scene.coding.classes)
+    finest = max(int(each.max()) for each in classes)
+    assert [bool((each == finest).all()) for each in classes] == [False] * 3 + [True] * 4
+    assert state.pushed(newest, 0.25).chain is state.chain
 
 
 def test_a_scene_that_stays_makes_no_update() -> None:
@@ -121,3 +132,19 @@ def test_points_are_matched_in_any_order() -> None:
     after = points[order] + np.float32(1e-4)
     np.testing.assert_array_equal(match_by_position(points, after), order)
     np.testing.assert_array_equal(match_by_position(points[:1], points[:3]), [0, -1, -1])
+
+
+def test_changes_that_no_view_sees_are_sent_last() -> None:
+    shell = np.random.default_rng(4).normal(size=(400, 3)).astype(np.float32)
+    shell /= np.linalg.norm(shell, axis=1, keepdims=True)
+    means = np.concatenate([shell, 0.2 * shell[:40]])
+    first = some_splats(440)
+    scales = np.where(np.arange(440) < 400, 0.25, 0.05).astype(np.float32)[:, None].repeat(3, axis=1)
+    splats = replace(first, means=means, scales=scales, opacities=np.full(440, 0.98, np.float32))
+    state, sent = PartialUpdates.start(splats), []
+    for _ in range(4):
+        state = state.pushed(replace(splats, sh=splats.sh + np.float32(0.1)), 0.25)
+        received = decode_stream(state.chain.updates[-1]).scene.splats
+        sent.append(int((np.linalg.norm(received.means, axis=1) < 0.5).sum()))
+    assert sent[:3] == [0, 0, 0]
+    assert sent[3] == 40

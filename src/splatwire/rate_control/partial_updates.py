@@ -13,16 +13,21 @@ from splatwire.codec.encoding import encode_scene
 from splatwire.codec.update.chain import UpdateChain
 from splatwire.errors import InvalidValueError
 from splatwire.ops.knn import NeighborTree
-from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.picture_changes import picture_changes
 from splatwire.types.anchors import MIN_SIZE
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
-SHARE = 0.1
+SHARE = 0.077
 """Default maximum share of the Gaussians in an update."""
-NUM_VIEWS, VIEW_SIZE = 4, 192
-"""Number and size (pixels) of the views in which the footprints of Gaussians are measured."""
+COARSE_CLASS = -1
+"""Precision class of sent Gaussians while more have changed than an update may contain."""
+VIEWS, VIEW_SIZE = (13, 14, 16, 17), 192
+"""Numbers of views in which changes are measured, used in turn, and size of the views in pixels. The poses of the views
+depend on their number. A Gaussian that is hidden in the views of one update is visible in those of a later one.
+"""
 NEW_CHANGE = 2.0
 """Change of a Gaussian that the receivers do not have, in the unit of `changes`."""
 MAX_GROWTH = 2.0
@@ -57,8 +62,10 @@ class PartialUpdates:
         newest: Gaussians of the newest scene.
         held: Gaussians as the receivers have them, without rounding, in the order of `newest`.
         known: Mask of the Gaussians that the receivers have.
+        coarse: Mask of the Gaussians that were sent with the class `COARSE_CLASS`.
         num_at_first: Number of drawable Gaussians when the whole scene was sent.
         size_at_first: Size of the scene when the whole scene was sent, world units.
+        num_pushed: Number of scenes pushed since the whole scene was sent.
         antialiased: True if the scene was trained with an antialiased renderer.
     """
 
@@ -68,8 +75,10 @@ class PartialUpdates:
     newest: Splats
     held: Splats
     known: Bool[np.ndarray, "G"]
+    coarse: Bool[np.ndarray, "G"]
     num_at_first: int
     size_at_first: float
+    num_pushed: int = 0
     antialiased: bool = False
 
     @staticmethod
@@ -86,7 +95,8 @@ class PartialUpdates:
         stream = encode_scene(SplatScene(splats, antialiased=antialiased), PRESETS["datagram"])
         known = SplatScene(splats).drawable.copy()
         size = _scene_size(splats.select(known))
-        return PartialUpdates(UpdateChain(stream, stream), splats, splats, known, int(known.sum()), size, antialiased)
+        chain, coarse = UpdateChain(stream, stream), np.zeros(len(known), bool)
+        return PartialUpdates(chain, splats, splats, known, coarse, int(known.sum()), size, antialiased=antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
         """Encodes the largest changes of the Gaussians as an update; the others remain for later calls.
@@ -102,9 +112,11 @@ class PartialUpdates:
         Raises:
             InvalidValueError: If no Gaussian can be drawn, or values are too large.
         """
-        # After `1 / share` calls with the same Gaussians, the receivers have all changes. Removed Gaussians do
-        # not count towards the share. An update cannot express another degree of spherical harmonics, positions
-        # outside the lattice, or more than twice or less than half the number of Gaussians or the size.
+        # While more Gaussians have changed than the share allows, they are sent with a coarser class. They are sent
+        # again once all changes have been sent: after at most `2 / share` calls with the same Gaussians, the receivers
+        # have them in full precision. Removed Gaussians do not count towards the share. An update cannot express
+        # another degree of spherical harmonics, positions outside the lattice, or more than twice or less than half the
+        # number of Gaussians or the size.
         count = splats.num_gaussians
         drawable = SplatScene(splats).drawable
         if not drawable.any():
@@ -112,33 +124,45 @@ class PartialUpdates:
         ratios = drawable.sum() / self.num_at_first, _scene_size(splats.select(drawable)) / self.size_at_first
         if splats.degree != self.newest.degree or any(not 1 / MAX_GROWTH <= ratio <= MAX_GROWTH for ratio in ratios):
             return PartialUpdates.start(splats, self.antialiased)
-        held, known = self._held_rows(splats)
+        held, known, coarse = self._held_rows(splats)
         known &= drawable
-        chosen = _most_changed(held, known, splats, drawable, max(1, round(share * count)))
+        most = max(1, round(share * count))
+        chosen = _changed(held, known, splats, drawable)
+        in_motion = len(chosen) > most
+        if in_motion:
+            order = _by_change(held, known, splats, drawable, VIEWS[self.num_pushed % len(VIEWS)])
+            chosen = order[np.isin(order, chosen)]
+        if not in_motion:
+            chosen = np.concatenate([chosen, np.setdiff1d(np.flatnonzero(coarse & known), chosen)])
+        chosen = chosen[:most]
         mixed = Splats(**{name: values.copy() for name, values in vars(held).items()})
         for name, values in vars(mixed).items():
             values[chosen] = getattr(splats, name)[chosen]
-        known[chosen] = True
+        known[chosen], coarse[chosen] = True, in_motion
+        classes = np.where(coarse[known], COARSE_CLASS, 0).astype(np.int8)
         try:
-            chain = self.chain.edited(SplatScene(mixed.select(known), antialiased=self.antialiased))
+            chain = self.chain.edited(SplatScene(mixed.select(known), antialiased=self.antialiased), classes)
         except InvalidValueError as error:
             LOG.warning("update: %s; the whole scene is sent again", error)
             return PartialUpdates.start(splats, self.antialiased)
-        return replace(self, chain=chain, newest=splats, held=mixed, known=known)
+        count = self.num_pushed + 1
+        return replace(self, chain=chain, newest=splats, held=mixed, known=known, coarse=coarse, num_pushed=count)
 
-    def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"]]:
+    def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"], Bool[np.ndarray, "G"]]:
         """Finds the version of each Gaussian of a new scene that the receivers have.
 
         Args:
             splats: Gaussians of the new scene.
 
         Returns:
-            The receivers' versions, arbitrary for new Gaussians; and a mask of the Gaussians that receivers have.
+            The receivers' versions, arbitrary for new Gaussians; mask of the Gaussians that receivers have; and mask of
+            those that were sent with the class `COARSE_CLASS`.
         """
         if splats.num_gaussians == self.newest.num_gaussians:
-            return self.held, self.known.copy()
+            return self.held, self.known.copy(), self.coarse.copy()
         match = match_by_position(self.newest.means, splats.means)
-        return self.held.select(np.maximum(match, 0)), (match >= 0) & self.known[match]
+        known = (match >= 0) & self.known[match]
+        return self.held.select(np.maximum(match, 0)), known, known & self.coarse[match]
 
 
 def _scene_size(splats: Splats) -> float:
@@ -161,18 +185,23 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
     return np.where(back[nearest] == np.arange(len(after)), nearest, -1)
 
 
-def _most_changed(
-    held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, most: int
+def _changed(held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
+    """Returns the indices of all changed Gaussians."""
+    differs = ~known
+    for name, values in vars(newest).items():
+        differs |= (values != getattr(held, name)).reshape(len(differs), -1).any(axis=1)
+    return np.flatnonzero(differs & drawable)
+
+
+def _by_change(
+    held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, num_views: int
 ) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of at most `most` changed Gaussians, largest change first."""
+    """Returns the indices of all drawable Gaussians, largest change of the pictures first."""
     rows = np.flatnonzero(drawable)
-    before, scene = held.select(rows), SplatScene(newest.select(rows))
-    area = footprint_importance(scene, surrounding_cameras(scene, NUM_VIEWS, VIEW_SIZE)).share
-    with np.errstate(invalid="ignore", over="ignore"):  # rows that the receivers do not have are undefined
-        change = np.where(known[rows], changes(before, scene.splats), NEW_CHANGE)
-    differs = ~known[rows]
-    for name, values in vars(scene.splats).items():
-        differs |= (values != getattr(before, name)).reshape(len(rows), -1).any(axis=1)
+    before, after, new = held.select(rows), newest.select(rows), ~known[rows]
+    for name, values in vars(before).items():  # rows that the receivers do not have are undefined
+        values[new] = 0 if name == "opacities" else getattr(after, name)[new]
+    change = np.where(new, NEW_CHANGE, changes(before, after))
+    seen = picture_changes(before, after, surrounding_cameras(SplatScene(after), num_views, VIEW_SIZE))
     # Gaussians outside of all views come last, in the order of their change.
-    order = np.lexsort((-change, -change * np.sqrt(area)))
-    return rows[order[differs[order]][:most]]
+    return rows[np.lexsort((-change, -seen))]

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
+import numpy as np
+
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.decoding import decode_stream
@@ -60,16 +62,18 @@ class UpdateChain:
         change = encode_change(self.scene, scene, (scene.coding.classes.astype(int) - finest).astype("int8"))
         return self._with(source, change.result, change.update)
 
-    def edited(self, scene: SplatScene) -> "UpdateChain":
+    def edited(self, scene: SplatScene, classes: np.ndarray | None = None) -> "UpdateChain":
         """Encodes a changed scene as an update; returns the chain with the new state.
 
         Args:
             scene: The changed scene.
+            classes: Precision class of each Gaussian, as for `encode_update`. A Gaussian of the stream with a coarser
+                class is replaced.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.
         """
-        change = encode_change(self.scene, scene)
+        change = encode_change(self.scene, scene, classes, refine=True)
         if manifest_digest(change.result.manifest) == manifest_digest(self.scene.manifest):
             return self
         return self._with(change.result, change.result, change.update)

@@ -78,9 +78,17 @@ class EncodedChange(NamedTuple):
 
 def encode_change(
     base: SceneStream, scene: SplatScene | ReceivedScene[SplatScene] | Splats, classes: np.ndarray | None = None,
-    threads: int | None = None,
+    threads: int | None = None, *, refine: bool = False,
 ) -> EncodedChange:  # fmt: skip
-    """Encodes the changes of a scene (see `encode_update`), and returns the update together with the changed stream."""
+    """Encodes the changes of a scene (see `encode_update`), and returns the update together with the changed stream.
+
+    Args:
+        base: As for `encode_update`.
+        scene: As for `encode_update`.
+        classes: As for `encode_update`.
+        threads: As for `encode_update`.
+        refine: True to replace Gaussians of the stream that have a coarser class than `classes` requests.
+    """
     info = check_base(base)
     found = as_scene(scene)
     check_kind(found, SplatScene, "open_scene")
@@ -108,7 +116,11 @@ def encode_change(
             "different from afar", marked, plain,
         )  # fmt: skip
     after = within_reach(after, coding.size_log)
-    match = find_unchanged(before.splats, coding, after)
+    least = None
+    if refine:
+        wanted = None if classes is None else classes[kept]
+        least = coded_classes(wanted, after.num_gaussians, int(coding.classes.max()))
+    match = find_unchanged(before.splats, coding, after, least)
     fresh = np.flatnonzero(match < 0)
     removed = np.ones(before.num_elements, bool)
     removed[match[match >= 0]] = False

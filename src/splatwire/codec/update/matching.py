@@ -8,19 +8,21 @@ from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
 
-def find_unchanged(before: Splats, coding: SplatCoding, after: Splats) -> np.ndarray:
+def find_unchanged(before: Splats, coding: SplatCoding, after: Splats, least: np.ndarray | None = None) -> np.ndarray:
     """Returns the index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
 
     Args:
         before: Decoded Gaussians of the stream.
         coding: Quantisation steps and precision classes of these Gaussians.
         after: Gaussians of the edited scene, of the same degree.
+        least: Coarsest class of a match for each Gaussian of `after`, uint8 (M); None for any class.
     """
     found = np.full(after.num_gaussians, -1, np.int64)
     for level in np.unique(coding.classes)[::-1]:
-        own, left = np.flatnonzero(coding.classes == level), np.flatnonzero(found < 0)
+        allowed = True if least is None else least <= level
+        own, left = np.flatnonzero(coding.classes == level), np.flatnonzero((found < 0) & allowed)
         if not len(left):
-            break
+            continue
         classes = np.full(len(left), level, np.uint8)
         steps = SplatCoding(**{**vars(coding), "classes": classes})
         rounded = _attribute_rows(round_splats(after.select(left), steps))

@@ -1,0 +1,55 @@
+"""Change of pictures that each changed Gaussian causes."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from splatwire.ops.twister import Twister
+from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.precision import BRIGHTEST
+from splatwire.types import Cameras
+from splatwire.types.gaussians import Gaussians
+from splatwire.types.splats import Splats
+
+
+def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int = 0) -> Float64[np.ndarray, "G"]:
+    """Estimates the change of pictures that the change of each Gaussian causes.
+
+    Args:
+        before: Gaussians before the change.
+        after: The same Gaussians in the same order, after the change.
+        cameras: Cameras of the pictures.
+        seed: Random seed.
+
+    Returns:
+        Squared differences of colour values, summed over all pixels, for each Gaussian; 0 outside of all pictures.
+    """
+    # To first order, a pixel changes by its derivatives times the changes of the attributes. For the sum of all pixels
+    # with random signs, the expected square of this product is the sum of the squares of all pixels. See
+    # `splatwire.render.pruning`.
+    rng, found = Twister(seed), np.zeros(after.num_gaussians)
+
+    def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+        yield rng.signs(shape)
+
+    for view in range(cameras.num_views):
+        centre = cameras.centers[view]
+        old, new = (_limited(splats.seen_from(centre)) for splats in (before, after))
+        differences = [getattr(new, name) - values for name, values in vars(old).items()]
+
+        def add(some: slice, *gradients: np.ndarray, differences: list[np.ndarray] = differences) -> None:
+            products = (
+                (each * values[some]).reshape(len(each), -1).sum(axis=1, dtype=np.float64)
+                for each, values in zip(gradients, differences, strict=True)
+            )
+            found[some] += sum(products) ** 2
+
+        each_gradient_cpu(new, cameras.select([view]), signs, add)
+    return found
+
+
+def _limited(seen: Gaussians) -> Gaussians:
+    """Limits colours to `BRIGHTEST`: one extreme colour would hide the changes in front of it."""
+    return replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))
