@@ -242,6 +242,20 @@ def test_small_scenes_keep_their_positions(size: float, tmp_path: Path) -> None:
     assert_close(found.means, small.means, atol=size / 500)
 
 
+@pytest.mark.parametrize(("size", "offset", "keeps"), [(0.01, 3, True), (0.01, 1000, False), (1e-5, 0.5, False)])
+def test_small_scenes_off_the_origin_keep_their_positions_or_give_a_warning(
+    size: float, offset: float, keeps: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """With 12 fraction bits, positions were rounded to steps as large as the Gaussians, without a word."""
+    splats = some_splats(200, 0)
+    means = np.float32(size) * splats.means / np.abs(splats.means).max() + np.float32(offset)
+    splats = replace(splats, means=means, scales=np.full_like(splats.scales, size / 30))
+    write_splats([splats], tmp_path / "small.spz")
+    error = np.abs(read_splats(tmp_path / "small.spz").means - splats.means).max()
+    assert (error < size / 30 / 8) == keeps
+    assert ("move the scene to the origin" in caplog.text) != keeps
+
+
 @pytest.mark.parametrize("size", [1e-1, 1e-4, 1e-6, 1e-9])
 def test_a_compressed_ply_keeps_the_positions_of_small_scenes(size: float, tmp_path: Path) -> None:
     splats = some_splats(200, 0)

@@ -96,7 +96,7 @@ def write_spz(
     edge = DC / (2 * COLOR_SCALE)
     warn_of_clipped(path, "base colours", 0.5 + DC * splats.sh[:, 0], 0.5 - edge, 0.5 + edge)
     warn_of_clipped(path, "harmonics", splats.sh[:, 1:], *_HARMONICS)
-    bits = _fraction_bits(float(np.abs(splats.means).max()))
+    bits = _fraction_bits(splats, path)
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip
     records = write_records(metadata)
@@ -171,23 +171,34 @@ def _write_plain(
         file.writelines(packed)
 
 
-def _fraction_bits(farthest: float) -> int:
+def _fraction_bits(splats: Splats, path: Path) -> int:
     """Returns the number of fraction bits for storing positions as fixed-point numbers of 24 bits.
 
+    Logs a warning if the steps are visible because the Gaussians are small and far from the origin.
+
     Args:
-        farthest: Largest absolute coordinate of a position.
+        splats: The Gaussians.
+        path: The file, for messages.
 
     Raises:
-        InvalidValueError: If the coordinate is too large for the format.
+        InvalidValueError: If a coordinate is too large for the format.
     """
-    # other writers always use 12 bits; large scenes need fewer, so that all positions fit; small ones are rounded less
-    bits = _FRACTION_BITS
-    while bits < _MAX_FRACTION_BITS and 0 < farthest * 2**bits < _FEWEST_STEPS:
+    # Other writers always use 12 bits. Large scenes need fewer, so that all positions fit. Scenes that are small, or
+    # of small Gaussians far from the origin, are rounded less.
+    farthest, bits = float(np.abs(splats.means).max()), _FRACTION_BITS
+    largest_error = float(np.median(splats.scales.max(axis=1))) / VISIBLE
+    while bits < _MAX_FRACTION_BITS and (0 < farthest * 2**bits < _FEWEST_STEPS or 2.0**-bits / 2 > largest_error):
         bits += 1
     while bits and farthest * 2**bits > _MOST:
         bits -= 1
     if farthest * 2**bits > _MOST:
         raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {_MOST}")
+    if bits >= _FRACTION_BITS and 2.0**-bits / 2 > largest_error:  # with fewer bits, other warnings name the steps
+        LOG.warning(
+            "%s: positions are rounded to steps of %.3g, and the median size of Gaussians is %.3g: SPZ has no finer "
+            "steps for coordinates of up to %.4g, so move the scene to the origin first",
+            path, 2.0**-bits, largest_error * VISIBLE, farthest,
+        )  # fmt: skip
     return bits
 
 
