@@ -51,6 +51,7 @@ def compiled(tmp_path_factory, pytestconfig):
     return json.loads(done.stdout)
 
 
+@pytest.mark.extended
 def test_the_codec_compiles_each_of_its_functions_once(compiled):
     """A second set of argument types would compile the function and its callees again."""
     names = [name for name, _ in compiled if "<locals>" not in name]
@@ -58,6 +59,7 @@ def test_the_codec_compiles_each_of_its_functions_once(compiled):
     assert sorted(names) == sorted(set(names))
 
 
+@pytest.mark.extended
 def test_codec_compiles_no_literal_types_and_no_strings(compiled):
     assert not [call for call in compiled if "<locals>" not in call[0] and "Literal" in str(call[1])]
     assert not [call for call in compiled if "raise_with_shape" in call[0] or "unicode" in str(call[1])]

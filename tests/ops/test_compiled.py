@@ -101,6 +101,63 @@ def test_no_cache_is_kept_without_a_writable_folder(temporary, monkeypatch):
     assert not list(temporary.rglob("*.nbi"))
 
 
+COMPILED = """
+import sys
+from numba.core import event
+sys.path.insert(0, {folder!r})
+
+class Calls(event.Listener):
+    total = 0
+    def on_start(self, event):
+        Calls.total += 1
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Calls())
+import kernel_for_tests
+sys.stdin.readline()
+assert kernel_for_tests.outer(2) == 9
+print(Calls.total)
+"""
+KERNELS = """
+from splatwire.ops.compiled import njit
+
+@njit()
+def inner(x):
+    return x * x
+
+@njit()
+def outer(x):
+    return inner(x) + 5
+"""
+
+
+def test_processes_that_start_together_compile_each_kernel_once(tmp_path):
+    (tmp_path / "kernel_for_tests.py").write_text(KERNELS)
+    words = [sys.executable, "-c", COMPILED.format(folder=str(tmp_path))]
+    processes = [subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    for process in processes:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    assert sorted(int(process.communicate(timeout=300)[0]) for process in processes) == [0, 0, 2]
+
+
+def test_a_kernel_is_compiled_where_the_lock_file_cannot_be_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    kernel = compiled.njit()(_twice)
+    Path(kernel._cache.cache_path, f"{_twice.__module__}.{_twice.__qualname__}.lock").mkdir(parents=True)
+    assert kernel(21) == 42
+
+
+def test_a_suspended_process_delays_a_compilation_for_a_limited_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled, "_TURN_S", 0.2)
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    kernel = compiled.njit()(_twice)
+    file = Path(kernel._cache.cache_path, f"{_twice.__module__}.{_twice.__qualname__}.lock")
+    with compiled._file_lock(file):
+        assert kernel(21) == 42
+
+
 def test_compilation_is_logged_once_and_loading_is_not(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(_twice, "__module__", "splatwire.here")

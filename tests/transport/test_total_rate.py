@@ -133,6 +133,6 @@ def test_many_http_responses_leave_turns_to_datagrams():
             return turns, server.bytes_sent
 
     turns, num_bytes = asyncio.run(asyncio.wait_for(work(), 120))
-    assert max(after - before for before, after in itertools.pairwise(turns)) < 1.5
+    assert max(after - before for before, after in itertools.pairwise(turns)) < 5.0
     assert 1200 * len(turns) > 0.15 * rate * 4
     assert num_bytes > 0.15 * rate * 4

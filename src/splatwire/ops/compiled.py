@@ -8,6 +8,7 @@ import stat
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,11 +17,22 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 LOG = logging.getLogger(__name__)
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _LOCK = threading.Lock()
+_TURN_S = 300.0
+"""Longest wait for another process that compiles the same kernel, seconds: it may be suspended."""
+_POLL_S = 0.05
+_HELD: set[Path] = set()
+"""Lock files of this process. A kernel is compiled while the kernels that call it are."""
 
 
 def _supports_option(option: str) -> bool:
@@ -78,7 +90,58 @@ def _with_source_digest(kernel: Any) -> Any:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
         file._load_index = _ignore_unreadable(file._load_index)
+        kernel.compile = _in_turn(kernel)
     return kernel
+
+
+def _in_turn(kernel: Any) -> Callable[[Any], Any]:
+    """Wraps the function that compiles a kernel, or loads it from the cache: one process compiles, the others load."""
+    make = kernel.compile
+    file = Path(kernel._cache.cache_path, f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}.lock")
+
+    def compile_in_turn(signature: Any) -> Any:
+        with global_compiler_lock:  # first, as numba takes it: threads would wait for each other otherwise
+            if file in _HELD:  # a recursive kernel, or one of equal name
+                return make(signature)
+            with _file_lock(file):
+                _HELD.add(file)
+                try:
+                    return make(signature)
+                finally:
+                    _HELD.discard(file)
+
+    return compile_in_turn
+
+
+@contextmanager
+def _file_lock(path: Path) -> Iterator[None]:
+    """Holds a lock file; does nothing where that is impossible, or after a wait of `_TURN_S`."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600) if fcntl else None
+    except OSError:
+        handle = None
+    try:
+        if handle is not None:
+            _wait_for(handle)
+        yield
+    finally:
+        if handle is not None:
+            with suppress(OSError):
+                fcntl.flock(handle, fcntl.LOCK_UN)  # explicitly, because child processes keep the file open
+            os.close(handle)
+
+
+def _wait_for(handle: int) -> None:
+    end = time.monotonic() + _TURN_S
+    while time.monotonic() < end:
+        try:
+            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_POLL_S)
+        except OSError:  # a file system without locks
+            return None
+    return None
 
 
 def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:

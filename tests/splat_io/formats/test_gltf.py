@@ -526,3 +526,16 @@ def test_unknown_extensions_around_gaussians_give_a_warning(change, named, tmp_p
     read_splats(write(tmp_path / "a.glb", glb(some_splats(8, 1), change)))
     assert (f"extensions {named} of the document or its nodes are not known" in caplog.text) == bool(named)
     assert bool(caplog.messages) == bool(named)
+
+
+def test_thousands_of_chunks_are_refused(tmp_path: Path) -> None:
+    data = glb(some_splats())
+    more = struct.pack("<I4s", 0, b"MORE")
+    for count, is_refused in ((1_000, False), (1_100, True)):
+        size = struct.pack("<I", len(data) + count * len(more))
+        path = write(tmp_path / "a.glb", data[:8] + size + data[12:] + count * more)
+        if is_refused:
+            with pytest.raises(DatasetError, match=r"a\.glb: has more than 1,024 chunks"):
+                read_splats(path)
+        else:
+            assert read_splats(path).num_gaussians == some_splats().num_gaussians

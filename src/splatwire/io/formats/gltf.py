@@ -41,6 +41,8 @@ MAGIC = b"glTF"
 EXTENSION = "KHR_gaussian_splatting"
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MAX_JSON_BYTES = 4 << 20
+_MAX_CHUNKS = 1 << 10
+"""Largest number of chunks of a binary file; two have a meaning."""
 _POINTS = 0
 _TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
@@ -99,8 +101,11 @@ def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
     if version != 2:
         raise DatasetError(f"{path}: glTF of version {version}; version 2 is read")
     found: dict[bytes, memoryview] = {}
-    view, at = data[:length], _HEADER.size
+    view, at, num_chunks = data[:length], _HEADER.size, 0
     while at + _CHUNK.size <= length:
+        num_chunks += 1
+        if num_chunks > _MAX_CHUNKS:
+            raise DatasetError(f"{path}: has more than {_MAX_CHUNKS:,} chunks")
         size, kind = _CHUNK.unpack_from(data, at)
         at += _CHUNK.size
         if size > length - at:
