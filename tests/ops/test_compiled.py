@@ -7,6 +7,7 @@ import subprocess
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
@@ -144,7 +145,7 @@ def test_processes_that_start_together_compile_each_kernel_once(tmp_path):
 
 def test_a_kernel_is_compiled_where_the_lock_file_cannot_be_written(tmp_path, monkeypatch):
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
-    kernel = compiled.njit()(_twice)
+    kernel: Any = compiled.njit()(_twice)
     Path(kernel._cache.cache_path, f"{_twice.__module__}.{_twice.__qualname__}.lock").mkdir(parents=True)
     assert kernel(21) == 42
 
@@ -152,7 +153,7 @@ def test_a_kernel_is_compiled_where_the_lock_file_cannot_be_written(tmp_path, mo
 def test_a_suspended_process_delays_a_compilation_for_a_limited_time(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "_TURN_S", 0.2)
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
-    kernel = compiled.njit()(_twice)
+    kernel: Any = compiled.njit()(_twice)
     file = Path(kernel._cache.cache_path, f"{_twice.__module__}.{_twice.__qualname__}.lock")
     with compiled._file_lock(file):
         assert kernel(21) == 42
