@@ -269,7 +269,7 @@ def _checked_items(values: Any, item: Rule) -> Any:
 
     Args:
         values: The iterator.
-        item: Check that each item must pass.
+        item: Rule that each item must satisfy.
 
     Raises:
         InvalidValueError: If an item does not pass the check.

@@ -29,9 +29,10 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 
 
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the header fields for the entropy coding of a scene file: codec schema, and configuration of its model.
+    """Returns the header fields of a scene file that describe the entropy coding of its anchors.
 
-    The model predicts the probabilities.
+    These are the name of the codec schema, and the configuration of the model that predicts the probabilities of the
+    anchors' attributes.
     """
     config = coding.config
     if isinstance(config, CausalConfig):

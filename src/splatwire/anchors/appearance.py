@@ -1,4 +1,4 @@
-"""Functions that return the Gaussians of a scene in a view, and other properties, for all types of scenes.
+"""Functions for all types of scenes: the Gaussians that a scene shows in a view, its origin, and its metadata.
 
 Other packages may register scene types (`functools.singledispatch`).
 """

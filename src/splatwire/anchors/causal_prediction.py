@@ -18,13 +18,13 @@ from splatwire.types.causal_coding import INPUT_UNIT, OCTAVES, CausalConfig
 class CausalPrediction:
     """Predicted probability distributions of the attributes of M anchors.
 
-    Means and standard deviations are in quantisation steps; of standard deviations, the log2 is stored.
+    Means are in quantisation steps. Standard deviations are stored as their log2, also in quantisation steps.
 
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Predicted probability that each offset exists, as a logit.
-        form: Means and log2 of standard deviations of four values: logarithm of the scale of the anchor's offsets, and
-            logarithms of the base size of its Gaussians along three axes.
+        form: Sizes of the anchor, as means and log2 of standard deviations of four logarithms: of the scale of the
+            anchor's offsets, and of the base size of its Gaussians along three axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 
@@ -69,7 +69,8 @@ def predict_causal(
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features in units of their quantisation steps.
-        form: Logarithms of the four sizes of an anchor, minus `CausalCoding.centres`, in units of their steps.
+        form: Sizes of each anchor: the logarithms of the scale of its offsets and of the base size of its Gaussians
+            along three axes. `CausalCoding.centres` is subtracted; the unit is the quantisation step.
         quantised: Rounds attributes; called with the name of a network, the means that it predicts, and the attributes.
             None for no rounding.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.

@@ -52,9 +52,9 @@ class AnchorOptions(CheckedFields):
     Attributes:
         packetization: Division into packets, or the name of a preset such as `paper`; None for the default.
         tiers: Importance tier of each anchor, 0 for the most important, whole numbers (N); None for one tier.
-        noise: Tolerated change of predictions if the context model's weights are rounded, as a multiple of the
-            predicted standard deviations; None for the default. Larger values give less side information and larger
-            packets.
+        noise: Change of the context model's predictions that is tolerated when the model's weights are rounded. It is
+            relative to the predicted standard deviations: 0.1 tolerates a tenth of them. None for the default. Larger
+            values give less side information and larger packets.
     """
 
     packetization: Packetization | str | None = None

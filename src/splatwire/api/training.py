@@ -107,8 +107,8 @@ class TrainingServer:
     ) -> None:  # fmt: skip
         """Sends the Gaussians of the trainer: all at first, later the changes that matter most.
 
-        The arrays, of numpy or torch on any device, are copied and encoded in another thread. If that is busy, only the
-        latest call waits; earlier ones are dropped.
+        The arrays, of numpy or torch on any device, are copied and encoded in another thread. While this thread is
+        busy, only the Gaussians of the latest call wait; those of earlier calls are dropped.
 
         Args:
             means: World coordinates of the centres, (G, 3).
@@ -230,7 +230,7 @@ class TrainingServer:
         """Encodes a scene, and offers it and its update to clients.
 
         Args:
-            state: State of the scene before; None for the first one.
+            state: State of the updates after the preceding scene; None if `splats` is the first scene.
             splats: The scene.
             share: Maximum share of the Gaussians to send.
             updates: Updates that clients can request.

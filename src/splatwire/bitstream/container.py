@@ -124,7 +124,15 @@ def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
 
 
 def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: int, intake: PacketIntake) -> None:
-    """Reads the packets of a stream file and passes them to `intake`; skips damaged bytes to the next packet."""
+    """Reads the packets of a stream file and passes them to `intake`. Damaged bytes are skipped up to the next packet.
+
+    Args:
+        file: The open file, at `position`.
+        size: Size of the file in bytes.
+        position: Offset of the first packet in the file, with its length field.
+        stream_id: Id of the stream. Every packet contains it, so that packets are found after damaged bytes.
+        intake: Checks, collects and counts the packets.
+    """
     mark, effort = packet_mark(stream_id), RESYNC_EFFORT * size
     while position < size:
         source, end, num_corrupt = f"byte {position}", _record_end(file, size, position), intake.num_corrupt

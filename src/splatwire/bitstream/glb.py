@@ -35,7 +35,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
     """Returns the position and size of the stream that is embedded in a binary glTF file.
 
     Args:
-        text: Bytes from byte 20 of the file on, as many as `json_size` returned.
+        text: The bytes after the first 20 bytes of the file. `json_size` returns how many are needed.
         name: Source of the bytes, for error messages.
 
     Returns:

@@ -22,9 +22,9 @@ class PacketId:
     """Id of a packet within its stream; sorts by block, then packet of the block, then attribute.
 
     Attributes:
-        block: Index of the spatial block, t.
-        lane: Index of the packet within the block, λ; with hashed grouping, index of its first element in the hash
-            order.
+        block: Index of the spatial block.
+        lane: Index of the packet within its block. With the grouping `hashed`, which fills packets up to a size limit,
+            instead the index of the packet's first element within its block, in hash order.
         part: Attribute that the packet contains, an index into `PARTS`; 0 for whole elements.
     """
 

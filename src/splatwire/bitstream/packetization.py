@@ -40,7 +40,9 @@ def check_range(what: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Packetization:
-    """Parameters of the division of elements (Gaussians or anchors) into packets (paper 3.2.2 and 4.1).
+    """Parameters of the division of elements (Gaussians or anchors) into packets.
+
+    The defaults follow Sections 3.2.2 and 4.1 of the paper that this project implements.
 
     Attributes:
         block_size: Maximum number of elements of a spatial block.

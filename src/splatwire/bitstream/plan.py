@@ -19,8 +19,8 @@ from splatwire.errors import InvalidValueError
 class PacketGroups(NamedTuple):
     """Elements of every packet, as one array that is divided into groups.
 
-    A group has the elements of one packet. If packets contain single attributes, a group has the elements that share
-    packets.
+    A group contains the elements of one packet. If each packet contains a single attribute, a group contains the
+    elements of all packets that describe the same elements.
 
     Attributes:
         ranks: Indices of all elements in the order of the plan (`PacketPlan`), group after group, int64 (N). Group g
@@ -36,9 +36,9 @@ class PacketGroups(NamedTuple):
 class PacketPlan:
     """Mapping between elements and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their index in the order of the plan. In a stream with importance tiers, this order is by
-    tier and, within a tier, by coding order; `bitstream.tiers.tier_order` returns the index in coding order of each
-    element of it. In other streams, it is the coding order.
+    Elements are identified by their index in the order of the plan. Without importance tiers, this is the coding order.
+    With tiers, elements are sorted by tier, and by coding order within a tier; `bitstream.tiers.tier_order` lists them
+    in this order, as indices in the coding order.
 
     Attributes:
         packetization: Parameters of the division into packets.
@@ -102,7 +102,10 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Indices of the attributes that have packets of their own; (0,) if packets contain whole elements."""
+        """Values of `PacketId.part` in this stream: the indices of the attributes that have packets of their own.
+
+        If packets contain whole elements, the only value is 0.
+        """
         if not self.packetization.separated:
             return (0,)
         return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
@@ -135,9 +138,10 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet; with hashed grouping, of every block instead.
+        """Lists the elements of every packet, or, with the grouping `hashed`, the elements of every block.
 
-        With hashed grouping, packets are filled up to a size limit, and the manifest does not determine their elements.
+        The grouping `hashed` fills packets up to a size limit. The manifest then does not determine the packet of an
+        element.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
@@ -147,7 +151,7 @@ class PacketPlan:
         return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
 
     def group_counts(self) -> np.ndarray:
-        """Returns the number of elements of each packet listed by `groups`, int64 (G).
+        """Returns the number of elements of each group of `groups`, int64 (G).
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -157,18 +161,22 @@ class PacketPlan:
         return counts[counts > 0]
 
     def block_ranks(self, block: int) -> np.ndarray:
-        """Elements of a block, packet after packet, as indices in the order of the plan, int64."""
+        """Returns the elements of a block, packet after packet, int64 (elements).
+
+        An element is given by its index in the order of the plan (see `PacketPlan`).
+        """
         if self.packetization.hashed:
             return self._hash_order(block)
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the elements of a packet as indices in the order of the plan, int64.
+        """Returns the elements of a packet as indices in the order of the plan (see `PacketPlan`), int64.
 
         Args:
             packet_id: The packet.
-            num_elements: Number of elements of the packet; required with hashed grouping.
+            num_elements: Number of elements of the packet. It may be None unless packets are filled up to a size limit
+                (grouping `hashed`).
 
         Raises:
             InvalidValueError: If the plan has no such block, lane or part, or the number of elements does not fit.
@@ -183,7 +191,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the range of a packet's elements in the list of its block's elements (`block_ranks`).
+        """Returns the elements of a packet as a range of indices into the result of `block_ranks` for its block.
 
         Args:
             packet_id: The packet.
@@ -215,10 +223,12 @@ class PacketPlan:
         return self._span(block).block_elements(block)
 
     def name_hashed(self, place: int) -> PacketId:
-        """Returns the id of the packet whose first element is given; only for hashed grouping.
+        """Returns the id of the packet that starts with a given element, for packets filled up to a size limit.
+
+        This requires the grouping `hashed`.
 
         Args:
-            place: Index of the element in `groups().ranks`.
+            place: Index of the packet's first element in `groups().ranks`.
         """
         span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
         block, position = divmod(place - span.first, span.block_size)

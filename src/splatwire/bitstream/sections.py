@@ -123,7 +123,7 @@ def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
 
 @checked
 def without_concealment(stream: SceneStream, name: str) -> SceneStream:
-    """Removes the data of a loss concealer from a stream's side information.
+    """Removes a section with the data of a loss concealer from a stream's side information.
 
     Args:
         stream: The stream, complete or not.

@@ -9,7 +9,8 @@ scene/                      scene.swz
   ...
 ```
 
-Deleting `.pak` files is a valid way of losing packets. Writing is atomic: a reader sees the old stream or the new one.
+The name of a `.pak` file states the packet's index within its block (`lane`) and the block (`s`). Deleting `.pak` files
+is a valid way of losing packets. Writing is atomic: a reader sees the old stream or the new one.
 """
 
 import logging

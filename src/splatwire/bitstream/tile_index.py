@@ -37,7 +37,10 @@ class TileIndex:
 
     @property
     def offsets(self) -> np.ndarray:
-        """Position of each tile in the stream file, counted from the end of the side information, int64 (B + 1)."""
+        """Position of each of the B tiles in the stream file, counted from the end of the side information.
+
+        The last entry is the end of the last tile. int64 (B + 1).
+        """
         return np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.int64)
 
 

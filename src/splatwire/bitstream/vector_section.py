@@ -41,9 +41,9 @@ class VectorSection:
         return {self.name: writer.bytes()}
 
     def of_stream(self, stream: SceneStream) -> Vector:
-        """Reads the section's three numbers, such as the coordinates of the origin, from a stream's side information.
+        """Reads three numbers, such as the coordinates of the origin, from this section of a stream's side information.
 
-        Returns the default numbers (`usual`) if the stream has no such section.
+        If the stream has no such section, returns `usual`.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.

@@ -260,11 +260,11 @@ class _Fit:
         self._raw.values[:] = values / self._rates
 
     def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
-        """Measures, for each Gaussian, how visible it is, and how wrong the pictures are where it is visible.
+        """Measures how visible each Gaussian is, and the errors of the pictures in the pixels that the Gaussian covers.
 
         Returns:
-            Sum of the blending weights of each Gaussian over pixels; and this sum weighted by the pixels' squared
-            errors.
+            For each Gaussian, the sum of its blending weights over the pixels of the pictures; and the sum of its
+            blending weights times the squared errors of these pixels.
         """
         now = self._current_gaussians()[1]
         shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)

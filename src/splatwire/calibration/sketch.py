@@ -113,7 +113,7 @@ class Sketch(Protocol):
         """Conceals losses as a receiver with this sketch does: enlarges the drawn elements around missing ones.
 
         Args:
-            around: Result of the method `around`.
+            around: The received scene after coarse copies replaced lost elements, as the method `around` returns it.
 
         Returns:
             The scene with coarse copies in place of lost elements, and the factors that enlarge drawn elements.
@@ -173,7 +173,7 @@ class _Scores:
         """Chooses the parameters for enlarging received elements that give the highest PSNR under simulated losses.
 
         Args:
-            sketch: Sketch with the coarse copies, and any parameters.
+            sketch: Sketch with the coarse copies; its own enlargement parameters are not used.
             show: Called with the name of the current task and its completed share, 0 to 1.
         """
         # The parameters with the highest PSNR after simulated packet losses are chosen: first the strength of

@@ -41,8 +41,8 @@ class AnchorSketch:
         copies: The coarse copies, and the parameters with which a receiver enlarges anchors next to lost ones.
         buckets: Size class of each anchor, 0 for the largest, int64 (N); context of the entropy coder.
         growths: Exponents of the enlargement that the calibration tries, the default first.
-        trusts: Weights of the neural network that corrects the enlargement, 0 to 1; the calibration tries each, the
-            default first.
+        trusts: Factors, 0 to 1, on the correction of the enlargement by a neural network. The calibration tries each,
+            the default first.
     """
 
     copies: SketchSection
@@ -124,7 +124,7 @@ class AnchorSketch:
         An anchor is drawn if it was received, or if a coarse copy replaces it.
 
         Args:
-            around: Result of the method `around`.
+            around: The received scene after coarse copies replaced lost anchors, as the method `around` returns it.
 
         Returns:
             The scene with coarse copies in place of lost anchors, and the factors that enlarge drawn anchors.

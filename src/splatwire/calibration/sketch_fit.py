@@ -37,9 +37,11 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        crowding: Factor on the estimated cost of losing an anchor; a smaller factor gives fewer copies.
+        crowding: Factor on the estimated cost of losing an anchor when the anchors to copy are chosen; a smaller factor
+            gives fewer copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
-        max_excess: Upper limit of the enlargement (`Grow.max_excess`).
+        max_excess: Upper limit on the enlargement of received anchors next to lost ones, as a multiple of the
+            enlargement for the average loss of the scene (`Grow.max_excess`).
         trust: Weight of the neural network that corrects the enlargement, 0 (no correction) to 1 (`SceneFree.trust`).
     """
 
@@ -94,7 +96,7 @@ class SketchMaterial:
 
         Args:
             count: Number of anchors to copy.
-            options: Settings for the choice.
+            options: Settings for choosing the anchors that get a copy.
         """
         # An anchor is copied if the error caused by its loss exceeds the price times the bits of its copy.
         ranked = np.sort(self.removal)[::-1]
@@ -145,13 +147,13 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets to store in coarse copies, relative to where a receiver draws the lost anchor.
+    """Returns the offsets to store in coarse copies, relative to the position at which a receiver draws a lost anchor.
 
     Args:
         complete: The complete scene.
 
     Returns:
-        Offsets of all N anchors in units of their first three scalings, float64 (N, 3 K).
+        Offsets of all N anchors, float64 (N, 3 K), divided by the first three scalings of their anchor.
     """
     # In streams whose packets contain the exact positions of anchors, a receiver draws the copy of a lost anchor at
     # a predicted position (`ExpectedPlaces`). The offsets are then relative to this position.
@@ -263,9 +265,7 @@ class _Plan:
         return _Plan(mask, values, offsets * np.repeat(mask, 3, axis=1), error)
 
     def bits(self, members: np.ndarray) -> np.ndarray:
-        """Estimates the size of each candidate's copy at this precision level in bits, float64 (M).
-
-        The estimate is the entropy, given how often each value occurs in the copies `members`.
+        """Estimates the size of each candidate's copy in bits at the precision level of this plan, float64 (M).
 
         Args:
             members: Mask of the copies that provide the counts of values, bool (M).

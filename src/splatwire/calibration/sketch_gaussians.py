@@ -133,10 +133,11 @@ class GaussianSketch:
         """Conceals losses as a receiver with this sketch does: enlarges Gaussians to cover missing ones.
 
         Args:
-            around: Result of the method `around`.
+            around: The received scene after coarse copies replaced lost Gaussians, and the inputs for computing the
+                enlargement, as the method `around` returns them.
 
         Returns:
-            The scene with coarse copies, and the enlargement.
+            The scene with coarse copies in place of lost Gaussians, and the factors that enlarge drawn Gaussians.
         """
         filled, inputs = around
         size, opacity, trust = self.growth
@@ -144,10 +145,10 @@ class GaussianSketch:
 
 
 def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
-    """Returns the largest number of copies, approximately, that fit into a limit in bytes.
+    """Returns approximately the largest number of copies whose encoded size does not exceed a limit.
 
     Args:
-        size: Function that returns the encoded bytes of a number of copies.
+        size: Function that returns the encoded size in bytes of a given number of copies.
         most: Maximum number of copies.
         limit: Maximum size in bytes.
 

@@ -62,7 +62,7 @@ class NoLoss(CheckedFields):
         return "none"
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Returns a mask of n times True, bool, shape (n,)."""
+        """Returns a mask of received packets in which all n entries are True, bool, shape (n,)."""
         return np.ones(n, bool)
 
 

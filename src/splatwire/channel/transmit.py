@@ -95,9 +95,10 @@ class PacketLossMask(CheckedFields):
 def transmit(
     stream: SceneStream, loss: LossModel | str, *, seed: int = 0, send_order: str = "interleaved"
 ) -> tuple[SceneStream, TransmitRecord]:
-    """Simulates sending a stream over a lossy channel; side information and manifest always arrive (paper 3.2.2).
+    """Simulates sending a stream over a lossy channel; side information and manifest always arrive.
 
-    In a sequence (dynamic scene), lost packets that later groups of pictures also need are retransmitted.
+    This follows Section 3.2.2 of the paper that this project implements. In a sequence (dynamic scene), lost packets
+    that later groups of pictures also need are retransmitted.
 
     Args:
         stream: Stream to send.

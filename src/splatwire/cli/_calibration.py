@@ -41,7 +41,7 @@ def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
     """Returns the views in which a calibration compares pictures, and their description for messages.
 
     Args:
-        look: The options about reference pictures.
+        look: Command-line options that select the reference pictures.
         scene: The complete scene.
     """
     behind = _behind(look, scene)
@@ -56,10 +56,10 @@ def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
 
 
 def photos_of(look: LookFrom, split: str, scene: Scene) -> CalibrationViews | None:
-    """Returns the photos of the dataset `--data` with their cameras; None without this option.
+    """Returns the photos of a dataset with their cameras; None if no dataset was given with the option `--data`.
 
     Args:
-        look: The options about reference pictures.
+        look: Command-line options that select the reference pictures.
         split: `train` or `test`.
         scene: The scene; the cameras become relative to its origin.
     """

@@ -28,7 +28,7 @@ __all__ = [
 
 
 def cameras_of(command: Encode, scene: Scene) -> Cameras:
-    """Returns the cameras of `--cameras` or `--data` relative to the scene's origin."""
+    """Returns the cameras given on the command line, by a file or by a dataset, relative to the scene's origin."""
     if command.cameras is not None:
         return load_cameras(command.cameras).relative_to(origin_of(scene))
     assert command.data is not None

@@ -155,10 +155,10 @@ def check_folder(path: Path) -> None:
 
 
 def check_output(verb: Any) -> None:
-    """Checks, before the work, that the output of a subcommand can be written.
+    """Checks that the output of a subcommand can be written, before the subcommand starts its work.
 
     Args:
-        verb: Options of the subcommand.
+        verb: The subcommand, with its options as attributes; `output` is the path to check.
 
     Raises:
         InvalidValueError: If the output cannot be written.

@@ -1,6 +1,7 @@
-"""QUIC servers and clients with the options of the command line: certificates, page, trust.
+"""Starts QUIC servers and clients with the options of the command line.
 
-Needs the package `aioquic`.
+The options select the server's certificate, the web page that the server offers, and the certificates that a client
+trusts. Needs the package `aioquic`.
 """
 
 import contextlib
@@ -28,7 +29,18 @@ async def open_server(
     stack: contextlib.AsyncExitStack, origins: tuple[str, ...], live: str | None, public: str | None,
     access: Access | None,
 ) -> RunningServer:  # fmt: skip
-    """Starts a server over QUIC."""
+    """Starts a server over QUIC with the options of the command line.
+
+    Args:
+        streams: The streams to serve, by name.
+        listening: Options for address, port, certificate and web page.
+        limits: Limits of the server on its clients.
+        stack: Exit stack that closes the server.
+        origins: Web origins whose pages may connect.
+        live: Name of the live stream that the web page shows; None to show the streams of the server.
+        public: Web origin by which visitors reach the page through a proxy; None without a proxy.
+        access: Rules for access to private scenes; None if all are public.
+    """
     page = None
     if listening.page is not None:
         page = Page(listening.page, public, listening.certificate is None, live, parse_networks(listening.proxy))
@@ -46,7 +58,10 @@ async def open_server(
 
 
 def identity(listening: Listening) -> "Callable[[], Identity]":
-    """Returns the function that gives the certificate and key of a QUIC server.
+    """Returns a function that returns the certificate and the key of a QUIC server.
+
+    Args:
+        listening: Command-line options of the server, with the files of certificate and key.
 
     Raises:
         InvalidValueError: If only one of certificate and key is given, or their files are invalid.

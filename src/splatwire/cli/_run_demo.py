@@ -56,7 +56,7 @@ def run(options: Demo) -> None:
 
 @contextmanager
 def _explicit(options: Demo) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Context that evaluates the bundled file of explicit Gaussians in a separate process.
+    """Context manager that evaluates the bundled file of explicit Gaussians in a separate process.
 
     Yields:
         Function that waits for the end of the evaluation and returns its result.

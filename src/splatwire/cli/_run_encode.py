@@ -215,7 +215,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
 
 
 def _optional_steps() -> ModuleType:
-    """Imports the module with the optional steps of encoding."""
+    """Imports the module of encoding steps that only some options need, such as pruning."""
     # Deferred, because the libraries of this module take a second to load.
     from splatwire.cli import _encode_extras
 
@@ -276,7 +276,11 @@ def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
 
 
 def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray | None:
-    """Returns the importance tier of each element, by the area that it covers in views; None for a single tier."""
+    """Returns the importance tier of each element; None for a single tier.
+
+    Elements that cover a larger area in the views of the cameras are more important. Without cameras, views from a
+    sphere around the scene are used.
+    """
     if not command.tiers:
         return None
 

@@ -136,7 +136,7 @@ def _check(command: Evaluate) -> Link | None:
 
 
 def _link(command: Evaluate) -> Link | None:
-    """Returns the simulated network link of `--path`; None without a path."""
+    """Returns the simulated network link for a walk along a camera path (option `--path`); None without a path."""
     if command.path is None:
         refuse_options(command, _ONLY_WITH_PATH, "is for a walk through a scene with levels: give --path CAMERAS")
         return None

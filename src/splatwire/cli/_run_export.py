@@ -73,7 +73,7 @@ def run(options: Export) -> None:
 
 
 def _check(options: Export) -> None:
-    """Checks the options, before files are read."""
+    """Checks the options of the subcommand `export` before it reads any file."""
     if str(options.output) == "-":
         raise InvalidValueError("an export is read back to be measured: give -o a file")
     prepared_output(options.output, suffix=Path(f"x{_format(options).suffix}").suffix)
@@ -95,7 +95,7 @@ def _check(options: Export) -> None:
 
 
 def _limited(options: Export, splats: Splats, degree: int) -> Splats:
-    """Returns the Gaussians without harmonics above a degree; for `.splat`, unchanged."""
+    """Removes harmonics above a degree from Gaussians; returns them unchanged if the output format is `.splat`."""
     # For `.splat`, they are returned unchanged, because its writer drops harmonics and reports that itself.
     return splats if options.kind == "splat" else splats.at_most_degree(degree)
 

@@ -274,7 +274,7 @@ async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> Non
 
 
 def program_of(stream: SceneStream, protection: Protection) -> ServedStream:
-    """Prepares a stream for sending, with redundancy and the preview of the scene.
+    """Converts a stream to a served stream: adds redundancy against losses, and the preview of the scene.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or its packets do not fit into datagrams.

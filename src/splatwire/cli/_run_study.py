@@ -64,7 +64,7 @@ def _run_sizes(command: StudyCommand, study: Study, store: Store) -> None:
 
 
 def study_of(command: StudyCommand) -> Study:
-    """Returns the evaluation defined by the protocol file, with the changes of the options applied."""
+    """Returns the evaluation that the protocol file defines, changed as the command-line options state."""
     study = load_study(command.protocol, replaced=_replaced_scene(command))
     return dataclasses.replace(
         study,

@@ -17,7 +17,7 @@ def chosen_background(option: BackgroundOption) -> Background | None:
 
 
 def chosen_outliers(option: OutliersOption, name: str) -> Outliers:
-    """Returns the treatment of outliers for a file format; the default if the option is not set.
+    """Returns the treatment of outliers for a file format; the default treatment if the option is not set.
 
     Args:
         option: Value of the option.

@@ -62,7 +62,7 @@ class ServedTraining:
 
     @contextmanager
     def _reported(self) -> Iterator[None]:
-        """Context that prints a warning instead of raising an error."""
+        """Context manager that suppresses errors of the code within it, and prints them as warnings."""
         # A warning that repeats itself is printed once. Hours of training must not be lost to an unexpected error, such
         # as a lack of memory in the encoder, which `push` raises, too.
         try:
@@ -109,6 +109,12 @@ def served_training(command: Train) -> Iterator[ServedTraining]:
 
 
 def _connectable(host: str) -> str:
-    """Returns the host for the URL of a server that listens on an address of this machine."""
+    """Returns the host with which a client on this machine can connect to a server, for a URL.
+
+    An address that stands for all interfaces becomes the loopback address. IPv6 addresses are put in brackets.
+
+    Args:
+        host: Address on which the server listens.
+    """
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"[{host}]" if ":" in host else host

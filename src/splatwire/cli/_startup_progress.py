@@ -39,7 +39,7 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Reports the compilation of kernels on standard error."""
+        """Prints to standard error that kernels are being compiled, and how many are done."""
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return

@@ -215,7 +215,7 @@ def line(now: Progress) -> str:
     """Formats the progress of a training as one line of text.
 
     Args:
-        now: Progress after the last completed iteration.
+        now: State of the training after the last completed iteration.
     """
     size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
     speed = "" if now.iterations_per_second is None else f", {now.iterations_per_second:.1f} it/s"

@@ -10,7 +10,7 @@ from splatwire.cli._options import JsonFlag
 
 @dataclass(frozen=True)
 class Apply:
-    """Apply an update to the stream that it changes; the result has the bytes of the changed stream.
+    """Apply an update to a stream; the result is identical, byte by byte, to the new version of the stream.
 
     An update is the difference between two versions of a stream. It saves the transfer of the whole new version.
     """

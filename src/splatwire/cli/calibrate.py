@@ -11,7 +11,7 @@ from splatwire.cli._options import BackgroundOption, JsonFlag
 
 @dataclass(frozen=True)
 class LookFrom:
-    """Reference pictures for calibration. Default: pictures of the complete scene from views around it."""
+    """Reference pictures for calibration; by default, renderings of the complete scene in views around it."""
 
     data: Path | None = None
     """Photos with poses; the training views are used."""

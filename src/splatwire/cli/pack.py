@@ -12,8 +12,8 @@ from splatwire.cli._options import JsonFlag
 class Pack:
     """Write one HTML file that shows streams in a browser; it needs nothing else, not even a network.
 
-    If the name of the output ends in .glb, write one glTF file instead. It contains the stream of explicit Gaussians,
-    and a few thousand Gaussians for programs that cannot read streams (the draft EXT_splatwire).
+    If the name of the output ends in .glb, write one glTF file instead. It contains the stream of explicit Gaussians
+    (draft extension EXT_splatwire), and a few thousand Gaussians for programs that cannot read streams.
     """
 
     sources: tyro.conf.Positional[tuple[str, ...]]

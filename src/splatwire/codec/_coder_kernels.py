@@ -49,8 +49,8 @@ DECODING, ENCODING = np.bool_(True), np.bool_(False)
 class Coder(NamedTuple):
     """State of the entropy coder of one packet, and the probability tables of its stream.
 
-    The context of a prediction residual has three indices: kind of value (`stream`), difference between the neighbours
-    (`spread`), and quantisation step or preceding residuals (`second`).
+    The context of a prediction residual is a combination of three indices: kind of value (`stream`), difference between
+    the neighbours (`spread`), and quantisation step or preceding residuals (`second`).
 
     Attributes:
         decoding: True when decoding, False when encoding.
@@ -59,13 +59,14 @@ class Coder(NamedTuple):
         state: int64 (3), state of the range coder.
         models: int64 (contexts, 2), adaptive models of this packet.
         bits: int64 (contexts, 2), number of zeros and ones coded per context.
-        scales: uint16 (streams * spreads * seconds), index of the distribution of each context.
+        scales: uint16, one entry per context (combination of `stream`, `spread` and `second`): index of its
+            distribution.
         windows: int64 (scales, 6), range of residuals of each distribution, and its place in the tables `bounds` and
             `guesses`.
         bounds: int32, starts of the probability intervals.
         guesses: uint16, index in `bounds` at which a decoder starts its search.
-        residuals: int64 (streams, spreads, seconds, 2), number of residuals and sum of their magnitudes in each
-            context.
+        residuals: int64, by `stream`, `spread` and `second`: number of residuals in the context, and sum of their
+            magnitudes (last axis).
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
         normal: Table of the normal cumulative distribution function.
@@ -167,13 +168,14 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
 
     Args:
         coder: Entropy coder.
-        stream: First index of the context: kind of value.
-        spread: Second index of the context: difference between the neighbours.
-        second: Third index of the context: quantisation step or preceding residuals.
+        stream: Kind of value, part of the context.
+        spread: Difference between the neighbours, part of the context.
+        second: Quantisation step or preceding residuals, part of the context.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
-        absolute: True to quantise the value itself; False (stream version 2) to quantise its difference from `mean`.
+        absolute: True to quantise the value itself. False to quantise its difference from `mean`, as in version 2 of
+            the format.
 
     Returns:
         The decoded value, and its residual in steps.
@@ -197,9 +199,9 @@ def _code_steps(coder, stream, spread, second, q, eighths):
 
     Args:
         coder: Entropy coder.
-        stream: First index of the context: kind of value.
-        spread: Second index of the context: difference between the neighbours.
-        second: Third index of the context: quantisation step or preceding residuals.
+        stream: Kind of value, part of the context.
+        spread: Difference between the neighbours, part of the context.
+        second: Quantisation step or preceding residuals, part of the context.
         q: The residual; only used by an encoder.
         eighths: Mean of the distribution, in eighths of a step, -4 to 3.
 
@@ -246,7 +248,7 @@ def _decode_outside(words, state, half):
     Args:
         words: The bytes of the packet, from `words_of`.
         state: State of the range decoder, changed in place.
-        half: Largest magnitude of a residual in the probability tables.
+        half: Largest magnitude in the probability tables: they contain the residuals from `-half` to `half`.
 
     Returns:
         The residual in quantisation steps.
@@ -261,14 +263,14 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, place, start, after, target, eighths):
-    """Decodes a residual whose probability interval starts between two tabulated interval starts.
+    """Decodes a residual of a wide distribution, of which the tables contain only some starts of probability intervals.
 
     Args:
         coder: Entropy coder.
         scale: Index of the probability distribution.
-        place: Index of the last table entry whose interval start is at most `target`.
-        start: Interval start in this table entry.
-        after: Interval start in the next table entry.
+        place: Index of the last tabulated start that is at most `target`.
+        start: This tabulated start.
+        after: The next tabulated start.
         target: Value read by the range decoder, from `start` to `after` (exclusive).
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
@@ -313,7 +315,7 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual with a probability interval whose start is not tabulated.
+    """Encodes a residual that the probability tables omit; its probability interval is computed from the distribution.
 
     Args:
         coder: Entropy coder.

@@ -64,7 +64,7 @@ def split(codes, begin, end, bit):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
-    """Encodes how many points of a tree node have a zero in `bit` of their Morton code.
+    """Encodes the number of points of a tree node that have a 0 in `bit` of their Morton code.
 
     Args:
         buffer: Output bytes.
@@ -73,7 +73,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         n: Number of points of the node.
         zeros: The number to encode, 0 to `n`.
         bit: Index of the bit.
-        run: Number of consecutive zeros just above `bit` in the codes, which is part of the context.
+        run: Number of bits directly above `bit` that are 0 in the codes of the node, part of the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
@@ -103,7 +103,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes a number of points written by `encode_count`.
+    """Decodes the number of points of a tree node that have a 0 in `bit` of their Morton code (see `encode_count`).
 
     Args:
         data: Input bytes.
@@ -112,7 +112,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
         bit: Index of the bit.
-        run: Number of consecutive zeros just above `bit` in the codes, which is part of the context.
+        run: Number of bits directly above `bit` that are 0 in the codes of the node, part of the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
@@ -148,7 +148,8 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
         bits: Number of bits of a code.
         models: Adaptive bit models, changed in place.
         inverses: Reciprocal of each standard deviation in the coder's table of normal distributions.
-        widths: Largest distance from the mean without an escape code, for each standard deviation in this table.
+        widths: Largest distance from the mean that is coded without an escape code, for each standard deviation in this
+            table.
         table: Standard normal CDF, from `normal_table`.
         buffer: Output bytes.
 

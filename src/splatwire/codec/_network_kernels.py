@@ -63,7 +63,7 @@ def finish_output(sums, bias, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
-    """Converts outputs of a network to inputs of another one, which have fewer fractional bits.
+    """Converts outputs of one network to inputs of another network; inputs have fewer fractional bits than outputs.
 
     Args:
         outputs: Outputs of the first network, (N, outputs).

@@ -49,9 +49,10 @@ def residual_windows(scales, inverses, widths, normal):
 
     Returns:
         Four tables. First: the argument `scales`, uint16 (contexts). Second: a row for each standard deviation, int64
-        (standard deviations, 6). Its columns `HALF` to `GUESS_BITS` state the largest residual, and start and length in
-        the other two tables. Third: starts of the probability intervals of residuals, in units of 2**-`TOTAL_BITS`,
-        int32. Fourth: first interval that a decoder tries, given the highest bits of a code value, uint16.
+        (standard deviations, 6), with the largest tabulated residual and the row's ranges in the last two tables; this
+        module's constants `HALF` to `GUESS_BITS` are the indices of its columns. Third: starts of the probability
+        intervals of residuals, in units of 2**-`TOTAL_BITS`, int32. Fourth: first interval that a decoder tries, given
+        the highest bits of a code value, uint16.
     """
     # The tables are accessed at random. They are small enough for the processor's caches.
     windows = np.zeros((NUM_SCALES, 6), np.int64)

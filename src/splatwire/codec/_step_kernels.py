@@ -33,11 +33,11 @@ def step_exponent(bases, which, level, area, long, thin, opacity):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def step_shift(bases, which, level, area, long, thin, opacity, most):
-    """Computes the quantisation step of one attribute of a Gaussian, which depends on its size, shape and opacity.
+    """Returns log2 of the quantisation step of one attribute of a Gaussian; it depends on size, shape and opacity.
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        which: Index of the attribute in `gaussians.layout.STEPS`.
+        which: The attribute, as an index into `gaussians.layout.STEPS`.
         level: Precision class of the Gaussian, 0 for the coarsest; each class has half the quantisation steps of the
             preceding class.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
@@ -55,13 +55,13 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def position_shift(bases, level, s0, long, thin, opacity, unit, most):
-    """Computes the quantisation step of a Gaussian's position, which depends on its size, shape and precision class.
+    """Returns log2 of the quantisation step of a Gaussian's position, which depends on size, shape and precision class.
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
         level: Precision class of the Gaussian, 0 for the coarsest; each class has half the quantisation steps of the
             preceding class.
-        s0: log2 of the largest scale, `BITS` fractional bits.
+        s0: log2 of the largest of the three scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.

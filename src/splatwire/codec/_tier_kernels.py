@@ -23,7 +23,8 @@ def tier_context(tier, count, recent):
 
     Args:
         tier: Index of the tier, 0 for the most important.
-        count: Share of preceding anchors in this or a more important tier, weighted towards recent ones, out of 2**16.
+        count: Share of the preceding anchors in this tier or a more important one, as a fraction of 2**16; recent
+            anchors have larger weights.
         recent: Two bits, 0 to 3: for each of the last two anchors, 1 if it was in this or a more important tier.
     """
     # Contexts distinguish small shares finely.
@@ -37,13 +38,13 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Adds an anchor to the running statistics of an importance tier, which select the contexts of later anchors.
+    """Updates the statistics of an importance tier after an anchor. The contexts of later anchors depend on them.
 
     Args:
-        counts: For each tier, weighted share of the anchors so far that are in this tier or in a more important one,
-            out of 2**16; changed in place.
-        recents: For each tier, two bits, one for each of the last two anchors: 1 if the anchor is in this tier or in a
-            more important one. Changed in place.
+        counts: For each tier, share of the preceding anchors in this tier or a more important one, as a fraction of
+            2**16; recent anchors have larger weights. Changed in place.
+        recents: For each tier, two bits for the last two anchors. A bit is 1 if its anchor is in this tier or a more
+            important one. Changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """

@@ -24,7 +24,7 @@ def decode_stream(
     """Decodes the received packets of a stream.
 
     Args:
-        stream: The stream; packets may be missing, side information may not.
+        stream: The stream. Packets may be missing; the side information must be present.
         threads: Number of threads, which does not affect the result; None for one per processor.
         progress: Called with the completed fraction of the work, 0 to 1.
 

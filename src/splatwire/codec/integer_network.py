@@ -51,8 +51,8 @@ class IntegerMlp:
         """Computes the contribution of some inputs to the first layer of the network.
 
         Args:
-            inputs: Values of these inputs, (N, columns), whole numbers in float64.
-            columns: Range of these inputs among all inputs of the network.
+            inputs: Values of n inputs of the network, (N, n), whole numbers in float64.
+            columns: Range of these n inputs among all inputs of the network.
 
         Returns:
             Partial sums (N, hidden), whole numbers in float64.

@@ -77,7 +77,7 @@ class PreviewFrame:
 
     @staticmethod
     def fitting(middle: Sequence[float], spread: float, low: Sequence[float], high: Sequence[float]) -> "PreviewFrame":
-        """Creates a frame from the ranges of the values to quantise.
+        """Creates the quantisation parameters of a preview (`PreviewFrame`) from the ranges of the values to quantise.
 
         Args:
             middle: Centre of the scene, world units.

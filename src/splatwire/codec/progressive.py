@@ -69,7 +69,9 @@ class ProgressiveDecoder(Arrivals):
 
     @property
     def partial(self) -> ReceivedScene:
-        """The scene in its current state; later packets are decoded into the same arrays (see `lock`).
+        """The scene in its current state. Later packets are decoded into the same arrays.
+
+        Hold `lock` while reading several elements.
 
         Raises:
             BitstreamError: If a scene of all elements exceeds the memory limit (`splatwire.codec.memory`).

@@ -95,7 +95,8 @@ def _load_codec(stream: StreamSchema) -> Schema:
     """Imports the codec of a kind of stream: its encoder and decoder in addition to the properties of the streams.
 
     Args:
-        stream: Properties of the streams, with the place of the codec; returned unchanged if it is a codec already.
+        stream: Properties of the streams, with the module and name of the codec. A complete codec (`Schema`) is
+            returned unchanged.
     """
     # Stream readers register only the properties of streams, to avoid importing the codec.
     if isinstance(stream, Schema):

@@ -167,10 +167,10 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
-    """Creates the definition of a codec (`Schema`) from properties of its streams, an encoder, a decoder and so on.
+    """Creates the definition of a codec (`Schema`): adds encoder, decoder and other parts to the properties of streams.
 
     Args:
-        stream: Properties of the streams, such as name and format version.
+        stream: Properties of the codec's streams, such as name and format version.
         **codec: The other attributes of `Schema` as keyword arguments, such as the encoder and the decoder.
     """
     return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)

@@ -115,8 +115,10 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Chooses the standard deviations with which the entries of a matrix are entropy-coded.
 
+    A standard deviation is given by its index in the coder's table: an index for the row, plus a number for the column.
+
     Returns:
-        For each row, the index of a standard deviation in the coder's table; for each column, a number to add to it.
+        The index for each row, and the number for each column, int64.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

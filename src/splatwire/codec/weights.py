@@ -57,7 +57,7 @@ class QuantisedLinear:
         return IntegerLinear(weight, bias)
 
     def dequantised(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the weights (out, in) and the bias (out) as float32, without rounding."""
+        """Returns the weights (out, in) and the bias (out) as float32. The conversion is exact."""
         weight = self.symbols.astype(np.float64) * (self.row_steps[:, None] << self.column_shifts[None, :])
         return (weight * 2.0**-WEIGHT_EXPONENT).astype(np.float32), (self.bias * 2.0**-BIAS_BITS).astype(np.float32)
 
@@ -120,7 +120,7 @@ def exact_mlp(
         leaky: True for a leaky ReLU with slope 0.01 below zero, False for a ReLU.
 
     Returns:
-        The network with exactly these numbers; None if the format cannot represent them.
+        The quantised network; None if quantised integers cannot represent the given numbers exactly.
     """
     first, second = exact_linear(*hidden), exact_linear(*output)
     return None if first is None or second is None else QuantisedMlp(first, second, leaky)

@@ -17,8 +17,8 @@ class Concealed(RenderHints):
     Attributes:
         elements: All Gaussians or anchors of the scene, with estimates for lost values. None to use the values that the
             side information predicts.
-        shows: True if the concealer draws elements that are hidden in the lossless scene, e.g. those of a coarser level
-            of detail in place of lost elements.
+        shows: True if the concealer also draws elements that are not drawn in the lossless scene, e.g. those of a
+            coarser level of detail in place of lost elements.
     """
 
     elements: Any = None

@@ -37,8 +37,8 @@ class Coarse:
 
     Attributes:
         exponent: Exponent of the factor by which received Gaussians are enlarged (`Grow.exponent`).
-        trust: Limit of the factor on the opacity of merged Gaussians: the factor is at most 1 and at most `trust` times
-            the share of all Gaussians of the finest level that was lost.
+        trust: Factor on the opacity of merged Gaussians. It is multiplied by the lost share of all Gaussians of the
+            finest level; the product is limited to 1.
     """
 
     exponent: float = 0.35
@@ -95,7 +95,7 @@ def _coarse_opacities(
         fine: Indices of the received Gaussians of the finest level.
         coarse: Indices of the Gaussians of the next coarser level.
         copied: Mask of the coarser Gaussians that are exact copies of a finer one, bool (C).
-        trust: Factor on the results for merged Gaussians, 0 to 1.
+        trust: Further factor, 0 to 1, on the opacity factors of merged Gaussians; below 1, these cover the gaps less.
     """
     # a copy is drawn unless its original arrived; a merged Gaussian gets the share of its area that is not covered
     covers = _coverage(splats)

@@ -90,8 +90,8 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Typical size of an anchor in the importance tier of each anchor, a weight in the scene's
-                received share; None for equal weights.
+            tier_sizes: Weight of each anchor when the received share of the whole scene is computed: the typical size
+                of the anchors in its importance tier. None for equal weights.
         """
         return self.limited(received, known, tier_sizes) ** -self.exponent
 
@@ -108,8 +108,8 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Typical size of an anchor in the importance tier of each anchor, a weight in the scene's
-                received share; None for equal weights.
+            tier_sizes: Weight of each anchor when the received share of the whole scene is computed: the typical size
+                of the anchors in its importance tier. None for equal weights.
 
         Returns:
             The shares `received`, with a lower bound.
@@ -183,11 +183,11 @@ def _neighbors_of(
 def lost_share_among(
     neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "M"]:
-    """Returns the lost share among given neighbours of M anchors, by weight, 0 to 1.
+    """Returns, for each of M anchors, the weight of its lost neighbours divided by the weight of all its neighbours.
 
     Args:
-        neighbors: Indices of the neighbours of each anchor, at least one each.
-        lost: Weight of each anchor of the scene if it was lost; 0 if it was received.
-        weights: Weight of each anchor of the scene.
+        neighbors: Indices of the neighbours of each of the M anchors, at least one each.
+        lost: For each of the scene's N anchors, its weight if it was lost, and 0 if it was received.
+        weights: Weight of each of the scene's N anchors.
     """
     return lost[neighbors].sum(axis=1) / weights[neighbors].sum(axis=1)

@@ -141,7 +141,7 @@ def is_file(path: Path, source: Path) -> bool:
 
     Args:
         path: The path, as named by the dataset.
-        source: Source file, for messages.
+        source: File or folder of the dataset that refers to the path, for error messages.
 
     Raises:
         DatasetError: If the path is not a valid file name, or its folder cannot be read.

@@ -108,7 +108,7 @@ def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
-    """True if the vertical angle of view was probably computed for the shape of Blender's sensor, not of the picture.
+    """True if the vertical angle of view is probably that of Blender's sensor, whose shape differs from the picture's.
 
     Args:
         values: Fields of the camera; angles in radians.

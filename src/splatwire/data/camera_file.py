@@ -203,11 +203,12 @@ def _check_statements(
 
 
 def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
-    """Logs a warning if a field names camera axes other than OpenCV's, or poses other than world-to-camera matrices.
+    """Logs a warning if the file states other axes than OpenCV's, or poses other than world-to-camera matrices.
 
     Args:
         path: The camera file, for messages.
-        holders: Mappings from names to values of the fields: the file's and each view's.
+        holders: The fields of the camera file itself, and the fields of each of its views, as mappings from names to
+            values.
     """
     stated = [(key, value) for holder in holders for key, value in holder.items() if states_axes(key, value)]
     for key, value in dict.fromkeys(stated):

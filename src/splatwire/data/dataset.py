@@ -116,7 +116,8 @@ def open_dataset(
     Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`. Blender: `transforms_train.json` and
     `transforms_test.json`. nerfstudio: one `transforms.json`, optionally with masks, points and splits.
 
-    Lens distortion is removed, and photos are rotated by their EXIF orientation if their cameras require it.
+    Lens distortion is removed. Photos are rotated by their EXIF orientation if the cameras have the aspect ratio of the
+    rotated photos.
 
     Args:
         path: The folder.

@@ -25,7 +25,9 @@ def compare_export(
         progress: Called with the name of the task and its finished share, 0 to 1.
 
     Returns:
-        Mean PSNR over the views in decibels, by name: between both images and, with photos, against the photos.
+        Number of views, `num_views`, and mean PSNR over the views in decibels. `psnr_to_scene` is that of the export
+        against the original scene. With photos, `psnr_scene` and `psnr_export` are those against the photos, and
+        `psnr_loss` is their difference.
     """
     background = np.array(scene.background)
     rows = []

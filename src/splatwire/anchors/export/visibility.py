@@ -26,7 +26,7 @@ class VisibleAreas:
 
     Args:
         num_views: Number of views, C.
-        num_slots: Number of Gaussians, S.
+        num_slots: Number of Gaussians that the scene can draw, S (see `Slots`).
     """
 
     def __init__(self, num_views: int, num_slots: int) -> None:
@@ -64,7 +64,7 @@ def visible_areas(
 
     Args:
         scene: The scene.
-        slots: Gaussians to measure: all that the anchors of the scene can draw.
+        slots: The Gaussians to measure, from all anchors of the scene.
         cameras: Views in which areas are measured.
         find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         progress: Called with the completed fraction of the views, 0 to 1.

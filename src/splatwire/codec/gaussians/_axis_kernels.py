@@ -104,7 +104,7 @@ def _quotient(number, divisor):
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
     """Encodes or decodes one principal axis of a Gaussian (primary axis), predicted from the axes of its neighbours.
 
-    It is the axis of the largest or the smallest scale. The rotation about this axis is coded separately.
+    The primary axis is the axis of the largest or of the smallest scale. The rotation about it is coded separately.
 
     Args:
         coder: Entropy coder.
@@ -115,8 +115,8 @@ def code_axis(coder, row, primary, source, shift, near, count, running, axis, ot
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
         count: Number of neighbours.
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
-        axis: Working array, int64 (3).
-        other: Working array, int64 (3).
+        axis: Working array for the predicted axis, int64 (3).
+        other: Working array for the quantised axis, int64 (3).
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
 
     Returns:

@@ -148,7 +148,15 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest neighbours of Gaussian `i`; version for coordinates of any size."""
+    """Finds the nearest preceding Gaussians of Gaussian `i`, without a limit on the size of coordinates.
+
+    Args:
+        near: Working arrays of the packet (`Near`); indices and weights of the neighbours are written.
+        i: Index of the Gaussian in the packet.
+
+    Returns:
+        Number of neighbours found.
+    """
     cells, neighbours, far = near.cells, near.indices, near.weights
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
@@ -173,13 +181,16 @@ def _find_wide(near, i):
 def predict(near, count, defaults):
     """Predicts the attributes of a Gaussian as weighted means over its neighbours.
 
+    The means, and the mean deviations of the neighbours from them, are written to `near`.
+
     Args:
-        near: Working arrays of the packet (`Near`); means and deviations over the neighbours are written.
+        near: Working arrays of the packet (`Near`).
         count: Number of neighbours.
         defaults: Mean opacity, scales and colour of the block, int64 (7), used if there are no neighbours.
 
     Returns:
-        Context of the entropy coder for the Gaussian's precision class.
+        Context of the entropy coder for the Gaussian's precision class: 0 without neighbours, otherwise 1 plus the mean
+        class of the neighbours.
     """
     indices, weights, values, means, deviations = near.indices, near.weights, near.values, near.means, near.deviations
     if count == 0:
@@ -240,11 +251,11 @@ def remember(near, row, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def deviation_context(count, deviation, shift):
-    """Returns the entropy coder's context for a residual, given how much the neighbours differ.
+    """Returns the entropy coder's context for a residual, from the neighbours' deviation in quantisation steps.
 
     Args:
         count: Number of neighbours.
-        deviation: Mean deviation of the neighbours from the prediction.
+        deviation: Mean distance of the neighbours' values from the prediction.
         shift: log2 of the quantisation step.
     """
     if count < 3:

@@ -127,7 +127,8 @@ def _code_position(coder, row, cell, place, cells_at, shift, absolute):
         place: Position relative to the corner of the block's bounding box, as integers; only used by an encoder.
         cells_at: log2 of the side of a grid cell, in the units of `place`.
         shift: log2 of the quantisation step, in the units of `place`.
-        absolute: False for streams of version 2, which round positions differently.
+        absolute: True if a quantisation step may be larger than a grid cell; False for streams of version 2, where it
+            is at most a cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
     low = min(cells_at, shift)
@@ -296,7 +297,7 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
         sizes: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
-        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        harmonics: Output: decoded spherical harmonics, int32 (n, 3 K), for K harmonics of three colour components.
         ends: Output: end of each payload in the buffer, int64 (packets).
     """
     begin, at = 0, 0

@@ -34,16 +34,16 @@ def convert(
 
     Args:
         rows: Decoded integers, int64 (n, columns).
-        places: Index in the outputs of each of the n Gaussians, int64 (n).
+        places: For each of the n Gaussians, its index in the output arrays, int64 (n).
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
         powers: Table of powers of two, from `exponentials`.
-        colours: Orthonormal matrix from RGB to Y Co Cg; every entry is divided by the value of the harmonic of degree
-            0. float64 (3, 3).
+        colours: Orthonormal matrix from RGB to Y Co Cg, float64 (3, 3), with entries divided by the value of the
+            spherical harmonic of degree 0.
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
-        means: Output, float32 (N, 3).
+        means: Output for the N Gaussians of the scene, world coordinates of centres, float32 (N, 3).
         quats: Output, unit quaternions (w, x, y, z), float32 (N, 4).
         scales: Output, standard deviations, float32 (N, 3).
         opacities: Output, float32 (N).
@@ -127,12 +127,15 @@ def convert_harmonics(numbers, places, transform, colours, room, sh):
     """Converts decoded integers to spherical harmonics, and writes them to the scene.
 
     Args:
-        numbers: Decoded integers, int32 (n, 3 K): Y, Co and Cg along the first axis, then along the second, and so on.
-        places: Index of each Gaussian in the output, int64 (n).
-        transform: Decorrelating transform of the K harmonics, one axis per row, as whole numbers in float64 (K, K).
+        numbers: Decoded integers of n Gaussians, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then
+            of the second, and so on.
+        places: For each of the n Gaussians, its index in the output, int64 (n).
+        transform: Decorrelating transform of the K harmonics, one row per transformed harmonic, as whole numbers in
+            float64 (K, K).
         colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3).
         room: Working array, float64 (3 K).
-        sh: Output, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree 0 is not written.
+        sh: Output for the N Gaussians of the scene, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree
+            0 is not written.
     """
     width = numbers.shape[1]
     for i in range(len(numbers)):

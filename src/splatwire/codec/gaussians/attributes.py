@@ -53,7 +53,7 @@ def scene_middle(splats: Splats) -> np.ndarray:
 
 
 def scene_log(splats: Splats) -> int:
-    """Returns the size of a scene as a power of two: log2 of the median distance of Gaussians from the centre."""
+    """Returns log2 of a scene's size, rounded down. The size is the median distance of Gaussians from the centre."""
     means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
 
     def squares(some: np.ndarray) -> np.ndarray:
@@ -153,11 +153,12 @@ def to_splats(
 
     Args:
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
-        harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
+        harmonics: int32 (n, 3 K), decoded integers of the K transformed spherical harmonics, three colour components
+            each.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
-        transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
+        transform: int64 (K, K), transform of the K harmonics, from `fit_transform`.
     """
     count = len(rows)
     shapes = (count, 3), (count, 4), (count, 3), (count,), (count, 1 + harmonics.shape[1] // 3, 3)
@@ -217,7 +218,7 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
 
     Args:
         digest: hashlib object that is updated.
-        rows: The two integer arrays of the block.
+        rows: Decoded integers of the block: an array of all attributes except harmonics, and an array of harmonics.
     """
     digest.update(np.ascontiguousarray(rows[0], "<i8").data)
     if rows[1].size:

@@ -58,7 +58,7 @@ class Boxes:
 
 
 def runs(values: np.ndarray) -> Iterator[np.ndarray]:
-    """Yields consecutive slices of an array, `ROWS` entries of the first axis each."""
+    """Yields consecutive slices of an array along the first axis; each has `ROWS` entries, except perhaps the last."""
     for begin in range(0, len(values), ROWS):
         yield values[begin : begin + ROWS]
 
@@ -103,10 +103,11 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:
-    """Returns log2 of the cell size of a block's grid; positions are coded as a cell, then as finer bits.
+    """Returns log2 of the cell size of a block's grid. A position is coded as its cell, and as bits within the cell.
 
     Args:
-        places: int64 (n, 3), positions relative to the corner of the block's box, in this unit.
+        places: int64 (n, 3), positions relative to the corner of the block's box; the cell size is in the unit of these
+            positions.
         bits: Number of bits of a coordinate within the box.
     """
     # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
@@ -190,11 +191,11 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
 
 
 def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
-    """Converts positions to integers, rounded down, in units of the lattice spacing, int64 (N, 3).
+    """Converts positions to indices of points of a cubic lattice, rounded down, int64 (N, 3).
 
     Args:
         means: float64 (N, 3), positions.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: Resolution of the lattice: the distance between its points is `2**-unit` times the scene's size.
         size_log: log2 of the scene's size in world units.
 
     Raises:

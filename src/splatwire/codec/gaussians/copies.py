@@ -104,7 +104,8 @@ def _read(
     """Reads the redundant copies of Gaussians from a stream's side information, without dequantising them.
 
     Returns:
-        Bounding box of the copies; indices of the copied Gaussians; enlargement parameters; decoded integers.
+        Bounding box of the copies; indices of the copied Gaussians; parameters for enlarging received Gaussians
+        (exponents for size and opacity, and weight of the network that corrects both); decoded integers of the copies.
     """
     reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
     version = reader.u8()

@@ -223,7 +223,10 @@ def store_block(
 
 
 def _estimate_lost(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Estimates the decoded integers of a block's lost Gaussians: positions of received Gaussians, and default values.
+    """Estimates the decoded integers of a block's lost Gaussians.
+
+    Positions are copied from received Gaussians of the block; if there are none, they are spread over its bounding box.
+    Other attributes are the block's default values.
 
     Args:
         info: Side information of the stream, with default attribute values for each block.

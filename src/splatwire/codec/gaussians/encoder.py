@@ -88,8 +88,10 @@ def fit_side_info(
     Args:
         scene: The Gaussians, sorted into blocks.
         sections: Named sections to include, content by name.
-        known: Decorrelating transform of the spherical harmonics; None to fit it to a sample of the scene.
-        like: Side information whose probability tables are used; None to fit the tables to a sample of the scene.
+        known: Decorrelating transform of the spherical harmonics to use, such as that of an earlier stream; None to fit
+            it to a sample of the scene.
+        like: Side information of another stream, whose probability tables are reused; None to fit the tables to a
+            sample of the scene.
         threads: Number of threads; None for one per processor.
     """
     ends = np.array(list(ordered_map(scene.ends, range(scene.num_blocks), threads)))
@@ -214,7 +216,7 @@ class GaussianEncoder:
         """Returns the indices of a block's Gaussians in the scene, in coding order, int64 (n).
 
         Args:
-            run: Index of the block.
+            run: Index of the block, which is encoded as a whole (one run).
             counts: Number of Gaussians in each packet of the block, from `encode`.
         """
         return self._scene.ranked(run, self._info, counts)

@@ -95,5 +95,5 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns the widths of residual distributions before any statistics are known, equal in all contexts."""
+    """Returns initial widths of the residual distributions, before statistics exist; the same for all contexts."""
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

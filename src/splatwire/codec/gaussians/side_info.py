@@ -101,7 +101,11 @@ class SideInfo:
 
 @functools.lru_cache(maxsize=8)  # of megabytes each, and a stream may have thousands
 def _residual_tables(scales: bytes) -> tuple[np.ndarray, ...]:
-    """Computes the probability tables of residuals, from the serialised widths `SideInfo.scales`."""
+    """Computes the probability tables of residuals.
+
+    Args:
+        scales: Widths of the residual distributions (`SideInfo.scales`), int64, as bytes.
+    """
     return tuple(residual_windows(np.frombuffer(scales, np.int64) * SCALE_UNIT, *tables()))
 
 
@@ -133,7 +137,11 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
 
 
 def write_header(of: SideInfo | SplatCoding) -> bytes:
-    """Serialises the quantisation parameters and the transform of the spherical harmonics."""
+    """Serialises the quantisation parameters and the transform of the spherical harmonics.
+
+    Args:
+        of: Object with these parameters as attributes.
+    """
     writer = ByteWriter()
     writer.u8(RELATIVE if of.coarsest < 0 else VERSION)
     writer.u8(math.isqrt(len(of.transform) + 1) - 1)
@@ -150,7 +158,9 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     """Reads quantisation parameters serialised by `write_header`.
 
     Returns:
-        `degree`, `size_log`, `unit`, `bases`, `coarsest` and `transform`, see `SideInfo`.
+        Fields of `SideInfo`: degree of the spherical harmonics; `size_log` (scene's size); `unit` (resolution of
+        positions); `bases` (quantisation steps); `coarsest` (largest step of positions); and transform of the
+        harmonics.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote the header.
@@ -190,7 +200,8 @@ def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
 
     Args:
         boxes: Bounding boxes of the B blocks.
-        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in sixteenths.
+        defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point with 4 fractional
+            bits.
     """
     writer = ByteWriter()
     for shift, origin, extent in zip(boxes.shifts, boxes.origins, boxes.extents, strict=True):

@@ -135,7 +135,7 @@ class SourceScene:
             quality: Quality setting; ignored if `coding` is given.
             coding: Quantisation parameters of a decoded scene, to obtain the same integers again; None to choose them.
             sorted_already: True if the Gaussians are in block order.
-            most_unit: Upper limit of the resolution of positions, see the attribute `unit`.
+            most_unit: Upper limit of the attribute `unit` of the result (resolution of positions).
         """
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
@@ -377,7 +377,7 @@ def _quantised_positions(
 
 
 def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_log: int) -> int:
-    """Chooses the spacing of the lattice of positions; returns its `-log2`, relative to the scene's size."""
+    """Returns the resolution of positions: `-log2` of the spacing of their lattice, relative to the scene's size."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(some: tuple[np.ndarray, np.ndarray]) -> float:

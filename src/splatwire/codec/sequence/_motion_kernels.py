@@ -105,12 +105,12 @@ def _code_interval(coder, low, span, at, start, size, bits):
 
     Args:
         coder: Entropy coder of the packet.
-        low: For an encoder, lower end of the range coder's interval; for a decoder, the code value (the bytes read, as
-            a number) minus this lower end.
+        low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
+            code value from this lower end (decoder). The code value is the bytes read, as a number.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
-        start: Start of the interval, in units of `2**-bits`.
-        size: Size of the interval, in units of `2**-bits`.
+        start: Start of the symbol's probability interval, in units of `2**-bits`.
+        size: Size of the symbol's probability interval, in units of `2**-bits`.
         bits: Number of bits of a probability.
     """
     # The state is passed as arguments and returned, so that it stays in registers.
@@ -165,7 +165,8 @@ def _raw(coder, low, span, at, value, bits):
 
     Args:
         coder: Entropy coder of the packet.
-        low: Lower end of the range coder's interval; for a decoder, position of the code in the interval.
+        low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
+            code value from this lower end (decoder). The code value is the bytes read, as a number.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
         value: The integer to encode; ignored by a decoder.
@@ -193,8 +194,8 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
 
     Args:
         coder: Entropy coder of the packet.
-        low: For an encoder, lower end of the range coder's interval; for a decoder, the code value (the bytes read, as
-            a number) minus this lower end.
+        low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
+            code value from this lower end (decoder). The code value is the bytes read, as a number.
         span: Size of the range coder's interval.
         at: Number of bytes read or written so far.
         kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
@@ -235,10 +236,10 @@ def code_motion(coder, headers, n, orders, quantised, frames, first_new):
         coder: Entropy coder of the packet.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index; filled by a decoder.
         n: Number of tracks in the packet.
-        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
-            (position, rotation, scale, opacity, colour), int64 (kinds); filled by a decoder.
-        quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames); filled by a decoder,
-            zero before.
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
+            coded per channel, int64 (kinds); filled by a decoder.
+        quantised: Residuals of coefficients in quantisation steps, int32 (n, channels, frames). A decoder fills this
+            array, which must be 0 before the call.
         frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
     """

@@ -19,9 +19,10 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
         coefficients: Polynomial coefficients of the moving tracks of all packets, one after another, float32.
         starts: Index of each track's first coefficient, int64 (n); -1 for a track that does not move.
         packets: Index of each track's packet, int64 (n).
-        orders: Number of coefficients that each channel uses in a packet, int64 (packets, channels).
-        widths: Number of coefficients that are stored for every channel of a packet, int64 (packets).
-        weights: Value of each basis polynomial in this frame, float64 (F).
+        orders: For each packet and channel, number of coefficients that may differ from 0, int64 (packets, channels).
+        widths: For each packet, number of coefficients that the array `coefficients` stores per channel, int64
+            (packets). It is the same for all channels of the packet.
+        weights: Value of each basis polynomial in this frame, float64 (F), for a group of F frames.
         factors: Factor from fixed point to floats, by channel, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
         found: Output: the changes, float32 (n, channels).

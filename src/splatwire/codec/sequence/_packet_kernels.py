@@ -59,8 +59,8 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
         states: `STILL` or `MOVING` for each track, int64 (n).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         frames: Number of frames in the group.
-        orders: Output: number of coefficients that the packet contains for a channel, by kind of channel (position,
-            rotation, scale, opacity, colour), int64 (kinds).
+        orders: Output: for each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
+            coefficients coded per channel, int64 (kinds).
     """
     orders[:] = 0
     for i in range(len(rows)):
@@ -77,12 +77,12 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Omits the polynomial coefficients of high degrees that are 0 in all tracks (Gaussians over time) of a packet.
+    """Reduces `orders`: omits coefficients of high degrees that are 0 in all tracks (Gaussians over time) of a packet.
 
     Args:
-        quantised: Residuals in quantisation steps, int32 (n, channels, frames).
-        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
-            (position, rotation, scale, opacity, colour), int64 (kinds); reduced in place.
+        quantised: Residuals of the polynomial coefficients in quantisation steps, int32 (n, channels, frames).
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
+            coded per channel, int64 (kinds); reduced in place.
     """
     for kind in range(NUM_KINDS):
         while orders[kind]:
@@ -120,7 +120,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns the maximum number of tracks in a packet, because the indices of its tracks must be close together.
+    """Returns the maximum number of tracks of the next packet; the indices of its tracks must be close together.
 
     Args:
         headers: Motion headers of the tracks, ascending by track index.
@@ -230,7 +230,7 @@ def encode_cut(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_packets(models, frames, first_new, data, ends, starts, headers, orders, quantised):
-    """Decodes P packets with the motion of n tracks (Gaussians over time) in total.
+    """Decodes P packets with the motion of n tracks (Gaussians over time) in total. All output arrays must be 0 before.
 
     Args:
         models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
@@ -239,10 +239,10 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the tracks `starts[p]` to `starts[p + 1]` (exclusive).
-        headers: Output: headers of the tracks, int64 (n, fields), zero before.
-        orders: Output: number of coefficients that the packet contains for a channel, by kind of channel (position,
-            rotation, scale, opacity, colour), int64 (P, kinds), zero before.
-        quantised: Output: residuals of coefficients, int32 (n, channels, frames), zero before.
+        headers: Output: headers of the tracks, int64 (n, fields).
+        orders: Output: for each packet and kind of channel (position, rotation, scale, opacity, colour), number of
+            polynomial coefficients coded per channel, int64 (P, kinds).
+        quantised: Output: residuals of coefficients, int32 (n, channels, frames).
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     for p in range(len(starts) - 1):

@@ -1,4 +1,7 @@
-"""Numba kernels that predict the motion of a track (Gaussian over time) from its neighbours, equal on every machine."""
+"""Numba kernels that predict the motion of a track (Gaussian over time) from its neighbours.
+
+The predictions are identical on every machine.
+"""
 
 from typing import no_type_check
 
@@ -39,7 +42,10 @@ ONE = np.int64(1)
 @njit(error_model="numpy")
 @no_type_check
 def relative_positions(places):
-    """Returns positions relative to the corner of their bounding box, int64 (M, 3), scaled down if too large."""
+    """Returns positions relative to the corner of their bounding box, int64 (M, 3).
+
+    Positions of more than `PLACE_BITS` bits are divided by a power of two that makes them fit.
+    """
     out, extent = places.copy(), np.int64(0)
     for a in range(3):
         low, high = places[0, a], places[0, a]
@@ -61,7 +67,10 @@ def relative_positions(places):
 @njit(error_model="numpy")
 @no_type_check
 def prediction_order(places, moving, shifts):
-    """Sorts the moving tracks (Gaussians over time) of a packet for prediction, from spatially coarse to fine.
+    """Sorts the moving tracks (Gaussians over time) of a packet into the order in which their motion is predicted.
+
+    Tracks with finer quantisation steps come first. Among similar steps, the first tracks are spread over the packet's
+    region, and later tracks lie between them.
 
     Args:
         places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
@@ -236,8 +245,8 @@ def _unpack_coefficients(flat, orders, rows):
 
     Args:
         flat: The coded coefficients, (M, U), with U coefficients per track.
-        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
-            (position, rotation, scale, opacity, colour), int64 (kinds).
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
+            coded per channel, int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames).
     """
     for i in range(len(rows)):
@@ -257,8 +266,8 @@ def pack_coefficients(values, rows, states, orders, flat):
         values: Coefficients by channel and degree, (N, channels, frames).
         rows: Index in `values` of each track, int64 (M).
         states: `STILL` or `MOVING` for each track, int64 (M).
-        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
-            (position, rotation, scale, opacity, colour), int64 (kinds).
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
+            coded per channel, int64 (kinds).
         flat: Output: the coded coefficients, (M, U), with U coefficients per track.
     """
     for i in range(len(rows)):
@@ -277,15 +286,16 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
     """Encodes or decodes the motion of a packet's tracks (Gaussians over time), predicted from neighbouring tracks.
 
     Args:
-        places: Positions of the keyframe Gaussians of the packet's M tracks in the fixed-point unit of motion, int64
-            (M, 3).
+        places: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the
+            motion of positions is coded, int64 (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
-        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
-            (position, rotation, scale, opacity, colour), int64 (kinds).
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
+            coded per channel, int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
         wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
-        dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a quantisation step.
+        dead: Dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of a quantisation
+            step.
         coefficients: Decoded coefficients, float32 (M, channels, K), zero before; of length 0 for an encoder.
     """
     if not len(places):

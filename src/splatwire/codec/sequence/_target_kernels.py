@@ -22,12 +22,13 @@ def _relative_rotations(quats, base, begin, end, last, far, values):
         base: Rotation of the keyframe Gaussian, as a quaternion.
         begin: First frame.
         end: End of the frames (exclusive).
-        last: Relative rotation in the frame before `begin`, as a quaternion; replaced by that of the last frame.
-        far: Largest rotation in earlier frames, as the tangent of a quarter of the angle.
+        last: Relative rotation in the frame before `begin`, as a quaternion; replaced by the relative rotation in frame
+            `end - 1`.
+        far: Largest relative rotation in the frames before `begin`, as the tangent of a quarter of the angle.
         values: Output: rotation vectors in these frames.
 
     Returns:
-        Largest rotation so far, as the tangent of a quarter of the angle.
+        Largest relative rotation in the frames before `end`, as the tangent of a quarter of the angle.
     """
     length, b0, b1, b2, b3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
     # The sign of each quaternion is chosen so that the rotation continues that of the preceding frame.
@@ -105,11 +106,11 @@ def _project(values, table, begin, end, own):
     """Adds the motion in a range of frames to a Gaussian's polynomial coefficients, by projection onto the basis.
 
     Args:
-        values: Motion in each frame, by channel.
+        values: The Gaussian's motion in each frame, by channel.
         table: Basis polynomials, float64 (F, F).
         begin: First frame.
         end: End of the frames (exclusive).
-        own: Coefficients of the track, changed in place.
+        own: The Gaussian's polynomial coefficients, changed in place.
     """
     for c in range(NUM_CHANNELS):
         for f in range(begin, end):

@@ -202,7 +202,10 @@ class TracksEncoder:
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the side information of the groups encoded so far, and the sizes of their tiers for the manifest."""
+        """Returns the side information of the groups encoded so far, and their tier sizes for the manifest.
+
+        Each group of frames has two tiers: its keyframe Gaussians, and its motion.
+        """
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         named = {**self._sections, **sections, **lifetimes_sections(Lifetimes.joined(lifetimes))}
@@ -237,14 +240,16 @@ class TracksEncoder:
     def _change_unit(
         self, targets: Targets, old: np.ndarray, numbers: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
-        """Converts the motion of older tracks to the length unit of a new shot (groups of frames after a scene cut).
+        """Converts the coded motion of tracks that began in earlier groups to the unit of positions of a new shot.
+
+        A shot is a range of groups of frames between scene cuts; each may have another unit.
 
         Args:
             targets: Motion of the group's tracks, changed in place.
             old: Indices of the tracks that began in earlier groups.
             numbers: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            before: log2 of the ratio of the former length unit to that of the first shot.
+            before: log2 of the unit of positions in the preceding shot, relative to the unit of the first shot.
         """
         after = self._keyframes.motion_spacing
         if before == after or not len(old):
@@ -270,8 +275,8 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group of frames.
-            classes: Precision class of each track of the group, or None.
-            where: Rows of the new tracks among the tracks of the group.
+            classes: Precision class of each track of the group; None for the default class.
+            where: Indices of the tracks that begin in the group, among all tracks of the group.
             numbers: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if another scene begins in the group.
         """

@@ -85,7 +85,7 @@ def fit(
     found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
-    """Continues to fit polynomials to the motion of tracks (Gaussians over time), with a further range of frames.
+    """Adds the motion of tracks (Gaussians over time) in a range of frames to the polynomials that are fitted to it.
 
     Args:
         found: Polynomial coefficients of the motion of n tracks, changed in place.
@@ -93,7 +93,7 @@ def fit(
         known: All tracks that have a keyframe Gaussian so far.
         info: Side information whose lattice spacing determines the unit of fitted positions.
         numbers: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
-        frames: First frame to add, and end of the range (exclusive).
+        frames: Range of frames to add: first frame and end (exclusive).
         threads: Number of threads; None for one per processor.
     """
     add_frames(found, moves, known.keyframes, numbers, *frames, info.unit, info.size_log, threads)

@@ -119,19 +119,25 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information with the lattice spacing that determines the length unit of motion in the current shot."""
+        """Side information whose lattice of positions defines the unit of positions in the current shot's motion."""
         return self._references[-1]
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the ratio of the length unit of motion in the current shot to that in the first shot."""
+        """log2 of the unit of positions in the current shot's motion, relative to that of the first shot."""
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:
         return spacing_of(info, self._infos[0][1][0])
 
     def shifts_of(self, rows: np.ndarray, coarser: np.ndarray) -> np.ndarray:
-        """Returns the quantisation steps of the motion of tracks; see `motion_shifts`."""
+        """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time), int64 (n, channels).
+
+        Args:
+            rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
+            coarser: log2 of the ratio of the steps of motion to the steps of the keyframe Gaussian, for each kind of
+                channel, int64 (kinds).
+        """
         info = self._infos[-1][1][-1]
         return motion_shifts(rows, info, coarser, spacing_of(info, self.reference))
 
@@ -191,7 +197,10 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if quantisation steps or lattice spacing of `info` differ much from the current ones."""
+        """True if `info` has other quantisation steps or lattice spacing than the side information in use.
+
+        Small differences, below `LEAST_CHANGE`, do not count.
+        """
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
         return bool(apart >= LEAST_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING

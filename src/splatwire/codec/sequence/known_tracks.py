@@ -38,7 +38,7 @@ class KnownTracks:
 
     @staticmethod
     def empty() -> "KnownTracks":
-        """Returns the state before the first group."""
+        """Returns a collection without tracks, the state of an encoder before the first group of frames."""
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
         places, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))

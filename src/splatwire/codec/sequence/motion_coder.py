@@ -64,13 +64,14 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
 class MotionCoder:
     """Encodes the motion of tracks (Gaussians over time) in a group of frames, in packets of limited size.
 
-    There are n tracks and F frames.
+    There are n tracks and F frames. The array `targets` may have entries for further tracks (N entries in total).
 
     Attributes:
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        places: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        places: Positions of the tracks' keyframe Gaussians, in the fixed-point unit in which the motion of positions is
+            coded, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
-        targets: Motion coefficients before quantisation, float64 (N, channels, frames), in any order.
+        targets: Motion coefficients before quantisation, float64 (N, channels, F), in any order.
         rows: Index in `targets` of each track, int64 (n).
         first_new: Index in the stream of the first track that begins in the group.
         most: Maximum size of a packet's payload, bytes.
@@ -91,8 +92,9 @@ class MotionCoder:
         """Creates a coder with empty arrays, which the caller fills before encoding.
 
         Args:
-            count: Number of tracks, n.
-            targets: Motion coefficients before quantisation, float64 (N, channels, frames).
+            count: Number of tracks to encode.
+            targets: Motion coefficients before quantisation, float64 (N, channels, frames), of these and possibly other
+                tracks.
             first_new: Index in the stream of the first track that begins in the group.
             most: Maximum size of a packet's payload, bytes.
         """
@@ -128,7 +130,7 @@ class MotionCoder:
 
         Args:
             zero: Initial probability that a bit is 0, for each adaptive bit model, out of 2**8, int64 (contexts).
-            ends: First track and end (exclusive) of the block, as indices of the coder's tracks.
+            ends: Range of the block's tracks among the coder's tracks: first index and end (exclusive).
         """
         begin, end = ends
         count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)

@@ -48,8 +48,9 @@ def decode_motion(
         first_new: Index in the stream of the first track that begins in the group.
 
     Returns:
-        Headers of all tracks, int64 (n, fields); their prediction residuals, int32 (n, channels * frames); and the
-        number of coefficients per channel in each packet, for each kind of channel, int64 (packets, kinds).
+        Headers of the n tracks of all packets, int64 (n, fields); prediction residuals of the motion of these tracks,
+        int32 (n, channels * frames); and the number of coefficients per channel in each packet, for each kind of
+        channel, int64 (packets, kinds).
     """
     frames = len(info.timeline.frames_of(group))
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()

@@ -65,7 +65,7 @@ class SequenceInfo:
         timeline: Frame rate, number of frames, and number of frames per group.
         groups: Number of elements in each group of frames.
         shots: Side information of the keyframe Gaussians, one object per shot; a scene cut may begin a new shot.
-        coarser: Ratio of the quantisation steps of motion to the steps of the keyframe Gaussian, in octaves, by kind of
+        coarser: log2 of the ratio of the quantisation steps of motion to the steps of the keyframe Gaussian, by kind of
             channel (position, rotation, scale, opacity, colour), int64 (kinds).
         bit_zero: Initial probability that a bit is 0, for each adaptive bit model of motion, out of 2**8, int64
             (contexts).
@@ -100,13 +100,13 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """log2 of the ratio of each group's length unit of motion to that of the first shot, int64 (groups)."""
+        """log2 of the unit of positions in each group's motion, relative to that of the first group, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of the ratio of half a block's lattice spacing to the length unit of its motion.
+        """Returns log2 of the spacing of a block's lattice of positions, relative to twice the unit of its motion.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.
@@ -208,8 +208,10 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     A shot is a range of groups of frames that share quantisation steps and probability tables.
 
     Args:
-        data: Serialised side information of all shots.
-        version: Version of the side information, `VERSION` to `WITH_MOTION_UNITS`.
+        data: Serialised side information of all shots: for each shot, first group, unit of positions and keyframe
+            parameters.
+        version: Version of the side information: `VERSION` for a single shot, `WITH_SHOTS`, or `WITH_MOTION_UNITS` if
+            shots have different units of positions.
         blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
     """
     if version == VERSION:

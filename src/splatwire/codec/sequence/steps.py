@@ -12,14 +12,15 @@ LARGEST_SHIFT = 30
 
 
 def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spacing: int = 0) -> np.ndarray:
-    """Returns the quantisation steps of the motion of tracks (Gaussians over time).
+    """Returns log2 of the quantisation steps of the motion of tracks (Gaussians over time).
 
     Args:
         rows: Decoded integers of the tracks' keyframe Gaussians, int64 (n, columns).
         info: Side information of the keyframe Gaussians.
-        coarser: Octaves by which the steps of motion are coarser than those of the keyframe Gaussian, for each kind of
+        coarser: log2 of the ratio of the steps of motion to the steps of the keyframe Gaussian, for each kind of
             channel, int64 (kinds).
-        spacing: log2 of the ratio of half the lattice spacing of `info` to the length unit of motion.
+        spacing: log2 of half the lattice spacing of `info`, relative to the unit in which the motion of positions is
+            coded.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.

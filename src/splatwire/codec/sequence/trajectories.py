@@ -162,7 +162,7 @@ class Offsets:
     Args:
         moves: Decoded motion of the moving tracks of each packet.
         frames: Number of frames in the group.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
+        unit: Resolution of positions: the spacing of their lattice is `2**-unit` times the scene's size.
         size_log: log2 of the scene's size in world units.
     """
 

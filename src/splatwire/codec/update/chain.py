@@ -79,7 +79,13 @@ class UpdateChain:
         return self._with(change.result, change.result, change.update)
 
     def _with(self, source: SceneStream, scene: SceneStream, update: SceneStream) -> "UpdateChain":
-        """Returns the chain, extended by a new state of the scene and the update that leads to this state."""
+        """Returns the chain, extended by a new state of the scene.
+
+        Args:
+            source: The scene's stream as read from the file, with all updates applied.
+            scene: The stream to send: the same scene, with packets that fit into datagrams.
+            update: The update from the preceding state to the new one.
+        """
         updates = (*self.updates, update)[-MAX_UPDATES:]
         sizes = accumulate(each.num_bytes for each in reversed(updates))
         useful = sum(size <= scene.num_bytes for size in sizes)

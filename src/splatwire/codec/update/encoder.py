@@ -162,6 +162,10 @@ def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
 
 
 def _decoded(new: SceneStream) -> SplatScene:
-    """Decodes the new Gaussians of an update."""
+    """Decodes the Gaussians that an update adds.
+
+    Args:
+        new: The update's packets as a stream.
+    """
     scene: SplatScene = decode_stream(replace(new, manifest=replace(new.manifest, codec=GAUSSIANS))).scene
     return scene

@@ -19,7 +19,7 @@ class UpdateFields(NamedTuple):
     Attributes:
         base_digest: SHA-256 of the manifest before the update, hexadecimal.
         result_digest: SHA-256 of the manifest after the update, hexadecimal.
-        writer: Program that wrote the stream after the update, for its manifest.
+        writer: Name of the program that wrote the new version of the stream, for the manifest of this version.
         removed: Mask of the removed Gaussians, serialised.
     """
 

@@ -104,12 +104,12 @@ class ElementNetwork(Perceptron):
     def __call__(
         self, inputs: ElementInputs, trust: float | int = 1.0, base: tuple[float, float] = BASE
     ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
-        """Computes factors (gains) on the size and on the opacity of each received Gaussian, positive, float (M) each.
+        """Computes positive factors (gains) on the size and on the opacity of M received Gaussians, float (M) each.
 
         Args:
             inputs: Inputs of the network for M received Gaussians.
             trust: Factor on the network's correction, 0 for none.
-            base: Exponents of size and opacity without the correction; 0 for no change.
+            base: Exponents for size and opacity, to which the network's correction is added; 0 for no enlargement.
         """
         change = trust * self.evaluate(inputs.signature)
         size = np.exp(inputs.lost * np.clip(base[0] + change[:, 0], *SIZES))

@@ -87,8 +87,8 @@ class Perceptron:
 class GainNetwork(Perceptron):
     """A small neural network that corrects the enlargement of received anchors by the concealer `grow`.
 
-    The network has two outputs: the logarithm of a correction of the factor on sizes, and the logarithm of a factor on
-    the opacity.
+    The network has two outputs, both logarithms of factors. The first factor corrects the enlargement; the second
+    changes the opacity.
     """
 
     INPUTS = SIGNATURE

@@ -1,4 +1,7 @@
-"""Input features of the network of the concealer `scene_free`, for each received anchor; all are ratios."""
+"""Computes the inputs of the neural network with which the concealer `scene_free` enlarges received anchors.
+
+All inputs are ratios.
+"""
 
 from typing import Any
 
@@ -51,7 +54,12 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
 
 def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns which share of each anchor's nearest neighbours was lost, weighted by size; 0 without neighbours."""
+    """Returns the lost share of the nearest neighbours of each of M anchors, 0 to 1; 0 for anchors without neighbours.
+
+    Args:
+        partial: The received scene.
+        around: Neighbours of the M anchors, and the weight of each neighbour in the share.
+    """
     near, weight = around.near.index, around.weights
     lost = (weight * ~partial.known)[near].sum(axis=1)
     tiny = np.finfo(weight.dtype).tiny
@@ -130,14 +138,14 @@ def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surrounding
 def _size_features(
     partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
-    """Returns network inputs for each anchor: its size, its number of offsets, and the uncertainty of predictions.
+    """Returns network inputs for each of M anchors: its size, its number of offsets, and uncertainties of predictions.
 
-    The uncertainty is that of the predicted features and scalings.
+    The uncertainties are those of the features and of the scalings that the prior predicts.
 
     Args:
         partial: The received scene.
         around: Neighbours and expected sizes of the M anchors.
-        own: Logarithms of the sizes of the M anchors.
+        own: Logarithms of the actual sizes of the M anchors.
         lost: 1 for lost anchors of the scene, 0 for received ones.
     """
     anchors, prior, rows, near = (

@@ -41,15 +41,15 @@ class Neighborhood:
 class Surroundings:
     """Neighbours and expected sizes of anchors, which a concealer needs to enlarge received anchors.
 
-    They are the same for all loss patterns of a scene.
+    Both are independent of the losses in a scene.
 
     Attributes:
         log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors.
         weights: Weight of each anchor when the lost share of a neighbourhood is computed.
         rows: Indices of the M anchors whose neighbours are known.
         near: Nearest neighbours of the M anchors.
-        classes: Nearest neighbours of the M anchors among the large anchors of the scene. Each item is for another
-            minimum size: the largest eighth and the largest 64th of the anchors (`CLASS_SHARES`).
+        classes: Nearest large neighbours of the M anchors. The first item lists neighbours among the largest eighth of
+            the scene's anchors, the second among the largest 64th (`CLASS_SHARES`).
     """
 
     log_size: Float[np.ndarray, "N"]

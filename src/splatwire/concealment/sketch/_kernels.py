@@ -68,7 +68,9 @@ class Coder(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def copies_before(levels, n):
-    """Returns the context in which the entropy coder codes whether anchor `n` has a copy, 0 to 3.
+    """Returns the entropy coder's context for the bit that is 1 if anchor `n` has a copy.
+
+    The context, 0 to 3, is the number of copies among the four preceding anchors, at most 3.
 
     Args:
         levels: Precision level of each anchor's copy; 0 for anchors without a copy.

@@ -49,7 +49,7 @@ class Sketch(CheckedFields):
         return "sketch"
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
-        """Draws coarse copies of lost elements; hides lost elements without a copy, and enlarges the elements around.
+        """Draws coarse copies of lost elements. Lost elements without a copy are hidden; their neighbours are enlarged.
 
         Raises:
             InvalidValueError: If the stream lacks the section `sketch`.
@@ -122,9 +122,11 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 class SketchedLoss:
     """A received scene after copies have replaced lost anchors, and the data for enlarging anchors next to gaps.
 
+    There are M drawn anchors.
+
     Attributes:
         filled: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
-        left: Share of each anchor's neighbours that are drawn, 0 to 1.
+        left: For each drawn anchor, the share of its neighbours that is drawn, too, 0 to 1.
         inputs: Inputs of the network that corrects the enlargement.
     """
 
@@ -134,7 +136,7 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Prepares the enlargement of drawn anchors around lost ones. Lost anchors with a coarse copy count as drawn.
+        """Computes the data for enlarging drawn anchors next to lost ones; a lost anchor with a copy counts as drawn.
 
         Args:
             filled: Received scene in which coarse copies have replaced lost anchors.
@@ -179,7 +181,10 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
-    """Returns the scalings that the prior predicts, each at least a fixed fraction of the median of its column."""
+    """Returns the scalings that the prior predicts, raised to a minimum.
+
+    The minimum of each of the six columns is a fixed fraction of the column's median over all anchors.
+    """
     mean = to_numpy(prior.scaling.mean)
     floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
     return np.maximum(np.maximum(mean, floor), np.float32(1e-9))
@@ -210,6 +215,6 @@ def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
 
 
 def buckets_of(partial: ReceivedScene) -> np.ndarray:
-    """Returns the size class of each anchor (0: largest), a context of the entropy coder, int64 (N)."""
+    """Returns the size class of each anchor, 0 for the largest, int64 (N). The entropy coder uses it as context."""
     size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -8,11 +8,17 @@ channels as `mean + basis @ integers`. The columns of `basis` are the vectors of
 that an error of 1 in any integer changes the rendered pictures equally. Offsets are `offset_step * integers`. The mask
 of a copy selects the offsets that it contains. From each level to the next, `basis` and `offset_step` are halved.
 
-**Head.** Version, number of levels, C, and offsets per anchor, `u8`; number of anchors and of copies, `u32`;
-`offset_step`, exponent and maximum excess of the enlargement of received anchors, and strength of its correction by the
-network of `scene_free` (trust), `f32`; the mean of the D channels, `f16`; a scale for each column of the basis, `f16`;
-the index of each column's coding scale; the columns, integers of at most 7 bits, entropy-coded with a zero-mean normal
-distribution of that scale.
+**Head.** The fields in order:
+
+* version, number of levels, C, and number of offsets per anchor, `u8` each;
+* number of anchors, and number of copies, `u32` each;
+* `offset_step`, and three parameters of the enlargement of received anchors, `f32` each: its exponent; its upper limit,
+  as a multiple of the enlargement for the average loss of the scene; and the weight of its correction by the network of
+  the concealer `scene_free`;
+* the mean of the D channels, `f16`;
+* a factor for each column of the basis, `f16`;
+* for each column, the index of the standard deviation with which its integers are coded;
+* the columns, integers of at most 7 bits, entropy-coded with zero-mean normal distributions.
 
 **Body** (output of the range coder). First, for each anchor in coding order: a bit that is 1 if the anchor has a copy,
 then the level in unary. The context is the size class of the anchor and the number of copies among the four anchors
@@ -206,7 +212,7 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
 
     Args:
         data: Bytes of the section.
-        sizes: Array dimensions of the scene.
+        sizes: Numbers of anchors, of feature channels and of offsets per anchor in the scene.
         buckets: Size class of each anchor, from `size_buckets`, int64 (N).
 
     Raises:

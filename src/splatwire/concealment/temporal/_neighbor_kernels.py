@@ -47,8 +47,8 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
     Args:
         offsets: Positions of the k neighbours relative to each of n query points, float64 (n, k, 3).
         ridges: Regularisation of each term, float64 (10).
-        nearest: Constant that limits the weight of very near neighbours. It is added to the squared distances after
-            division by their mean.
+        nearest: Constant that limits the weight of very near neighbours. Each squared distance is divided by the mean
+            squared distance of the k neighbours, and the constant is added to the quotient.
         wild: Maximum sum of absolute weights; beyond it, inverse-distance weights are used.
         proximity: Temporary memory for inverse-distance weights, float64 (k).
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
@@ -108,8 +108,8 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
         index: Neighbours of each track, as rows of `values`, int32 (n, k).
         weights: Interpolation weights for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weights, for the colour, float32 (n, k).
-        contrasts: Factors on the neighbours' colour changes; the sum of the products over neighbours and channels is
-            the slope, float32 (n, k, 3).
+        contrasts: Weights of the neighbours' colour changes, float32 (n, k, 3). The slope is the sum of weight times
+            colour change over neighbours and colour channels.
         contrast: Difference of each track's colour from the mean of its neighbours, float32 (n, 3).
         values: Values of the tracks that serve as neighbours, float32 (m, 13).
         has_shapes: True if a scale or opacity in `values` is not 0.

@@ -101,9 +101,7 @@ def _query_neighbors(
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns the share of the received tracks that have begun by each frame of a group of pictures.
-
-    Lost tracks whose first frame is unknown are drawn with this share as a factor on their opacity.
+    """Returns, for each frame of a group of pictures, the share of the received tracks whose first frame is not later.
 
     Args:
         begins: First frame of each received track within the group.
@@ -132,9 +130,9 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns a factor on a track's deviation from its neighbours' motion, for the next group of pictures.
+    """Returns the share of a track's deviation from its neighbours' motion that remains in the next group of pictures.
 
-    It estimates how much of the deviation continues.
+    The share is an estimate: a small deviation is probably a rounding error.
 
     Args:
         own: Deviation from the neighbours' motion at the end of the previous group, (n, C).
@@ -142,7 +140,7 @@ def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray
         concealed: Mask of tracks whose motion was only estimated, bool (n).
 
     Returns:
-        Factor on the deviation, 0 to 1, float (n, C).
+        Estimated share, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
     apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)

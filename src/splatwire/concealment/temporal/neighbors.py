@@ -40,8 +40,8 @@ class Neighbors:
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
         weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
         closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Factors on the neighbours' colour changes, float32 (n, k, 3). The sum of the products over neighbours
-            and channels is the slope.
+        contrasts: Weights of the neighbours' colour changes, float32 (n, k, 3). The slope is the sum of weight times
+            colour change over neighbours and colour channels.
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -97,10 +97,11 @@ class Neighbors:
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fits the slope of the change of colour as a function of colour, from the neighbours of each lost track.
+    """Computes how strongly the change of colour depends on the colour among the neighbours of each lost track.
 
-    The slope is a weighted sum of the neighbours' colour changes, which are known only later, frame by frame. The
-    weights are computed here by a least-squares fit.
+    The change is modelled as a linear function of the colour. The slope of this function is a weighted sum of the
+    neighbours' colour changes, which are known only later, frame by frame. The weights are computed here by a
+    least-squares fit.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
@@ -108,8 +109,8 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
-        Weights of the neighbours' colour changes in this sum, (n, k, 3); and difference of each track's colour from the
-        mean colour of its neighbours, (n, 3).
+        Weights of the neighbours' colour changes in the slope, (n, k, 3); and difference of each track's colour from
+        the mean colour of its neighbours, (n, 3).
     """
     # a change of lighting brightens bright surfaces more than dark ones
     proximity = closeness.astype(np.float64)

@@ -28,7 +28,11 @@ class GroupPoses:
     at: Callable[[int], np.ndarray]
 
     def only(self, rows: np.ndarray) -> "GroupPoses":
-        """Returns the poses of the tracks that the mask `rows`, bool (n), selects."""
+        """Returns the poses of some of the n tracks.
+
+        Args:
+            rows: Mask of the tracks to return, bool (n).
+        """
         if rows.all():
             return self
         tracks, begins, ends, concealed = (v[rows] for v in (self.tracks, self.begins, self.ends, self.concealed))

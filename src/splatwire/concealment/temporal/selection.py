@@ -161,8 +161,8 @@ class _Field:
     def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
         """Computes the colour and opacity that received Gaussians produce at given points.
 
-        The motion of the tested tracks is estimated as if it were lost, to measure the error of an estimator. Their
-        Gaussians are therefore left out.
+        To measure the error of an estimator, the motion of the tested tracks is estimated as if it were lost. The
+        Gaussians of the tested tracks are therefore left out.
 
         Args:
             points: One point for each tested track, (t, 3).
@@ -177,13 +177,13 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Computes the error in a frame if tested tracks are drawn in an estimated state instead of the true state.
+        """Computes the error that results in a frame if tested tracks are drawn in an estimated state.
 
         Args:
             around: Colour and opacity of the other Gaussians at the tracks' positions.
             tested: Tested tracks, as indices into the received tracks, int64 (t).
-            states: Two pairs of arrays: the true state of the tested tracks, then the estimated one. A pair consists of
-                the positions, (t, 3), and the mask of the tracks that exist, bool (t).
+            states: Two states of the tested tracks: the true one, then the estimated one. A state consists of
+                positions, (t, 3), and the mask of the tracks that exist, bool (t).
 
         Returns:
             Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).

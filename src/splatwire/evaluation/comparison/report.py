@@ -98,8 +98,8 @@ def _view(scores: Sequence[FileScore], number: int, names: Sequence[str]) -> dic
 
     Args:
         scores: Scores of the files, with pictures.
-        number: Index of the view among those whose pictures were kept.
-        names: Names of all views.
+        number: Index of the view in the list of stored pictures (`shots.kept`).
+        names: Names of all evaluated views.
     """
     shots = [score.shots.kept[number] for score in scores]
     pairs = zip(scores, shots, strict=True)

@@ -1,4 +1,4 @@
-"""Pictures of a compared file for the report: at fixed views, and at the view with the lowest PSNR."""
+"""Selects the pictures of a file for the report of a comparison: fixed views, and the view with the lowest PSNR."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -73,7 +73,7 @@ class SequenceScore:
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
     def worst_below(self, complete: "SequenceScore") -> float:
-        """Returns by how many decibels packet losses lower the PSNR of a frame, at most.
+        """Returns the largest decrease in the PSNR of a frame that packet losses cause, in decibels.
 
         Args:
             complete: Score of the sequence without losses.

@@ -58,7 +58,10 @@ def has_pictures(folder: Path) -> bool:
 
 
 def picture_paths(folder: Path, references: References) -> list[Path]:
-    """Finds the picture of each evaluated view in a folder of another codec, by name or else by number.
+    """Finds the picture of each evaluated view in a folder of another codec.
+
+    Pictures belong to the views with the same names. If the names differ, the pictures must be as many as the views of
+    the scene, and belong to them in the order of their names.
 
     Args:
         folder: Folder of PNG or JPEG files.

@@ -97,13 +97,13 @@ class Row:
     """One row of the result table: a method with its packetization and concealment.
 
     Attributes:
-        key: Short identifier, used by published figures and the baseline.
+        key: Short identifier by which published figures, and the choice of the baseline, refer to this row.
         label: Display name in tables.
         packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
         conceal: Name of the concealer.
         options: Options of the concealer.
         erode: For an ablation: the only attribute that anchors in lost packets lose; None for all attributes.
-        lossless: True if the row has no losses.
+        lossless: True if the row is evaluated without packet losses.
         sections: Names of the additional side information in the stream.
         decoded: Results of another codec, one per scene; empty for a stream that is encoded here.
         curve: Name of the rate-distortion curve with this row as a point; empty for none.

@@ -247,7 +247,15 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
-    """Returns the definition of a sequence with a cameras file that has one camera for each frame; writes this file."""
+    """Writes a cameras file with one camera for each frame of a sequence.
+
+    Returns the definition of the sequence with this file.
+
+    Args:
+        source: The sequence.
+        stamp: Digest of the reference, part of the file's name.
+        store: Store in which the file is written.
+    """
     entry, stream = source.entry, source.stream
     assert stream is not None
     assert entry.reference is not None
@@ -318,11 +326,11 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides the elements of a stream into packets in the way that the method under test requires.
+    """Divides the elements of a stream into packets as a row of the result table requires.
 
     Args:
         whole: The stream.
-        row: Table row of the method.
+        row: The table row, with packetization and names of the side information to keep.
         progress: Called with the finished share, 0 to 1.
     """
     # Quantised values and networks stay the same, so that the methods can be compared. Side information that the method

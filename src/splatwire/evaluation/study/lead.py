@@ -111,7 +111,10 @@ def make_lead(
 
 
 def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lead | None:
-    """Creates the first part of the report of a single method without losses; None for other evaluations."""
+    """Creates the first part of the report for an evaluation of a single method without losses.
+
+    Returns None for an evaluation of several methods.
+    """
     found, *others = summarize(result)
     figure = found.figures.get("psnr")
     if others or figure is None:
@@ -155,7 +158,12 @@ def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, sour
 
 
 def _compared_images(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:
-    """Chooses the two images of a view that the report compares: without and with the best concealment."""
+    """Chooses the two images of a view that the report compares: one without concealment, one with the best concealer.
+
+    Args:
+        view: Images of the view.
+        rows: Table rows without concealment and with the best concealer; None if the evaluation has no such pair.
+    """
     # If one of them is missing, the image with the lowest PSNR is compared with the reference.
     shots = {shot.label: shot for shot in view.shots}
     reference = Side(f"reference ({view.source})", jpeg(view.reference))

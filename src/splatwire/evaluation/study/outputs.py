@@ -122,7 +122,7 @@ def _tables(
         result: Results of the evaluation.
         store: Store of the evaluation.
         summaries: Statistics of each scene.
-        everything: Statistics of each scene, followed by means over several scenes, if there are any.
+        everything: Statistics of each scene; if there are several scenes, also the means over scenes, at the end.
     """
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))

@@ -87,5 +87,8 @@ def _row(result: StudyResult, summary: Summary) -> dict[str, Any]:
 
 
 def _stream_name(row: Row) -> str:
-    """Returns the name of a method's stream: "contiguous" if packets contain consecutive elements, else "stream"."""
+    """Returns the name of a method's stream in the result.
+
+    It is "contiguous" if packets contain consecutive elements, otherwise "stream".
+    """
     return "contiguous" if row.packetization is not None and row.packetization.grouping == "contiguous" else "stream"

@@ -9,14 +9,14 @@ from splatwire.types import AnchorScene
 
 @dataclass(frozen=True)
 class PreparedStream:
-    """Path, digest and sizes of an encoded stream, or of a scene file that is evaluated unsent.
+    """Path, digest and sizes of an encoded stream, or of a scene file that is evaluated without transmission.
 
     Attributes:
         path: Path of the file within the store, or the user's path.
         digest: Digest of the file's content.
         parts: Bytes of each part of the file (attributes, headers, sections of side information).
-        num_packets: Number of packets of the complete stream; 0 for a scene that is scored without being sent.
-        num_anchors: Number of elements.
+        num_packets: Number of packets of the complete stream; 0 for a scene file.
+        num_anchors: Number of elements of the scene, anchors or Gaussians.
         num_gaussians: Number of Gaussians; None if not counted.
         seconds_encode: Encoding time in seconds; None if it was not encoded here.
         elements: Name of the scene's elements, such as `anchors`.

@@ -90,6 +90,11 @@ def _run(root: str, unit: Unit) -> str:
 def _death_reason(ray: Any, reference: Any, unit: Unit) -> str | None:
     """Returns why the worker process of a task died, or None if it did not die.
 
+    Args:
+        ray: The module `ray`.
+        reference: Ray's reference to the result of the task.
+        unit: The task.
+
     Raises:
         SplatwireError: If the task itself failed.
     """

@@ -153,7 +153,7 @@ def table_to_bytes(rows: Sequence[Mapping[str, Any]], place: Sequence[str] = ())
 
     Args:
         rows: Records as mappings from column names to values.
-        place: Names of text columns to place before the columns for the fields of `Record`.
+        place: Names of text columns that describe the records; they precede the columns for the fields of `Record`.
     """
     pq, pyarrow = parquet()
     known, buffer = {item.name for item in fields(Record)} | set(place), io.BytesIO()

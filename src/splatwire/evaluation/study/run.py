@@ -190,7 +190,13 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
 
 
 def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
-    """Selects the packet loss and the views whose pictures the report shows for a scene."""
+    """Selects the packet loss and the views whose pictures the report shows for a scene.
+
+    Args:
+        study: Definition of the evaluation.
+        store: Store with the records of the tasks.
+        judges: Tasks of the scene, one of which provides the pictures.
+    """
     # Those of the task with the lowest mean PSNR, and the views with its lowest PSNR, to show the effect of losses.
 
     def level(cell: Cell) -> float:

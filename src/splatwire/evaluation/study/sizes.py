@@ -39,6 +39,8 @@ _OURS = {
 class SceneSizes:
     """Sizes of one scene: as official HAC++ files, and as streams of this package with several packetizations.
 
+    Bytes are divided into categories: positions, hash grid, attributes and masks, networks, and headers.
+
     Attributes:
         scene: Name of the scene.
         num_anchors: Number of anchors, equal for all encodings.
@@ -100,7 +102,7 @@ _ORDER = (_GEOMETRY, _GRID, _ATTRIBUTES, _REST, _NETWORKS)
 
 
 def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, float], None]) -> list[SceneSizes]:
-    """Encodes every scene with the packetization of every table row, and counts the bytes of each category.
+    """Encodes every scene with the packetization of every table row, and counts the bytes by category (`SceneSizes`).
 
     Args:
         study: Definition of a comparison of sizes.
@@ -134,7 +136,7 @@ def our_parts(stream: PreparedStream) -> dict[str, int]:
 
 
 def native_parts(entry: SceneEntry) -> dict[str, int] | None:
-    """Returns the bytes of the official HAC++ files by category; None if the scene has no such files."""
+    """Returns the bytes of the official HAC++ files by category (`SceneSizes`); None if the scene has no such files."""
     # The official bitstream omits the networks although its decoder needs them. They are counted as float32, as in the
     # official total.
     folder = entry.source / "bitstreams"
@@ -170,7 +172,7 @@ def num_network_parameters(scene: AnchorScene) -> int:
 
 
 def size_tables(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
-    """Returns one table of sizes per scene, and one table that compares with published values."""
+    """Returns one table of sizes per scene, and one that compares sizes with published ones (`Study.published`)."""
     return [_scene_table(study, sizes) for sizes in found] + _published_table(study, found)
 
 

@@ -146,7 +146,7 @@ def encode_packets(
         scales: Index of each symbol's standard deviation in the coder's table.
         firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
             item is the number of columns.
-        form: Index of the attribute group that is coded next after the masks.
+        form: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.

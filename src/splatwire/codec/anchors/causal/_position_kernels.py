@@ -148,7 +148,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def center_of_part(i, n, bits):
-    """Estimates the low bits of an anchor's position, which only the anchor's packet contains.
+    """Estimates the low bits of the position of an anchor whose packet is missing; only packets contain these bits.
 
     Args:
         i: Index of the anchor among those of its tree leaf, in Morton order.
@@ -166,7 +166,7 @@ def center_of_part(i, n, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_position(out, state, code, unknown, chances):
-    """Encodes the low bits of an anchor's position, which the side information does not contain.
+    """Encodes the low bits of an anchor's position; the side information contains only the high bits.
 
     Args:
         out: Output bytes of the range encoder.

@@ -94,23 +94,25 @@ class CodingContext:
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Starts to predict anchors, with the network that depends on their positions only.
+        """Returns an object (`Chain`) that predicts the attributes of anchors, group by group.
 
         Args:
             voxels: Positions of the anchors, voxels, int64 (n, 3).
 
         Returns:
-            The chain of predictions for these anchors.
+            The object, with the outputs of the network that depends on the anchors' positions only.
         """
         return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 
 
 class Chain:
-    """Predicts the attributes of n anchors for entropy coding, group by group; later groups use earlier ones.
+    """Predicts the attributes of n anchors for entropy coding, group by group.
+
+    The prediction of each group uses the preceding groups.
 
     Args:
-        context: The stream's networks and constants, with one network per group of attributes (`Stage`).
-        place: Outputs of the position network, int32 (n, context).
+        context: The stream's networks and constants. For each group of attributes (`Stage`), there is one network.
+        place: Outputs of the network that depends on the anchors' positions only, int32 (n, outputs).
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:
@@ -202,7 +204,7 @@ def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
 
 
 def exponential(logs: np.ndarray) -> np.ndarray:
-    """Returns two to the power of fixed-point logarithms, float32, identical on every machine.
+    """Returns two to the power of fixed-point logarithms as float32. The result is identical on every machine.
 
     Args:
         logs: Base-2 logarithms, int64, `LOG_BITS` fractional bits.

@@ -84,12 +84,12 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     """Divides the bits of the anchors' positions between the side information and the packets.
 
     Args:
-        info: Side information that contains nearly all position bits.
+        info: Side information with nearly all position bits. If it is too large, low bits are moved to the packets.
         voxels: Positions of the anchors, voxels, int64 (N, 3).
         packet_bytes: Expected bytes of all packets.
 
     Returns:
-        The high bits for the side information, and how to code the low bits in packets.
+        The high bits for the side information, and the probabilities for coding the low bits in packets.
     """
     # Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
     # moving low bits to the packets.

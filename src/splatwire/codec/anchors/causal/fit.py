@@ -1,6 +1,6 @@
 """Fits the side information of the codec `causal` to a scene.
 
-The networks are quantised as coarsely as their predictions tolerate.
+The weights of the networks are quantised coarsely, up to a tolerated error of the networks' outputs.
 """
 
 import math

@@ -21,13 +21,13 @@ class Quantised:
     """Quantised anchors with their predictions.
 
     Attributes:
-        positions: Positions of the anchors, with all bits.
+        positions: Complete positions of the anchors, with high and low bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
         scales: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
-        numbers: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes): features,
-            logarithms of the offset scale and of the three sizes, and offsets.
+        numbers: Decoded attributes: features, logarithms of the offset scale and of the three sizes, and offsets. In
+            quantisation steps with 16 fractional bits, int32 (n, attributes).
     """
 
     # `symbols` and `numbers` are 0 for missing offsets.
@@ -45,7 +45,7 @@ class Quantised:
 
 
 def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Returns all integers of each anchor: position relative to the origin, offset mask and quantised attributes."""
+    """Returns all integers of each anchor: position, mask and quantised attributes, int32 (n, 3 + K + attributes)."""
     return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), numbers], axis=1)
 
 
@@ -69,10 +69,10 @@ def quantise(
 
     Args:
         context: The stream's networks and constants.
-        positions: Positions of the anchors, with all bits.
+        positions: Complete positions of the anchors, with high and low bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
-        octaves: Quantisation step of the logarithm of the offset scale (the factor on an anchor's offsets), in octaves.
+        octaves: Quantisation step of the base-2 logarithm of the offset scale (the factor on an anchor's offsets).
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()
@@ -209,7 +209,7 @@ def predict_from_positions(context: CodingContext, voxels: np.ndarray) -> tuple[
         voxels: Positions of the anchors, voxels, int64 (n, 3).
 
     Returns:
-        Outputs of the position network, float64 (n, context); predicted means in quantisation steps, and binary
+        Outputs of the position network, float64 (n, outputs); predicted means in quantisation steps, and binary
         logarithms of the standard deviations, int32 (n, attributes) each, with 16 fractional bits.
     """
     # The causal model predicts some attributes from others. Here, its networks get the predicted means of these. The

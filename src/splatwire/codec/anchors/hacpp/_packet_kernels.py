@@ -61,7 +61,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
         outputs: Outputs of the prior network, 16 fractional bits.
         mean_column: First column of the attribute's means.
         scale_column: First column of the attribute's standard deviations.
-        q_column: Column that determines the quantisation step.
+        q_column: Column of the output from which the attribute's quantisation step is computed.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means in quantisation steps, 12 fractional bits.
         scales: Output: indices of the standard deviations in the coder's table.
@@ -79,18 +79,21 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Computes the second component of one feature group's mixture distributions, from network outputs.
+    """Converts network outputs to the second normal distribution of each feature of one group, and its mixture weight.
+
+    A feature has a mixture of two normal distributions; the prior network predicts the first, the channel network the
+    second.
 
     Args:
         outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
         group: Index of the group.
         prior_outputs: Outputs of the prior network.
         weight_column: Column of the group's first weight logit in `prior_outputs`.
-        q_column: Column in `prior_outputs` that determines the quantisation step.
+        q_column: Column in `prior_outputs` from which the quantisation step is computed.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means of the second normal in quantisation steps, 12 fractional bits.
         scales: Output: indices of the second normal's standard deviations in the coder's table.
-        weights: Output: indices into the table of mixture weights.
+        weights: Output: weights of the first distribution, as indices into the table of mixture weights.
     """
     size = means.shape[1]
     for n in range(means.shape[0]):
@@ -131,7 +134,7 @@ def encode_packets(
         scale0: Indices of the first component's standard deviations in the coder's table.
         mean1: Means of the second mixture component of the features.
         scale1: Indices of the second component's standard deviations in the coder's table.
-        weight: Index into `weights` of the weight of the first mixture component.
+        weight: Weights of the first mixture component, as indices into `weights`.
         scaling_mean: Means of the scalings.
         scaling_scale: Indices of the standard deviations of the scalings in the coder's table.
         offset_mean: Means of the offsets.
@@ -216,9 +219,9 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates how many bits each anchor takes without its offset mask, and writes the numbers to `bits`.
+    """Estimates the encoded size of each anchor without its offset mask, and writes it to `bits`, in bits.
 
-    The other arguments are those of `encode_packets`.
+    All arguments except `bits` have the same meaning as in `encode_packets`.
     """
     for n in range(masks.shape[0]):
         total = 0.0
@@ -314,18 +317,22 @@ def decode_group(
 ):
     """Decodes one feature group for the anchors of all packets.
 
+    Each feature has a mixture of two normal distributions. The first comes from the prior network, which predicts all
+    groups; the second from the network of this group.
+
     Args:
         data: Bytes of all packets.
         ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
         first: First column of the group in `features`.
-        mean0: Means of the first mixture component, for the channels of all groups.
-        scale0: Indices of the first component's standard deviations in the coder's table, for the channels of all
+        mean0: Means of the first distribution, for the channels of all groups.
+        scale0: Standard deviations of the first distribution as indices into the coder's table, for the channels of all
             groups.
-        mean1: Means of the second mixture component, for the channels of this group only.
-        scale1: Indices of the second component's standard deviations in the coder's table, for this group only.
-        weight: Index into `weights` of the weight of the first mixture component, for this group only.
+        mean1: Means of the second distribution, for the channels of this group.
+        scale1: Standard deviations of the second distribution as indices into the coder's table, for the channels of
+            this group.
+        weight: Weights of the first distribution as indices into `weights`, for the channels of this group.
         weights: Table of mixture weights.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
@@ -349,7 +356,21 @@ def decode_rest(
 ):  # fmt: skip
     """Decodes the scalings and the existing offsets of the anchors of all packets, after masks and features.
 
-    Results are written to `scalings` and `offsets`.
+    Args:
+        data: Bytes of all packets.
+        ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
+        starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
+        states: State of the range decoder of each packet, changed in place.
+        masks: 1 for offsets that exist.
+        scaling_mean: Means of the scalings.
+        scaling_scale: Standard deviations of the scalings, as indices into the coder's table.
+        offset_mean: Means of the offsets.
+        offset_scale: Standard deviations of the offsets, as indices into the coder's table.
+        inverses: Reciprocal of each standard deviation in the coder's table.
+        widths: Largest distance from the mean without an escape code, for each of these standard deviations.
+        table: Standard normal CDF, from `normal_table`.
+        scalings: Output: scalings in quantisation steps.
+        offsets: Output: offsets in quantisation steps; 0 for offsets that do not exist.
     """
     for p in range(len(starts) - 1):
         state, end = states[p], ends[p + 1]

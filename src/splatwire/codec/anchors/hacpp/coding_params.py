@@ -160,7 +160,7 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """Part of the first-layer weights of all channel networks: the weights for outputs of the prior network."""
+        """First-layer weights of all channel networks for those inputs that are outputs of the prior network."""
         # float64 (3 F, total of hidden units)
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(

@@ -76,7 +76,9 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns the relative error that each output of the prior network may have after its weights were quantised.
+    """Returns the error of each output of the prior network that is tolerated when the network's weights are quantised.
+
+    The errors are relative to each other; the caller multiplies all of them by one factor.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
@@ -99,8 +101,8 @@ def _fit_channel(scene: AnchorScene, features: np.ndarray, prior: np.ndarray, no
     Args:
         scene: The scene with the networks.
         features: Features of a sample of anchors.
-        prior: Outputs of the prior network for these anchors: means, standard deviations and weight logits of their
-            features.
+        prior: Outputs of the prior network for the features of these anchors: means, standard deviations, and mixture
+            weights as logits.
         noise: Tolerated quantisation error of the networks' outputs, relative to the predicted standard deviation.
     """
     fitted, before = [], 0

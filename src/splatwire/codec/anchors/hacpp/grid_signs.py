@@ -1,4 +1,4 @@
-"""Codes the signs of the binary hash grid with adaptive models; only rows read by at least one anchor are coded."""
+"""Codes the signs of the binary hash grid with adaptive models. Rows of the grid that no anchor reads are omitted."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Codec `hacpp` of HAC++ anchors (format 1): connects its encoder, decoder and repacketization."""
+"""Definition of the codec `hacpp` (format 1) for anchors of HAC++: its encoder, its decoder, and changes of packets."""
 
 from typing import Any
 

@@ -66,7 +66,7 @@ def encode_parts(
 
     Args:
         context: The stream's networks and constants.
-        predicted: Prediction of the anchors, group by group.
+        predicted: Predicted probability distributions of the anchors' attributes, sorted by group.
         mixture: Second normal distribution of the features' mixtures, for these anchors.
         counts: Number of anchors in each group, int64 (groups).
         symbols: Quantised attributes of the anchors.
@@ -111,7 +111,7 @@ class DecodedParts:
 def decode_parts(
     context: CodingContext, outputs: np.ndarray, mask: np.ndarray, payloads: Mapping[int, bytes]
 ) -> DecodedParts:
-    """Decodes the received attributes of one group of anchors; any bytes decode without an error.
+    """Decodes the received attributes of one group of anchors. Damaged payloads give wrong values, but never an error.
 
     Args:
         context: The stream's networks and constants.
@@ -175,9 +175,10 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
     """Returns the normal distributions for coding the scalings or the offsets of some anchors.
 
     Args:
-        pair: Means of all anchors, and indices of the standard deviations in the coder's table, (n, D) each.
-        rows: Range of the anchors.
-        keep: Mask of the values that packets contain, bool (anchors, D); None if packets contain all.
+        pair: Means, (n, D), and standard deviations as indices into the coder's table, (n, D), for all n anchors.
+        rows: Range of the anchors to code.
+        keep: Mask of the values that packets contain, for the m anchors in `rows`, bool (m, D); None if packets contain
+            all.
     """
     mean, scale = (values[rows] if keep is None else values[rows][keep] for values in pair)
     return Mixtures.normals(mean.ravel(), scale.ravel())
