@@ -20,11 +20,13 @@ Entry = TypeVar("Entry")
 
 
 class Registry(Generic[Entry]):
-    """Entries of one kind by name, in the order of their registration.
+    """Entries of one kind by name, such as all loss models, in the order of their registration.
+
+    Installed packages announce their entries as entry points in the package metadata.
 
     Args:
         kind: Name of the kind of entry for messages, such as `loss model`.
-        group: Group of the entry points that announce entries.
+        group: Name of the group of entry points for this kind of entry.
     """
 
     def __init__(self, kind: str, group: str) -> None:
@@ -169,7 +171,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the registered entry with the name of an entry point comes from the package of this entry point."""
+        """True if the package of an entry point has registered the entry with the entry point's name."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 
@@ -195,7 +197,12 @@ def _is_own(point: "EntryPoint") -> bool:
 
 @functools.cache
 def _entry_points(group: str, path: tuple[str, ...]) -> tuple["EntryPoint", ...]:
-    """Returns the entry points of a group, from a cache."""
+    """Returns the entry points of a group; repeated calls with the same arguments return a cached result.
+
+    Args:
+        group: Name of the group.
+        path: Import path (`sys.path`). It only identifies the cached result: a new path needs a new search.
+    """
     from importlib.metadata import entry_points  # slow import: a tenth of a command's start time
 
     return tuple(entry_points(group=group))

@@ -154,7 +154,7 @@ def remove_unfinished(folder: Path) -> None:
 
 @functools.lru_cache(maxsize=1024)
 def _tidy_once(folder: Path) -> None:
-    """Cleans up after killed writers in a folder (`remove_unfinished`), at the first call for this folder only."""
+    """Cleans up after killed writers in a folder (`remove_unfinished`). Repeated calls for a folder do nothing."""
     remove_unfinished(folder)
 
 
@@ -180,7 +180,7 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
 
 
 def _is_workspace(space: int) -> bool:
-    """True if an open folder is a temporary folder of a writer that only this user can access."""
+    """True if an open folder is the temporary folder of a writer, and only the current user can access it."""
     if os.fstat(space).st_mode & 0o077 or not set(os.listdir(space)) <= {_NEW, _OLD}:
         return False
     for part in os.listdir(space):
@@ -193,7 +193,7 @@ def _is_workspace(space: int) -> bool:
 
 
 def _restore(space: int, parent: int) -> None:
-    """Moves folders that a killed writer had set aside back to their original paths.
+    """Moves folders back to their original paths, from which a killed writer had moved them.
 
     Args:
         space: File descriptor of the temporary folder of the killed writer.

@@ -394,7 +394,7 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 
 
 def _glb_json_end(head: bytes) -> int:
-    """Returns the byte offset of the end of the JSON chunk of a binary glTF file; 0 if it is implausible."""
+    """Returns the byte offset of the end of a binary glTF file's JSON chunk; 0 if the stated size is implausible."""
     (size,) = struct.unpack("<I", head[12:16]) if len(head) >= 20 else (0,)
     return 20 + size if 0 < size <= MAX_GLB_JSON_BYTES else 0
 

@@ -163,13 +163,18 @@ def _read_old(path: Path, error: type[SplatwireError]) -> tuple[Any, Callable[[_
 
 
 def _tensors_in(content: Any) -> dict[str, _Tensor]:
-    """Returns the tensors of a dictionary; empty for other values."""
+    """Returns the tensors of a dictionary by name. The result is empty if `content` is no dictionary."""
     items = content.items() if isinstance(content, dict) else ()
     return {name: value for name, value in items if isinstance(value, _Tensor)}
 
 
 def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray:
-    """Converts the description of a tensor to a read-only array, which may share memory with other arrays."""
+    """Converts the description of a tensor to a read-only array, which may share memory with other arrays.
+
+    Args:
+        tensor: Description of the tensor: shape, strides and position of its data.
+        bytes_of: Function that returns the bytes of a data block of the archive.
+    """
     numbers, shape, strides = np.frombuffer(bytes_of(tensor.storage), tensor.storage.kind), tensor.shape, tensor.strides
     last = tensor.first + sum((count - 1) * stride for count, stride in zip(shape, strides, strict=True))
     size = int(np.prod(shape, dtype=object))
@@ -233,7 +238,7 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: Any) -> _Storage:
-    """Parses a reference from a tensor to its data, as pickled by PyTorch; the arguments are the items of a tuple.
+    """Parses the reference to a tensor's data in a PyTorch file. The arguments are the items of the pickled reference.
 
     Args:
         word: Always `storage`.

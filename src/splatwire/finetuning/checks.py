@@ -55,7 +55,8 @@ class Check:
             splats: The Gaussians at the start, rounded.
             pictures: All fitted pictures.
             receptions: Simulated packet losses; empty for none.
-            least: Lower limit on the error by which the loss of a view is divided.
+            least: Lower limit of the divisor of a view's loss. The divisor is the view's error at the start of the
+                fine-tuning.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views

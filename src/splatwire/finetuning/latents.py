@@ -119,7 +119,10 @@ class Offsets:
 
     @staticmethod
     def between(exact: Splats, rounded: Splats) -> "Offsets":
-        """Computes the rounding errors of Gaussians."""
+        """Computes the differences of parameters between exact and rounded Gaussians, which are the rounding errors.
+
+        Adding the differences to the exact parameters gives the rounded Gaussians.
+        """
         # A Gaussian has several equivalent forms, with its axes in another order or with other signs. The form
         # of the rounded Gaussian that is closest to the exact one is used.
         order = np.argsort(-exact.scales, axis=1, kind="stable")
@@ -169,9 +172,9 @@ def gradients_of(
     Rounding is treated as the identity function (straight-through).
 
     Args:
-        latents: The parameters; their rotations `turns` must be 0.
+        latents: The trainable parameters. The rotations `latents.turns` must be 0.
         drawn: The drawn Gaussians, `latents.splats(offsets)`.
-        offsets: Rounding errors, which count as constants; None without rounding.
+        offsets: Differences between rounded and exact parameters, which count as constants; None without rounding.
         found: Gradients with respect to the drawn Gaussians.
 
     Returns:

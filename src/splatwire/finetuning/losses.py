@@ -57,7 +57,7 @@ class Reception:
         """Converts gradients with respect to the drawn Gaussians to gradients of all Gaussians; 0 for lost ones.
 
         Args:
-            splats: All Gaussians, before the loss.
+            splats: All Gaussians, including those lost with packets.
             found: Gradients with respect to the drawn Gaussians.
         """
         clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))

@@ -45,7 +45,7 @@ class HarmonicCost:
         return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
 
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
-        """Returns the term of the loss: the mean cost of a Gaussian's harmonics, times a constant weight."""
+        """Returns the loss term for the size of harmonics: the mean cost per Gaussian, times the constant `WEIGHT`."""
         sums = np.log1p(np.abs(self._coefficients(harmonics)) / self.steps)
         return WEIGHT * float(sums.sum(dtype=np.float64)) / len(harmonics)
 

@@ -218,7 +218,7 @@ def picture_gradients(
         view: Index of the camera.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Number by which gradients are divided; None to divide by the mean squared error itself.
+        scale: Divisor of the gradients; None for the mean squared error as divisor. At least `LEAST_SCALE` is used.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;
@@ -249,7 +249,7 @@ class _Adam:
     """The Adam optimiser.
 
     Args:
-        sizes: Factor on the steps of each Gaussian.
+        sizes: Factor of each Gaussian on the learning rates.
     """
 
     def __init__(self, sizes: Float[np.ndarray, "N"]) -> None:
@@ -303,7 +303,7 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
 def _first_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Prepares the repeated measurement of the training loss in a fixed sample of views."""
+    """Chooses views and packet losses in which the fine-tuning repeatedly measures its loss; measures it once."""
     # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[Reception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))

@@ -108,7 +108,10 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
 
 
 def _ply_steps_of(scene: Scene) -> PlySteps | None:
-    """Returns the quantisation steps of decoded Gaussians to store in a PLY; None if unknown or outdated."""
+    """Returns the quantisation steps of decoded Gaussians, to store in a PLY.
+
+    The result is None if the steps are unknown, or loss concealment has changed the Gaussians after decoding.
+    """
     coding: SplatCoding | None = getattr(scene, "coding", None)
     if coding is None:
         return None

@@ -98,7 +98,7 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
 
     Yields:
         For each tile: index of the coarser tile that contains it; index of the tile itself; number of Gaussians that
-        represent it; and area times opacity of each of its own Gaussians.
+        represent it; and area times opacity of each Gaussian of the tile itself.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

@@ -32,7 +32,10 @@ class LevelShape:
 
     @property
     def edges(self) -> np.ndarray:
-        """Index of the first Gaussian of each tile in the level, then the number of Gaussians, int64 (tiles + 1)."""
+        """Index of the first Gaussian of each tile in the level, int64 (tiles + 1).
+
+        The last entry is the number of Gaussians of the level.
+        """
         return np.minimum(np.arange(self.num_tiles + 1) * self.size, self.count).astype(np.int64)
 
 

@@ -117,8 +117,8 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
 
     Args:
         scene: The scene to write.
-        holder: Name of the output format, followed by "hold" or "holds", such as "3D Tiles hold"; begins the error
-            message for scenes with anchors.
+        holder: Start of the error message for scenes with anchors: name of the output format and the verb, such as "3D
+            Tiles hold".
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.

@@ -63,8 +63,8 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
     """`numba.njit` with a cache of machine code that works wherever the package is installed.
 
     Args:
-        borrows: True if the function only reads and writes its array arguments, and neither allocates nor returns
-            arrays; disables reference counting.
+        borrows: True to compile without reference counting. The function must only read and write its array arguments;
+            it must neither allocate nor return arrays.
         **options: Options of `numba.njit`; `cache` is always on.
     """
     if borrows and CAN_BORROW:
@@ -171,7 +171,10 @@ def _sources_digest(module: str) -> str:
 
 
 def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
-    """Collects the constants of a module and its imports, which its compiled kernels may contain.
+    """Collects the constants of a module and of the modules it imports.
+
+    Compiled kernels of the module can contain copies of these constants, so that machine code is valid only for the
+    same constants.
 
     Args:
         module: Full name of the module.

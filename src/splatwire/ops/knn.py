@@ -77,16 +77,16 @@ def nearest_neighbors(
 def nearest_others(
     tree: NeighborTree, points: Float[Any, "Q 3"], own: Int64[Any, "Q"], k: int
 ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
-    """Finds the `min(k, S - 1)` nearest other points for some points of the tree.
+    """Finds the nearest other points of some points of the tree.
 
     Args:
         tree: Search tree of all S points.
         points: Some points of the tree.
         own: Indices of these points in the tree.
-        k: Number of neighbours.
+        k: Number of neighbours; all other points are returned if there are fewer.
 
     Returns:
-        Indices of the neighbours, and distances.
+        Indices of the neighbours in the tree; and distances. Both have `kept = min(k, S - 1)` columns.
     """
     index, distance = tree.query(points, k + 1)
     own = to_numpy(own)

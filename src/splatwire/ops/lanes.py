@@ -98,7 +98,13 @@ def load(typingctx, array, index):
 @intrinsic
 @no_type_check
 def pick(typingctx, array, index):
-    """Loads one number of a flat float32 array, without bounds check."""
+    """Loads one number of a flat float32 array, without bounds check.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        array: The array.
+        index: Index of the number.
+    """
 
     def build(context, builder, signature, arguments):
         return builder.load(_address(context, builder, signature.args[0], *arguments, ir.FloatType()))
@@ -122,7 +128,12 @@ def store(typingctx, array, index, value):
 @intrinsic
 @no_type_check
 def spread(typingctx, value):
-    """Returns a vector with sixteen copies of one number."""
+    """Returns a vector with sixteen copies of one number.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        value: The number, float32.
+    """
 
     def build(context, builder, signature, arguments):
         return _spread(builder, arguments[0])
@@ -133,7 +144,14 @@ def spread(typingctx, value):
 @intrinsic
 @no_type_check
 def choose(typingctx, mask, yes, no):
-    """Selects elements of two vectors by a mask: `yes` where the mask is set, otherwise `no`."""
+    """Selects elements of two vectors by a mask.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        mask: The mask.
+        yes: Elements where the mask is set.
+        no: Elements elsewhere.
+    """
 
     def build(context, builder, signature, arguments):
         return builder.select(*arguments)
@@ -144,7 +162,13 @@ def choose(typingctx, mask, yes, no):
 @intrinsic
 @no_type_check
 def smaller(typingctx, a, b):
-    """Returns the element-wise minimum of two vectors."""
+    """Returns the element-wise minimum of two vectors.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        a: First vector.
+        b: Second vector.
+    """
 
     def build(context, builder, signature, arguments):
         return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
@@ -155,7 +179,12 @@ def smaller(typingctx, a, b):
 @intrinsic
 @no_type_check
 def power_of_two(typingctx, power):
-    """Returns 2 ** power for each element, with relative error 2e-7, for powers in [-126, 127]."""
+    """Returns 2 ** power for each element, with relative error 2e-7, for powers in [-126, 127].
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        power: Vector of exponents.
+    """
 
     def build(context, builder, signature, arguments):
         (power,) = arguments
@@ -189,7 +218,15 @@ def pairs(typingctx, a, b):
 @intrinsic
 @no_type_check
 def store_first(typingctx, array, index, value, count):
-    """Stores the first `count` elements of a vector from `index` on; `count` is a compile-time constant."""
+    """Stores the first elements of a vector in a flat float32 array.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        array: The array, changed in place.
+        index: Index in the array of the first stored element.
+        value: The vector.
+        count: Number of elements to store, a compile-time constant.
+    """
     if not isinstance(count, types.IntegerLiteral):
         return None
 
@@ -211,7 +248,13 @@ def store_first(typingctx, array, index, value, count):
 @intrinsic
 @no_type_check
 def prefetch(typingctx, array, index):
-    """Loads the memory at `index` of a flat array into the processor's cache in advance."""
+    """Starts to load the memory at `index` of a flat array into the processor's cache, before it is needed.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        array: The array.
+        index: Index of an element.
+    """
 
     def build(context, builder, signature, arguments):
         byte, number = ir.IntType(8), ir.IntType(32)

@@ -62,7 +62,10 @@ _LIMIT = threading.Event()
 
 
 def use_single_thread() -> None:
-    """Makes `share` run all work on the calling thread, for the rest of this process."""
+    """Makes the function `share`, which distributes work over threads, do all work on the calling thread.
+
+    This holds for the rest of the process.
+    """
     _LIMIT.set()
 
 

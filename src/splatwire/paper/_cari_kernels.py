@@ -72,8 +72,8 @@ def _score_query(context, signature, reliability, query, candidates, distance, e
         candidates: Indices of its candidate anchors, int64 (L).
         distance: Distances of the candidates, float32 (L).
         exponents: Exponents of distance, context similarity and signature similarity, then epsilon, float32 (4).
-        index: Output: indices of the best candidates, int64 (G, keep).
-        strength: Output: their scores, float32 (G, keep).
+        index: Output: indices of the best candidates of each attribute group, best first, int64 (G, K).
+        strength: Output: scores of the best candidates, float32 (G, K).
     """
     for c in range(candidates.shape[0]):
         k = candidates[c]

@@ -58,7 +58,7 @@ def nearest(queries, points, sizes, number, starts, low, high, reach, bound, ind
         points: Point positions, sorted by block, float64 (S, 3).
         sizes: Sizes of the points along the axes, positive, float64 (S, 3).
         number: Index of each sorted point before sorting, int64 (S).
-        starts: Index of the first point of each block, then S, int64 (B + 1).
+        starts: Index of the first point of each block, int64 (B + 1); the last entry is S.
         low: Lower corner of each block's bounding box, float64 (B, 3).
         high: Upper corner of each block's bounding box, float64 (B, 3).
         reach: Largest size in each block along each axis, float64 (B, 3).

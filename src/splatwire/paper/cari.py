@@ -1,4 +1,8 @@
-"""CARI, Context-Aware Residual Interpolation: the paper's non-learned concealer (Section 3.3)."""
+"""CARI, Context-Aware Residual Interpolation: a concealer without learning.
+
+It interpolates residuals (differences of attributes from the means that the hash grid predicts) between anchors.
+Source: Section 3.3 of the paper (`docs/paper-map.md`).
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -140,8 +144,8 @@ class _ConstantData:
         context: The received scene.
         groups: Groups of attribute channels that are interpolated with the same neighbours and weights.
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
-        certainty: Factor of each anchor's score per attribute group, lower if the prior is uncertain (`w_unc` in the
-            paper).
+        certainty: Factor of each anchor's score per attribute group, lower if the hash grid's prediction (prior) of the
+            anchor is uncertain; `w_unc` in the paper.
         everyone: Search tree over the positions of all anchors.
     """
 
@@ -230,7 +234,7 @@ def _candidates(
 
     Args:
         settings: Settings of the concealer.
-        fixed: Data that does not change between the passes.
+        fixed: Inputs that are the same in all passes; a pass estimates all lost anchors once.
         received: Mask of the anchors with the attribute received.
         first: True in the first pass, in which only received anchors are candidates.
 
@@ -271,8 +275,7 @@ def _interpolate(
 
     Args:
         settings: Settings of the concealer.
-        fixed: Data that is the same in every pass. A pass estimates all lost anchors once; later passes also use the
-            estimates of the pass before.
+        fixed: Inputs that are the same in all passes; a pass estimates all lost anchors once.
         group: The attribute channels to estimate.
         residuals: Residuals of all anchors.
         near: Neighbours of the lost anchors, with weights.

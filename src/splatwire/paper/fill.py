@@ -1,4 +1,4 @@
-"""Functions shared by the paper's concealers: grouping of lost attributes, means of neighbours, votes on masks."""
+"""Functions shared by the concealers of this package: grouping of lost attributes, means of neighbours, mask votes."""
 
 from dataclasses import dataclass
 
@@ -62,7 +62,9 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups attributes that are missing for exactly the same anchors; attributes that no anchor lacks are left out.
+    """Groups the lost attributes: a group has the attributes that are missing for exactly the same anchors.
+
+    Attributes that were received for all anchors are not in a group.
 
     Returns:
         For each group, the mask of the anchors that have its attributes, and the attributes.
@@ -85,7 +87,13 @@ def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], t
 def weighted_mean(
     values: Float[Tensor, "N D"], index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]
 ) -> Float[Tensor, "Q D"]:
-    """Returns for each lost anchor the weighted sum of its neighbours' values."""
+    """Returns the weighted mean of the neighbours' values for each lost anchor.
+
+    Args:
+        values: Values of all anchors.
+        index: Indices of the neighbours of each lost anchor.
+        weight: Weights of the neighbours; the sum for a lost anchor is 1 or slightly less.
+    """
     # embedding_bag reads the neighbours' values in place: three times faster than first copying all Q k D values
     return torch.nn.functional.embedding_bag(
         index.contiguous(), values, mode="sum", per_sample_weights=weight.contiguous()

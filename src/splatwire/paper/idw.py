@@ -1,4 +1,4 @@
-"""Concealers `idw` (inverse distance weighting of absolute attributes) and `prior` (the prior's mean)."""
+"""Concealers `idw` (inverse distance weighting of attributes) and `prior` (mean that the hash grid predicts)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -139,7 +139,7 @@ def fill_from_neighbors(
 @register_concealer("prior", needs=[Prior])
 @dataclass(frozen=True)
 class PriorMean:
-    """Replaces a lost anchor by the mean that the hash grid predicts (the paper's prior prediction, without residual).
+    """Replaces each lost anchor by the mean that the hash grid predicts from the anchor's position.
 
     Attributes:
         neighbors: Number of neighbours that vote on which offsets exist.

@@ -68,8 +68,8 @@ class MahalanobisSearch:
         """Returns an upper bound of the squared Mahalanobis distance of each query to its `kept`-th nearest point.
 
         Args:
-            queries: Query positions.
-            x: The same positions, float64 (Q, 3).
+            queries: Query positions as a tensor.
+            x: Query positions as an array, float64 (Q, 3).
             kept: Number of neighbours.
         """
         # The search skips points beyond this bound. It is computed from points near the query by Euclidean

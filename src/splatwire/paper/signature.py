@@ -1,4 +1,8 @@
-"""Quantities that CARI computes for each anchor: residuals, their group means (signature), and uncertainty."""
+"""Quantities that CARI (Context-Aware Residual Interpolation) computes for each anchor.
+
+Residuals are differences from the predictions of the hash grid. A signature has the mean residual of each group of
+attribute channels. The uncertainty is that of the hash grid's predictions.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -87,7 +91,9 @@ def unit_rows(values: Float[Tensor, "N D"]) -> Float[Tensor, "N D"]:
 
 
 def anchors_from(context: ReceivedScene, residuals: Residuals, mask: Bool[Tensor, "N K"]) -> Anchors:
-    """Returns anchors whose attributes are the prior's mean plus residuals (the paper's `A = mu + r`).
+    """Returns anchors whose attributes are the mean that the hash grid predicts plus residuals.
+
+    This is `A = mu + r` in the paper.
 
     Args:
         context: The received scene with its prior.

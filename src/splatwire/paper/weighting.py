@@ -31,9 +31,12 @@ class ScoreExponents:
 class Support:
     """Properties of all N anchors from which CARI scores them as neighbours of a lost anchor.
 
+    CARI (Context-Aware Residual Interpolation) conceals lost anchors. A signature has the mean residual of each group
+    of an anchor's attribute channels.
+
     Attributes:
         context: Hash-grid feature of each anchor, normalised to length 1.
-        signature: Signature of each anchor's residuals, normalised to length 1.
+        signature: Signature of each anchor, normalised to length 1.
         reliability: Factor of the score that depends on the neighbour only, for each of G attribute groups.
     """
 
@@ -70,10 +73,11 @@ def select_neighbors(
     exponents: ScoreExponents,
     backend: str = "numba",
 ) -> Selection:
-    """Selects the candidates with the highest score `u = w_geo w_ctx w_unc w_conf w_sig` (paper, Section 3.3).
+    """Selects the candidates with the highest scores as neighbours of each lost anchor (query).
 
-    The score depends on distance, similarity of hash-grid features, and similarity of residual signatures. It is lower
-    for candidates with an uncertain prior and for candidates that are themselves concealed.
+    The score is the product of five factors: `u = w_geo w_ctx w_unc w_conf w_sig` (Section 3.3 of the paper). `w_geo`
+    depends on distance, `w_ctx` on the similarity of hash-grid features, and `w_sig` on that of residual signatures.
+    `w_unc` is lower for candidates with an uncertain prior, and `w_conf` for candidates that are themselves concealed.
 
     Args:
         support: Properties of all anchors that determine scores.
@@ -81,7 +85,7 @@ def select_neighbors(
         candidates: Anchor indices of the candidates of each query, nearest first.
         distance: Distances of the candidates from the query.
         keep: Number of neighbours to select per query, K.
-        exponents: Exponents and epsilon of the score.
+        exponents: Exponents of the factors, and the constant epsilon that prevents division by zero.
         backend: `numba` (compiled) or `torch` (reference).
     """
     # Of candidates with equal scores, the nearer candidate is preferred.

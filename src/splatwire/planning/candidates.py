@@ -101,7 +101,7 @@ def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraint
 
 @checked
 def largest_head(load: StreamLoad) -> int:
-    """Returns the largest init segment that the planner may try, approximately, in bytes.
+    """Returns the approximate size of the largest init segment that the planner may try, in bytes.
 
     Args:
         load: Sizes of the stream's packets.
@@ -116,7 +116,8 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
         counts: Number of packets of each importance tier.
 
     Returns:
-        Pairs of a number of tiers, from 0, and the share of all packets that these tiers have, 0 to 1.
+        One pair for each possibility, in ascending order: the number of tiers, beginning with 0; and the share of all
+        packets that belong to these tiers, 0 to 1.
     """
     shares = [(0, 0.0)]
     for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
@@ -224,10 +225,10 @@ def _least_repair(
         traces: Masks of received datagrams in T simulated transfers, bool (T, n).
         rate: Mean loss rate of datagrams.
         constraints: Limits that the plan must meet, with the required fraction of transfers.
-        start: Settings of redundancy to complete.
+        start: Settings of redundancy. Their number of repair symbols for the side information is replaced.
 
     Returns:
-        The settings `start` with another number of repair symbols for the side information.
+        The settings `start` with the chosen number of repair symbols for the side information.
     """
     need = rate / (1 - rate)
     repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})

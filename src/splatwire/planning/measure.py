@@ -105,7 +105,12 @@ class LossyPictures:
         return float((-10 * np.log10(self.errors(known))).mean())
 
     def preview_psnr(self, preview: bytes) -> float:
-        """Returns the mean PSNR of the views if the receiver has only the preview, decibels.
+        """Returns the mean PSNR, decibels, if the receiver has nothing but the preview.
+
+        A preview is a coarse version of the scene of some kilobytes, which is sent before all other data.
+
+        Args:
+            preview: Encoded preview.
 
         Raises:
             BitstreamError: If the preview is malformed.
@@ -176,7 +181,7 @@ def variant_of_stream(
     Args:
         stream: Complete stream.
         pictures: Renders the decoded scene with losses.
-        concealment_bytes: Bytes of the side information that serve loss concealment only, without the preview.
+        concealment_bytes: Bytes of the side information that only loss concealment uses. The preview is not included.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
@@ -224,7 +229,10 @@ def measured_variant(
 
 @checked
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
-    """Returns the indices of the elements in each packet, packets in sending order; indices are in coding order."""
+    """Returns the indices of the elements in each packet.
+
+    Packets are in sending order. An index is the element's position in the coding order.
+    """
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
     ranks = {p.id: cut for p, cut in zip(packets, cuts, strict=True) if p is not None}

@@ -104,7 +104,8 @@ def plan_protection(
     Args:
         variants: Variants of the stream, such as one with tiers and one without.
         loss: Loss model of the channel, in datagrams.
-        budget_bytes: Maximum bytes sent, datagram headers included. For a deadline: time multiplied by sending rate.
+        budget_bytes: Maximum bytes sent, datagram headers included. If there is a deadline, it is the time multiplied
+            by the sending rate.
         trials: Number of transfers to simulate for each setting of redundancy.
         rendered_trials: Number of simulated transfers to render for the best settings.
         seed: Seed of the simulated losses.
@@ -197,7 +198,15 @@ def draw_transfer_losses(variants: Sequence[StreamVariant], loss: LossModel, tri
 def _predict_plan(
     variant: StreamVariant, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int
 ) -> ScenePlan:
-    """Returns a plan with given redundancy and the picture quality that the distortion model predicts for it."""
+    """Returns a plan with given redundancy and the picture quality that the distortion model predicts for it.
+
+    Args:
+        variant: Variant of the stream.
+        number: Index of the variant, stored in the plan.
+        protection: Redundancy of the plan.
+        traces: Masks of received datagrams in T simulated transfers, bool (T, n).
+        budget_bytes: Maximum bytes sent, datagram headers included.
+    """
     model, budget = model_transfer(variant.load, protection), variant.budget_after_preview(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
@@ -237,7 +246,7 @@ class _EvaluatedPlan:
     quality.
 
     Attributes:
-        plan: The plan, with quality and losses measured in the other transfers.
+        plan: The plan, with quality and losses measured in transfers that were not used for the choice.
         partly: Fraction of the transfers in which some packets arrive and others do not.
         error: Standard error of the PSNR, decibels.
         plain: True if the plan is a simple baseline.

@@ -186,7 +186,7 @@ def _prune_and_tune(
     Args:
         plan: The scene before pruning.
         start: Stream of the pruned scene without fine-tuning, with the quantisation steps to use.
-        target: Size, PSNR or quality setting of the stream.
+        target: Target of the stream, given as a size, a PSNR or a quality setting.
         encode: Function that encodes a scene.
         pictures: Pictures of the complete scene.
         tuning: Options of the fine-tuning.
@@ -306,7 +306,9 @@ class _Plan:
         return Quality(level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns a plan for fine-tuning: undoes half of the measured change of each attribute's precision.
+        """Returns a plan for fine-tuning, with a precision of attributes between those of `quality` and this plan.
+
+        This plan's precision is the one measured to be best without fine-tuning. The result is the mean of both.
 
         Args:
             quality: Quality setting with the precision of attributes before the change.
@@ -379,10 +381,10 @@ class _Plan:
         return self.search.mean_psnr(decoded_finest(encoded.stream))
 
     def share_to_tune(self, untuned: EncodedScene) -> float:
-        """Estimates the share of Gaussians to keep if fine-tuning is to give the same PSNR as a stream without it.
+        """Estimates the share of Gaussians to keep so that the fine-tuned stream has the PSNR of `untuned`.
 
         Args:
-            untuned: Stream without fine-tuning, with the PSNR to reach.
+            untuned: Stream without fine-tuning, whose PSNR is to be reached.
         """
         # The quantisation steps remain the same.
         assert self.curve is not None
@@ -537,14 +539,14 @@ class _Trials:
         """Tries quantisation levels until the stream has a wanted size or PSNR.
 
         Args:
-            measure: Returns the size or the PSNR of an encoded scene.
+            measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
             start: First level to try.
-            slope: Expected increase of the value per level.
+            slope: Expected increase of the measured value per level.
 
         Returns:
-            True if no quantisation level with all Gaussians gave an accepted value, and different numbers of Gaussians
-            were tried instead.
+            True if the search varied the number of Gaussians, because no quantisation level gave an accepted value with
+            all Gaussians.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -568,11 +570,11 @@ class _Trials:
         """Tries shares of Gaussians to keep until the stream has a wanted size or PSNR.
 
         Args:
-            measure: Returns the size or the PSNR of an encoded scene.
+            measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: Size or PSNR of the stream from which the search starts, and this stream.
-            slope: Expected increase of the size or PSNR if the quantisation level increases by 1; the increase per
-                share is derived from it.
+            known: Stream from which the search starts, after its measured value: (value, stream).
+            slope: Expected increase of the measured value if the quantisation level increases by 1. The function
+                derives the increase per share from it.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known
@@ -590,11 +592,11 @@ class _Trials:
     def _encode_and_measure(
         self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None
     ) -> float:
-        """Encodes a share of the Gaussians at a quantisation level; returns the size or the PSNR of the result.
+        """Encodes a share of the Gaussians at a quantisation level; returns the measured value of the result.
 
         Args:
-            measure: Returns the size or the PSNR of an encoded scene.
-            level: Quantisation level.
+            measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
+            level: Quantisation level; a higher level has smaller quantisation steps.
             share: Share of the Gaussians to keep, 0 to 1; None for the best share at this level.
         """
         encoded = self._plan.encoded(self._plan.quality(level), self._encode, share)

@@ -99,11 +99,11 @@ class PartialUpdates:
         return PartialUpdates(chain, splats, splats, known, coarse, int(known.sum()), size, antialiased=antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
-        """Encodes the largest changes of the Gaussians as an update; the others remain for later calls.
+        """Encodes the largest changes of the Gaussians as an update; the other changes remain for later calls.
 
-        If the number of Gaussians is unchanged, their order must be, too. Otherwise, Gaussians are matched by position,
-        and those without a match are new or removed. The whole scene is encoded again if an update cannot express the
-        change.
+        If the number of Gaussians is unchanged, their order must be unchanged, too. Otherwise, Gaussians are matched by
+        position, and Gaussians without a match are new or removed. The whole scene is encoded again if an update cannot
+        express the change.
 
         Args:
             splats: The newest Gaussians.
@@ -149,7 +149,7 @@ class PartialUpdates:
         return replace(self, chain=chain, newest=splats, held=mixed, known=known, coarse=coarse, num_pushed=count)
 
     def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"], Bool[np.ndarray, "G"]]:
-        """Finds the version of each Gaussian of a new scene that the receivers have.
+        """Finds, for each Gaussian of a new scene, the version of this Gaussian that the receivers have.
 
         Args:
             splats: Gaussians of the new scene.
@@ -186,7 +186,14 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
 
 
 def _changed(held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of all changed Gaussians."""
+    """Returns the indices of all Gaussians that are new or differ from the version of the receivers.
+
+    Args:
+        held: Versions of the Gaussians that the receivers have.
+        known: Mask of the Gaussians that the receivers have.
+        newest: The newest Gaussians.
+        drawable: Mask of the Gaussians that can be drawn; the other ones are not returned.
+    """
     differs = ~known
     for name, values in vars(newest).items():
         differs |= (values != getattr(held, name)).reshape(len(differs), -1).any(axis=1)
@@ -196,7 +203,15 @@ def _changed(held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarr
 def _by_change(
     held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, num_views: int
 ) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of all drawable Gaussians, largest change of the pictures first."""
+    """Returns the indices of all drawable Gaussians, largest change of the pictures first.
+
+    Args:
+        held: Versions of the Gaussians that the receivers have.
+        known: Mask of the Gaussians that the receivers have.
+        newest: The newest Gaussians.
+        drawable: Mask of the Gaussians that can be drawn.
+        num_views: Number of views in which changes of the pictures are measured.
+    """
     rows = np.flatnonzero(drawable)
     before, after, new = held.select(rows), newest.select(rows), ~known[rows]
     for name, values in vars(before).items():  # rows that the receivers do not have are undefined

@@ -1,4 +1,4 @@
-"""Choice of the share of Gaussians to keep at a quantisation level."""
+"""Choice of the share of Gaussians to keep at a quantisation level (setting of all quantisation steps)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -121,7 +121,7 @@ def _number(share: float, count: int) -> int:
 def _fitted(
     at: Float64[np.ndarray, "S"], known: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
 ) -> Float64[np.ndarray, "S"]:
-    """Fits an increasing curve to a few noisy measurements; returns its values at `at`.
+    """Fits an increasing curve to a few noisy measurements; returns the values of the curve at given arguments.
 
     Args:
         at: Arguments at which the curve is evaluated.

@@ -38,7 +38,7 @@ def search(
 
     Args:
         function: The increasing function.
-        permitted: Range of values that ends the search.
+        permitted: Range of accepted values of the function. The search ends when a value is in this range.
         start: First argument to try.
         slope: Expected increase of the function per unit of its argument, above 0.
         ends: Smallest and largest argument to try.

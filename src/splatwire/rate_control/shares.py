@@ -1,4 +1,4 @@
-"""Search for the share of Gaussians to keep before fine-tuning, so that the fine-tuned scene reaches a target."""
+"""Search for the share of Gaussians to keep before fine-tuning, so that the stream has the wanted size or PSNR."""
 
 import math
 from collections.abc import Callable

@@ -55,7 +55,8 @@ def measured_precision(
         progress: Called with the finished share of the work.
 
     Returns:
-        The additional precision of each quantity in `STEPS`, octaves (`Quality.precision`).
+        The additional precision of each quantity in `STEPS`, for `Quality.precision`. The unit is octaves: one octave
+        halves the quantisation step.
     """
     # For each attribute, two things are measured: the image error if only this attribute is rounded, and the bytes
     # that one octave of its precision takes. An octave divides the error by 4. Bytes are fewest if the error of

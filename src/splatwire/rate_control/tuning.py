@@ -81,7 +81,7 @@ def check_tunable(scene: SplatScene) -> None:
 def fitted_pictures(
     source: SplatScene, cameras: Cameras | None, tuning: Tuning, progress: Callable[[str, float], None]
 ) -> Pictures:
-    """Renders pictures of a complete scene, to which fine-tuning then fits the remaining Gaussians.
+    """Renders pictures of a complete scene. Fine-tuning then adapts the pruned scene to these pictures.
 
     Args:
         source: The complete scene.
@@ -109,8 +109,8 @@ def tuned_to_pictures(
         classes: Precision class of each Gaussian, 0 for the finest.
         pictures: Pictures of the complete scene.
         quality: Quality setting, which determines the quantisation steps.
-        packetization: Split of the stream into packets, for simulating the packet losses of `tuning`.
-        tuning: The options.
+        packetization: Way to split the stream into packets, for simulating the packet losses of `tuning.loss`.
+        tuning: Options of the fine-tuning.
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Returns:

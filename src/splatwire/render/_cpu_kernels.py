@@ -152,7 +152,12 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
 @njit()
 @no_type_check
 def tile_order(num_tiles, grid_x):
-    """Returns the drawing order of tiles, in square blocks."""
+    """Returns the order in which tiles are drawn: one square block of tiles after another, row by row in a block.
+
+    Args:
+        num_tiles: Number of tiles.
+        grid_x: Number of tile columns of the image.
+    """
     # Neighbouring tiles share Gaussians in the cache.
     grid_y, at = num_tiles // grid_x, 0
     order = np.empty(num_tiles, np.int64)

@@ -132,7 +132,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Args:
         splats: Projected Gaussians.
         order: Indices of the Gaussians to list, nearest first.
-        num_columns: Total number of tile columns that the Gaussians overlap.
+        num_columns: Sum, over all Gaussians, of the number of tile columns that the Gaussian overlaps.
         grid_x: Number of tile columns of the image.
         first_row: First row of tiles.
         last_row: End of the rows of tiles (exclusive).
@@ -182,8 +182,8 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: For each Gaussian, the tile of its first tile column in the image's first row of tiles, and the number
-            of its tile columns.
+        corners: Two numbers for each Gaussian: index of the topmost tile in the first tile column that the Gaussian
+            covers, and number of tile columns that it covers.
         strips: First and end (exclusive) of the pixel rows that a Gaussian covers in a tile column: one row for each of
             its tile columns, Gaussian after Gaussian.
         starts: Start of each tile's part in the result, and the total length.

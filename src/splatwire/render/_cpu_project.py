@@ -155,7 +155,10 @@ def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
-    """Converts gradients of projected Gaussians to gradients of the Gaussians' parameters, `d_...`."""
+    """Converts gradients of projected Gaussians to gradients of the Gaussians' parameters.
+
+    The results are written to the arrays `d_means`, `d_quats`, `d_scales`, `d_opacities`, `d_colors` and `d_means2d`.
+    """
     # `sums` are the gradient sums of each projected Gaussian, from `draw_tiles_back` and `add_rows`. The arguments
     # up to `tiles` are those of `project_splats`.
     for g in range(means.shape[0]):

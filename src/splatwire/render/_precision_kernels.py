@@ -27,7 +27,8 @@ def add_squared(
         quats: Unit quaternions of the Gaussians, (w, x, y, z).
         levels: Opacities of the Gaussians.
         order: Axes of each Gaussian sorted by length, longest first.
-        spun: Index in `order` of the axis of symmetry of each Gaussian: 2 for flat Gaussians, 0 for long ones.
+        spun: Axis of symmetry of each Gaussian, as index in `order`: 2 (shortest axis) for flat Gaussians, 0 (longest
+            axis) for long ones.
         sums: Sums to increase, (N, 8), with the columns `POSITION` to `COLOUR`.
         first: Index of the first Gaussian.
         last: End of the Gaussians (exclusive).

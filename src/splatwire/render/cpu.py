@@ -175,7 +175,12 @@ class Picture:
         share(some, _pieces(len(sums)))
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
-        """Sums gradients over the pixels of each projected Gaussian, float32 (G, SUMS)."""
+        """Computes the sums over pixels from which the gradient of each projected Gaussian follows, float32 (G, SUMS).
+
+        Args:
+            image: The rendered picture.
+            d_image: Gradient with respect to the picture.
+        """
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
@@ -248,7 +253,15 @@ def _pieces(num: int) -> list[slice]:
 
 
 def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:
-    """Divides the rows of tiles into bands of limited size; returns the first row of each band, and the end."""
+    """Divides the rows of tiles into bands with a limited number of (Gaussian, tile) pairs.
+
+    Args:
+        entries: Number of (Gaussian, tile) pairs in each row of tiles.
+        num_bands: Wanted number of bands; large bands are divided further.
+
+    Returns:
+        The first row of each band, and the end of the last band (exclusive).
+    """
     # Each band has at most `MAX_ENTRIES` (Gaussian, tile) pairs, or is a single row of tiles.
     limit = min(MAX_ENTRIES, entries.sum() / num_bands)
     cuts, held = [0], 0.0

@@ -134,7 +134,9 @@ def _facing_back(cameras: Cameras) -> Cameras:
 
 
 def cameras_around_splats(splats: Splats, num_views: int, size: int) -> Cameras:
-    """Places cameras evenly on a sphere around Gaussians, looking inwards; nearer than 0.5 units to small scenes.
+    """Places cameras evenly on a sphere around Gaussians, looking inwards.
+
+    Cameras are at least 0.5 units from the Gaussians' centre; around small scenes, they may be nearer.
 
     Args:
         splats: The Gaussians.

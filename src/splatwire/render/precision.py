@@ -187,11 +187,11 @@ def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
 
 
 def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
-    """Computes the precision class of each Gaussian from the sensitivities of the pictures.
+    """Computes the precision class of each Gaussian from the sensitivity of the images to its attributes.
 
     Args:
         splats: The Gaussians.
-        found: Sensitivity of the images to each attribute, by attribute name.
+        found: Sensitivity of the images to each attribute of each Gaussian, by attribute name.
 
     Returns:
         Class of each Gaussian. The quantisation steps of class c + 1 are half as large as those of class c.

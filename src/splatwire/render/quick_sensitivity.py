@@ -90,9 +90,9 @@ class _NetworkErrors:
         metric: Matrix M for features and logarithms of scalings: a change of an anchor's values by the vector d causes
             the error `d . M d`.
         offset: Error if one coordinate of an offset changes by 1.
-        offset_share: Error if one Gaussian is removed, with the error of each Gaussian multiplied by `_relative_size`
-            of its anchor; to predict `offset`.
-        removal: Error if one Gaussian is removed, without such weights.
+        offset_share: Error if one Gaussian is removed, weighted: the error of each Gaussian is multiplied by
+            `_relative_size` of its anchor. The ratio of `offset` to `offset_share` relates the two kinds of error.
+        removal: Error if one Gaussian is removed, not weighted.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -110,14 +110,15 @@ def _back_propagate(
 ) -> _NetworkErrors:
     """Estimates the picture errors in one view if attributes of the selected anchors change.
 
-    The errors are derived from one number, the sum of all pixel values, each multiplied by a random sign.
+    The errors are derived from one number, the signed sum: the sum of all pixel values, each multiplied by a random
+    sign.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
-        drawn: Gaussians of the view, and gradients of this sum with respect to them.
-        each: Change of this sum if one Gaussian of a selected anchor is removed.
+        drawn: Gaussians of the view, and gradients of the signed sum with respect to the Gaussians.
+        each: Change of the signed sum if a Gaussian is removed, for each Gaussian of each selected anchor.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.
@@ -149,15 +150,16 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture errors of single anchors from the errors summed over all selected anchors.
+    """Estimates the picture errors of single anchors from the errors summed over a selection of anchors.
 
     Each anchor gets a share of the sum, in proportion to the picture error that removing the anchor causes.
 
     Args:
         removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).
         offset_removal: Picture error of removing each Gaussian, (N, K).
-        relative: Squared ratio of offset scale to Gaussian size for each anchor, from `_relative_size`, (N).
-        parts: Summed errors of each view.
+        relative: Squared ratio of the scale of an anchor's offsets to the size of its Gaussians, from `_relative_size`,
+            (N).
+        parts: For each view, errors if attributes change, summed over the selected anchors.
         width: Number of features and scalings per anchor, D.
     """
     # The sum is divided among the anchors in proportion to the picture error that removing each of them causes.

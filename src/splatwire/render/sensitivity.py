@@ -114,9 +114,9 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated change of the differentiated function of the image, such as a sum of pixels, without each Gaussian.
+        """Estimated change of a function of the image, such as a sum of pixels, if one Gaussian is removed.
 
-        It is the first-order change if the Gaussian is removed.
+        There is one value per Gaussian: the first-order change, computed from the gradients of the function.
         """
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
@@ -128,9 +128,9 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
     Args:
         total: Errors summed over views; changed in place.
         place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Change of the sum of all pixel values, each multiplied by a random sign, if a Gaussian is removed,
-            float64 (G).
-        probes: Number of such sums per view, over which errors are averaged.
+        presence: Change of a probe if a Gaussian is removed, float64 (G). A probe is the sum of all pixel values, each
+            multiplied by a random sign.
+        probes: Number of probes per view, each with other signs; the error of a view is the mean over its probes.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.
@@ -150,7 +150,8 @@ def _add_changes(
         rows: Indices of the anchors in view, int64 (n).
         scalings: Scalings of all anchors, (N, 6).
         spawned: Gaussians of the anchors in view.
-        found: Gradients with respect to these Gaussians.
+        found: Gradients of a sum of all pixel values, each multiplied by a random sign, with respect to the Gaussians
+            `spawned`.
     """
     # The gradients are back-propagated to the anchors, through the networks that generate the Gaussians.
     back = spawned.gradients(found.fields)

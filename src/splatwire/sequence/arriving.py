@@ -197,7 +197,11 @@ class FolderSource:
         return quiet > 0
 
     def _forget(self, names: set[str]) -> None:
-        """Removes deleted files from the records."""
+        """Removes deleted files from the records of processed and waiting files.
+
+        Args:
+            names: Names of the files that exist.
+        """
         for known in (self._done, self._seen, self._looks):
             for name in known.keys() - names:
                 del known[name]

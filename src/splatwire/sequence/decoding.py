@@ -82,12 +82,11 @@ def decode_group(
         sequence: Received sequence.
         group: Index of the group of pictures.
         known: Mask of available keyframe Gaussians, bool (T).
-        memory: Concealment state after the previous group; None if that group was not decoded.
+        memory: State that loss concealment keeps from the previous group; None if that group was not decoded.
         method: Concealer for tracks with lost motion.
 
     Returns:
-        Iterator that decodes the frames of the group, and a function that returns the concealment state after this
-        group.
+        Iterator that decodes the frames of the group, and a function that returns the state to keep for the next group.
     """
     poses, hidden, after = conceal_group(sequence, sequence.motion(group, known), group, known, memory, method)
     hints = covering_gains(sequence, known, group, poses, hidden) if method.grow else None
@@ -148,7 +147,7 @@ class SequenceDecoder:
 def pose_frame(
     sequence: SequenceScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None
 ) -> SequenceFrame:
-    """Builds one frame of a sequence: the Gaussians of all tracks that exist in the frame, moved to it.
+    """Builds one frame of a sequence: the tracks that exist in the frame, as Gaussians moved to their poses in it.
 
     Args:
         sequence: Received sequence.

@@ -89,7 +89,7 @@ class SequenceEncoder:
     def new_period(self) -> "SequenceEncoder":
         """Returns an encoder that continues the sequence as a new, independent stream.
 
-        The new encoder recognises the Gaussians of the last frame.
+        The new encoder matches the Gaussians of its first frame with those of the last frame of this encoder.
         """
         assert not self._frames
         self._finish_deferred_work()
@@ -212,11 +212,11 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes each of the first frames as a group of its own, if most of them are scene cuts.
+        """Encodes the buffered frames at the start of a sequence as groups of one frame, if most are scene cuts.
 
         Args:
-            group: Tracks of the first frames.
-            frames: The first frames.
+            group: Tracks of the buffered frames.
+            frames: The buffered frames at the start of the sequence.
             scenes: Indices of the frames that are scene cuts, for a warning.
             classes: Precision class of each track (its set of quantisation steps), (n).
         """
@@ -267,7 +267,14 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns the median of the precision classes measured so far, for `count` tracks that were not measured."""
+        """Returns a precision class for tracks that were not measured: the median of all classes measured so far.
+
+        Args:
+            count: Number of tracks that were not measured.
+
+        Returns:
+            Class of each of these tracks, int8 (count); 0 if no class was measured.
+        """
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:

@@ -101,7 +101,8 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
     Args:
         path: The file.
         kind: Detected file type.
-        num_frames: Number of frames that the caller requests; None, because the file determines its number of frames.
+        num_frames: Number of frames requested by the caller. Must be None, because the file determines the number of
+            frames.
 
     Raises:
         DatasetError: If the file is damaged, or an OpenUSD scene has no time samples.
@@ -222,7 +223,7 @@ class Frame(FileContent):
 
         Args:
             splats: The Gaussians.
-            rows: Result of the check: which Gaussians have valid values.
+            rows: Result of the check of the values, with the mask of valid Gaussians.
             **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
         return Frame(splats, drawn=rows.kept & (splats.opacities >= FAINTEST), **properties)
@@ -264,5 +265,5 @@ def is_frame(path: Path) -> bool:
 
 
 def by_number(path: Path) -> list[tuple[int, str]]:
-    """Returns a sort key for a file name, which compares numbers in names by value."""
+    """Returns a key for sorting paths by file name. Numbers in names are compared by value, so that 2 precedes 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

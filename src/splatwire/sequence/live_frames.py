@@ -21,7 +21,7 @@ class LiveFrames:
     If this is slower than the stream for minutes, packets are dropped, and a warning is logged.
 
     Args:
-        path: Output folder. No frames are written if it is the path of a stream file.
+        path: Output path. If it is a folder, frames are written into it. If it is a stream file, no frames are written.
         concealer: Concealer for tracks with lost motion; None for the default.
         show: Called with progress messages.
     """

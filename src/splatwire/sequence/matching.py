@@ -120,7 +120,8 @@ def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
     Args:
         previous: Previous frame.
         current: Current frame with M Gaussians.
-        partner: Index of the match of each Gaussian in the previous frame, -1 for new Gaussians, int64 (M).
+        partner: For each Gaussian of the current frame, index of its match in the previous frame, int64 (M); -1 for new
+            Gaussians.
     """
     quats, scales = continue_axes(previous, current, partner)
     return Splats(current.means, quats, scales, current.opacities, current.sh)
@@ -131,7 +132,10 @@ def _positions(splats: Splats) -> np.ndarray:
 
 
 def _appearance(splats: Splats) -> np.ndarray:
-    """Returns values by which Gaussians are recognised in another frame, independent of rotation, float64 (N, 7)."""
+    """Returns size, opacity and colour of each Gaussian, scaled for comparison with other frames, float64 (N, 7).
+
+    The values do not depend on the Gaussian's position and rotation.
+    """
     logs = np.log(np.sort(np.maximum(splats.scales.astype(np.float64), 1e-12), axis=1))
     opacities = np.clip(splats.opacities.astype(np.float64), 1e-4, 1 - 1e-4)
     logits = np.log(opacities / (1 - opacities))
@@ -139,11 +143,14 @@ def _appearance(splats: Splats) -> np.ndarray:
 
 
 def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion between two frames; returns the previous positions after this motion.
+    """Fits an affine motion from the previous to the current frame, and applies it to the previous positions.
 
     Args:
         positions: Positions in the previous frame, (N, 3).
         now: Positions in the current frame, (M, 3).
+
+    Returns:
+        Positions of the previous frame after the motion, (N, 3).
     """
     some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(np.int64))]
     # Trimmed iterative closest points: distant pairs are ignored.
@@ -240,12 +247,12 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
     """Matches Gaussians one to one: repeatedly matches pairs that are each other's best candidate.
 
     Args:
-        score: Cost of each candidate of each Gaussian, (N, candidates).
+        score: Cost of matching each Gaussian with each of its candidates, (N, candidates); a low cost is good.
         near: Indices of the candidates in the other frame, (N, candidates).
         count: Number of Gaussians in the other frame.
 
     Returns:
-        Index of the match of each Gaussian in the other frame, int64 (N); -1 for none.
+        For each Gaussian, index of its match in the other frame, int64 (N); -1 for none.
     """
     partner, taken, score = np.full(len(score), -1, np.int64), np.zeros(count, bool), score.copy()
     left = np.arange(len(score))

@@ -88,10 +88,10 @@ class Tracker:
         return named
 
     def rename(self) -> np.ndarray:
-        """Renumbers the tracks of the last frame from 0.
+        """Renumbers the tracks of the last frame from 0, in the order of their keys.
 
         Returns:
-            Previous keys in ascending order, int64: the n-th is replaced by the new key n.
+            Previous keys in ascending order, int64. Entry n is the previous key of the track that now has key n.
         """
         assert self._last is not None
         old = np.unique(self._last.keys)

@@ -94,7 +94,7 @@ class RunningServer:
         return None if self.server.core.num_streams else "no stream is available yet"
 
     def served(self) -> str:
-        """Returns the number of clients, responses and bytes as text."""
+        """Returns a text for the log: the numbers of served clients, HTTP responses and sent bytes."""
         text = f"served {self.server.core.num_served} clients, {self.server.bytes_sent:,} bytes"
         if self.page is None:
             return text

@@ -20,7 +20,7 @@ from splatwire.types.validity import ElementValidity, validity_of_anchors
 
 @dataclass(frozen=True, eq=False)
 class GaussianHeads(CheckedFields):
-    """The three networks that turn an anchor and a view into Gaussians (HAC++, decoding of a view).
+    """The three networks that compute an anchor's Gaussians for a view (as in HAC++).
 
     The input of each network is `[feature (F), view direction (3), view distance (1)]`. K is the number of Gaussians
     per anchor.

@@ -37,7 +37,7 @@ class Levels:
     """Level of detail and precision of each Gaussian of a scene with levels of detail.
 
     Attributes:
-        of: Level of each Gaussian; 0 is the finest level, the scene itself.
+        of: Level of detail to which each Gaussian belongs; 0 is the finest level, the scene itself.
         classes: Precision class of each Gaussian (its set of quantisation steps); 0 is the coarsest.
     """
 

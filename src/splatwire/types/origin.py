@@ -99,7 +99,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Returns how far the positions of a scene are from its origin, if too far for float32; otherwise None.
+    """Checks if positions relative to an origin are too large for float32; if so, returns their distance from it.
 
     Args:
         origin: The origin that a file declares.

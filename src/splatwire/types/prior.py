@@ -58,7 +58,10 @@ class Prior(CheckedFields):
         return len(self.context)
 
     def expected_log_sizes(self) -> Float[Any, "N"]:
-        """Returns the predicted mean logarithm of the three sizes of each anchor's Gaussians."""
+        """Returns, for each anchor, the mean over three axes of the predicted log sizes of its Gaussians.
+
+        The unit is the natural logarithm of world units.
+        """
         return mean_log_size(self.scaling.mean)
 
     def filled(self, elements: Anchors, loss_mask: LossMask) -> Anchors:
@@ -79,12 +82,14 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Limits estimated scalings of lost anchors from below by the smallest received ones.
+    """Raises estimated scalings of lost anchors to at least the minimum of the received scalings, per component.
+
+    If no scaling was received, the minimum is 0.
 
     Args:
         anchors: The received anchors.
         loss_mask: Mask of received attributes.
-        scalings: The estimates for M anchors.
+        scalings: Estimates for M lost anchors.
     """
     received = anchors.scalings[loss_mask.column(Attribute.SCALING)]
     if not len(received):

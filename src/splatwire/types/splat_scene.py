@@ -26,11 +26,12 @@ class SplatCoding(CheckedFields):
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Resolution of decoded positions: they are multiples of `2 ** -unit` of the scene's size.
-        coarsest: log2 of the largest quantisation step of positions, in multiples of that resolution.
+        unit: Resolution of decoded positions: positions are multiples of `2 ** -unit` times the scene's size.
+        coarsest: log2 of the largest quantisation step of positions; the step is measured in multiples of the
+            resolution `unit`.
         bases: `-log2` of the quantisation step of each attribute in the least precise class.
         transform: Decorrelating transform of the spherical harmonics, as integers.
-        classes: Precision class of each Gaussian, 0 for the lowest precision.
+        classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """
 
     size_log: int
@@ -146,7 +147,10 @@ class SplatScene:
         return {"degree": self.splats.degree}
 
     def drawn(self) -> Splats:
-        """Returns the Gaussians as drawn after loss concealment, with its factors applied and without hidden ones."""
+        """Returns the Gaussians as drawn after loss concealment.
+
+        The factors on size and opacity in `hints` are applied, and Gaussians that the concealment hides are removed.
+        """
         if self.hints is None:
             return self.splats
         kept, hints = ~self.hints.left_out, self.hints

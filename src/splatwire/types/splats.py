@@ -71,7 +71,10 @@ class Splats:
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
     def gathered(self, index: np.ndarray) -> "Splats":
-        """Returns the Gaussians at `index`, in that order; the result may be larger than memory."""
+        """Returns the Gaussians at `index`, in that order.
+
+        Large arrays of the result are backed by a temporary file, so that the result may be larger than memory.
+        """
         places = np.flatnonzero(index) if index.dtype == np.bool_ else index
         found = Splats.empty(len(places), self.degree)
         for begin in range(0, len(places), ROWS):

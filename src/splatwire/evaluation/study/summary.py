@@ -159,7 +159,7 @@ def _summary(
 
 
 def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Summary]:
-    """Computes means over the scenes of each dataset that has several scenes, equally weighted.
+    """Computes the mean results of each dataset with several scenes; all scenes of a dataset have equal weight.
 
     Scenes with photos and scenes with renders as references have separate means.
     """
@@ -267,7 +267,7 @@ class Ordering:
 
 
 def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Ordering]:
-    """Compares the published PSNR order of every pair of methods with the measured order per scene."""
+    """Compares the published order by PSNR with the measured order, for each scene and each pair of methods."""
     # Neighbours in the table come first. Equal published values imply no order and are skipped.
     found = []
     for dataset in dict.fromkeys(entry.dataset for entry in result.study.published):
@@ -291,7 +291,7 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
 
 
 def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
-    """Returns all pairs of methods, neighbours in the table first."""
+    """Returns all pairs of methods. Pairs that are adjacent in the table precede the other pairs."""
     pairs = itertools.combinations(range(len(rows)), 2)
     return [(rows[a], rows[b]) for a, b in sorted(pairs, key=lambda pair: pair[1] - pair[0] > 1)]
 

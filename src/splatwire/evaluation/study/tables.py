@@ -105,7 +105,10 @@ def measured(summaries: Sequence[Summary]) -> list[str]:
 
 
 def _best(shown: Sequence[Summary]) -> int | None:
-    """Returns the index of the method with the highest PSNR among those with losses."""
+    """Returns the index of the method with the highest PSNR; None if fewer than two methods have a PSNR.
+
+    Methods that are evaluated without packet losses are excluded.
+    """
     scores = {i: e.mean for i, s in enumerate(shown) if not s.row.lossless and (e := s.figures.get("psnr")) is not None}
     return max(scores, key=lambda i: scores[i]) if len(scores) > 1 else None
 
@@ -144,7 +147,14 @@ def _paper(values: Mapping[str, float] | None) -> str:
 
 
 def ordering_table(found: Sequence[Ordering]) -> Table | None:
-    """Returns the table that compares the published order of methods with the measured order."""
+    """Returns a table that compares the published order of methods by PSNR with the measured order.
+
+    Args:
+        found: The compared pairs of methods.
+
+    Returns:
+        The table; None if `found` is empty.
+    """
     if not found:
         return None
     columns = ("the paper has above", "the paper has below", "scene", "paper (dB)", "here (dB)", "order")
@@ -163,11 +173,13 @@ def _where(scene: str, loss: Loss | None) -> str:
 
 
 def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]]) -> Table | None:
-    """Returns a table of the packet losses of each packetization if datagrams are lost.
+    """Returns a table of the share of a stream's packets that is lost because datagrams are lost.
+
+    A packet is lost if any of its datagrams is lost. The streams of one scene differ in how it is split into packets.
 
     Args:
         scene: Name of the scene.
-        by_variant: Packet losses by name of the packetization.
+        by_variant: Shares of lost datagrams and packets, by name of the packetization (the way to split the scene).
 
     Returns:
         The table, with one row per loss model; None if `by_variant` is empty.

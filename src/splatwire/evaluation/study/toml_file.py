@@ -53,7 +53,7 @@ def load_study(path: Path, *, replaced: SceneEntry | None = None) -> Study:
 
     Args:
         path: The file.
-        replaced: Scene that is evaluated instead of the scenes in the file; None to keep these.
+        replaced: Scene to evaluate in place of the scenes in the file; None to evaluate the scenes in the file.
 
     Returns:
         The definition of the evaluation. Relative paths refer to the folder of the file; ${NAME} expands environment

@@ -282,7 +282,9 @@ class UnitRunner:
 
 
 def erode(whole: ReceivedScene, anchors: Bool[np.ndarray, "N"], attribute: Attribute) -> ReceivedScene:
-    """Sets one attribute of some anchors to zero, as if only this attribute were lost (paper 3.2.1, "partial loss").
+    """Sets one attribute of some anchors to zero, as if only this attribute were lost.
+
+    Section 3.2.1 of the paper (`docs/paper-map.md`) calls this a partial loss.
 
     Args:
         whole: The complete scene.

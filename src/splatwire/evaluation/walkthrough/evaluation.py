@@ -97,7 +97,14 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time in seconds after which all pictures have nearly their final quality; None if never."""
+    """Returns the time in seconds after which all pictures have nearly their final quality.
+
+    Args:
+        moments: Quality of the pictures at several times, ascending by time.
+
+    Returns:
+        The time; None if the last picture does not yet have this quality.
+    """
     # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
     found = None
     for moment in reversed(moments):

@@ -60,6 +60,10 @@ class Walk:
 
 
 def viewpoint_of(camera: Cameras) -> Viewpoint:
-    """Returns the viewpoint of the first camera."""
+    """Returns the viewpoint of a camera.
+
+    Args:
+        camera: The camera; if there are several views, the first one is used.
+    """
     viewmat, focal = camera.viewmats[0].astype(np.float64), float(camera.Ks[0, 0, 0])
     return Viewpoint(viewmat, focal, camera.width, camera.height, camera.origin)

@@ -78,7 +78,11 @@ def evaluate_path(
 
 
 def path_facts(content: dict[str, Any]) -> list[tuple[str, str]]:
-    """Returns the results of a camera path as names and values for tables."""
+    """Formats the measured results of a simulated transfer along a camera path as names and values for a table.
+
+    Args:
+        content: The results, as stored in the JSON file.
+    """
     first, at = content["first_picture"], content["settled_seconds"]
     last = content["moments"][-1]
     absent = "not within the path"

@@ -93,8 +93,8 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
 
     Args:
         splats: The Gaussians.
-        matrix: float64 (3, 3), not 0.
-        translation: float64 (3), world units; None for no translation.
+        matrix: Linear part of the transform, float64 (3, 3); must have an element other than 0.
+        translation: Translation after the linear part, float64 (3), world units; None for no translation.
     """
     left, stretch, right = np.linalg.svd(matrix)
     orthogonal = left @ right

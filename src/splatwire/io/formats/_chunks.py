@@ -1,4 +1,4 @@
-"""Arrangement of Gaussians in the chunks of a compressed PLY that keeps rounding errors of positions small.
+"""Sorts Gaussians into the chunks of a compressed PLY so that the rounding errors of their positions are small.
 
 A chunk has 256 Gaussians, and its extent determines the quantisation steps of their positions. Dense details are
 therefore kept apart from distant Gaussians.
@@ -62,13 +62,15 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
     """Sorts some Gaussians and divides them into chunks whose positions can be quantised with small errors.
 
+    A chunk with fewer than 256 Gaussians is filled with copies of its last Gaussian (padding).
+
     Args:
         splats: All Gaussians.
         rows: Indices of the Gaussians to sort and cut, int64 (n).
-        most_filled: Maximum number of Gaussians that only pad chunks.
+        most_filled: Maximum number of rows filled with padding.
 
     Returns:
-        Index into `splats` for each row of the file, int64 (m); and mask of the rows that only pad a chunk, bool (m).
+        Index into `splats` for each row of the file, int64 (m); and mask of the rows that are padding, bool (m).
     """
     means, scales = splats.means[rows].astype(np.float64), local_scales(splats, rows)
     classes = np.floor(np.log(np.maximum(scales, 1e-30)) / np.log(_CLASS)).astype(np.int64)

@@ -33,7 +33,9 @@ class Instance:
 
 
 def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
-    """Returns the mesh instances of the document's scene in traversal order; without nodes, each mesh once.
+    """Returns the mesh instances of the document's scene, in traversal order of the node tree.
+
+    If the document has no nodes, each mesh is returned once, without a transform.
 
     Raises:
         DatasetError: If nodes are not a tree, or a transform is invalid.

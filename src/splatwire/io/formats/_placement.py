@@ -1,6 +1,7 @@
-"""Warnings about PLY comments and JSON fields that may change the meaning of a scene's values but are not applied.
+"""Warns of PLY comments and JSON fields that may change the meaning of a scene's values but are not applied.
 
-They may describe shifts, scales, axes and units of positions, or the encoding of opacities, scales and colours.
+Such comments and fields may describe shifts, scales, axes and units of positions, or the encoding of opacities, scales
+and colours.
 """
 
 import logging
@@ -136,7 +137,8 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
-        keyword: First word of the comments that state the origin, which are not ignored: `ORIGIN` or `OFFSET`.
+        keyword: First word of the comments that state the scene's origin: `ORIGIN` or `OFFSET`. The reader uses these
+            comments, so that no warning is needed.
     """
     known = tuple(comments)
     used = stated_origin(keyword, known)

@@ -137,11 +137,11 @@ def _warn_of_opacities(path: Path, values: np.ndarray, meant: str) -> None:
 
 
 def _are_bytes(some: PlyElement, values: np.ndarray) -> bool:
-    """True if opacities are probably integer codes such as bytes.
+    """True if opacities are probably integer codes, such as bytes, and not logits.
 
     Args:
         some: A sample of the vertices.
-        values: Their finite opacities.
+        values: Finite opacities of the sample.
     """
     if some.rows.dtype["opacity"].kind in "ui":
         return True

@@ -31,7 +31,7 @@ def from_smallest_three(largest: np.ndarray, shares: np.ndarray) -> np.ndarray:
 
     Args:
         largest: Index of the largest component, int (N); negative values are invalid and give NaN.
-        shares: The other three components, float32 (N, 3), scaled to 0 to 1.
+        shares: The three smallest components, float32 (N, 3), mapped from [-sqrt(1/2), sqrt(1/2)] to [0, 1].
     """
     others = (shares - np.float32(0.5)) * np.float32(2**0.5)
     rest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1, keepdims=True)))

@@ -53,7 +53,7 @@ def write_records(metadata: SceneMetadata) -> bytes:
 
 
 def frame_of(path: Path, extensions: dict[int, bytes]) -> str:
-    """Returns the axis convention, such as `RUB`, that the extension records of a file declare.
+    """Returns the axis convention (coordinate frame) that the extension records of a file declare, such as `RUB`.
 
     Raises:
         DatasetError: If the record of the axis convention has a wrong size or an unknown code.

@@ -83,7 +83,7 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
 
 
 def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
-    """Yields the files with time samples (value clips) that the metadata `clips` of a prim names."""
+    """Yields the files with time samples (value clips) that the metadata `clips` of a scene element (prim) names."""
     for key, value in clips.items():
         if isinstance(value, dict):
             yield from _clip_files(layer, value)

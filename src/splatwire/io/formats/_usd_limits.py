@@ -75,10 +75,10 @@ class Limits:
         self._set()
 
     def add_gaussians(self, size: int) -> None:
-        """Raises the limits for the processing of Gaussians that were read.
+        """Raises this process's limits on memory and processor time, after more Gaussians were read.
 
         Args:
-            size: Their size in bytes.
+            size: Size of these Gaussians in bytes.
         """
         self._gaussians += size
         self._most_gaussians = max(self._most_gaussians, self._gaussians)
@@ -113,6 +113,11 @@ class Limits:
 
 
 def _limit(kind: int, value: int) -> None:
-    """Sets a soft limit of this process, at most to the hard limit."""
+    """Sets the soft limit of a resource of this process; a value above the hard limit is reduced to the hard limit.
+
+    Args:
+        kind: The resource, such as `resource.RLIMIT_AS`.
+        value: New limit, in the unit of the resource.
+    """
     hard = resource.getrlimit(kind)[1]
     resource.setrlimit(kind, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))

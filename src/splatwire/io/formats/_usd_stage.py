@@ -306,9 +306,9 @@ def _is_visible(prim: Usd.Prim, time: Usd.TimeCode) -> bool:
 
 
 def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
-    """Returns the times at which a prim may become visible or invisible, ascending.
+    """Returns the times at which a scene element (prim) may become visible or invisible, ascending.
 
-    The first entry is always the earliest possible time (`EarliestTime`), at which no change need be stored.
+    The first entry is always the earliest possible time (`EarliestTime`), even if the file stores no change for it.
     """
     above = (UsdGeom.Imageable(one) for one in (prim, *_ancestors(prim)))
     times = {time for one in above if one for time in one.GetVisibilityAttr().GetTimeSamples()}

@@ -259,7 +259,15 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _without_far(splats: Splats, path: Path) -> Splats:
-    """Removes distant Gaussians, at most half of all, that would make the other positions visibly coarse."""
+    """Removes distant Gaussians if they would make the other Gaussians' positions visibly coarse.
+
+    A chunk's positions are quantised within the chunk's extent, so that a distant Gaussian enlarges the steps. At most
+    half of all Gaussians are removed.
+
+    Args:
+        splats: The Gaussians.
+        path: The file, for warnings.
+    """
 
     def errors(column: Column) -> np.ndarray:
         means = column.others
@@ -301,8 +309,9 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         top: Largest quantised value.
 
     Returns:
-        The values with the outliers marked; the values with the outliers clipped; and the largest quantisation step of
-        three variants: unchanged values, clipped outliers, and outliers removed. A step is 0 if no chunk has outliers.
+        The values with a mask of the outliers; the values with the outliers clipped; and three numbers: the largest
+        quantisation step with the unchanged values, with clipped outliers, and without outliers. All are 0 if no chunk
+        has outliers.
     """
     found = []
     for share in SHARES:
@@ -350,10 +359,10 @@ def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scales values to 0 to 1 within the range of each chunk, before they are quantised.
+    """Maps values, (N, 3), linearly to 0 to 1 within the range of each of C chunks, as a preparation for quantisation.
 
     Returns:
-        Minimum and maximum of each of C chunks, (C, 6), and the scaled values, (N, 3).
+        Minimum and maximum of each chunk, (C, 6); and the mapped values, (N, 3).
     """
     starts = np.arange(0, len(values), CHUNK)
     low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)

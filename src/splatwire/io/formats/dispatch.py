@@ -332,7 +332,16 @@ def kept_facts(
     metadata: SceneMetadata = NO_METADATA,
     steps: PlySteps | None = None,
 ) -> dict[str, Any]:
-    """Selects the properties of a scene that a file format can store, and logs a warning about the others.
+    """Selects the properties of a scene that a file format can store, and logs a warning about the other properties.
+
+    Args:
+        form: The file format.
+        path: The file, for warnings.
+        antialiased: True if the scene was trained with antialiased rendering.
+        origin: World coordinates of the point that positions are relative to.
+        outliers: Treatment of extreme values in quantised formats.
+        metadata: Metadata of the scene.
+        steps: Quantisation steps with which the scene was decoded; None if unknown.
 
     Returns:
         The selected properties, as keyword arguments of the format's writer.

@@ -242,7 +242,7 @@ class _Gltf:
         return own
 
     def _count(self, primitive: dict[str, Any]) -> int:
-        """Returns the number of Gaussians of a primitive, and opens the files with its data.
+        """Returns the number of Gaussians of a primitive, and opens the files that contain the Gaussians' data.
 
         Raises:
             DatasetError: If an attribute has no accessor, or the number is invalid.

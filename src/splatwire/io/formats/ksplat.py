@@ -136,7 +136,7 @@ def _from_bucket(
     Args:
         path: The file, for messages.
         data: Content of the file.
-        at: Byte offset of the list of partially filled buckets' sizes.
+        at: Byte offset of the list with the number of Gaussians in each partially filled bucket.
         centers_at: Byte offset of the centres of the buckets.
         section: Header of the section.
         codes: 16-bit position codes, (N, 3).

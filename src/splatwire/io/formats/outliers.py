@@ -93,7 +93,7 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
         share: Maximum share of outliers, up to 0.5.
 
     Returns:
-        The values, with the outliers marked.
+        The values, and a mask of the outliers.
     """
     wide = np.asarray(values, np.float64)
     middle = np.median(wide, axis=0)
@@ -111,11 +111,12 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
     Args:
         splats: The Gaussians.
-        errors: Function that predicts position errors if the outliers marked in its argument are left out of the file.
-            It returns the largest error along an axis of each remaining Gaussian, world units, float64 (n).
+        errors: Function that predicts the position errors of a file without outliers. Its argument has all positions
+            and a mask of the outliers. It returns the largest error along an axis of each remaining Gaussian, world
+            units, float64 (n).
 
     Returns:
-        Positions of all Gaussians, with the outliers marked.
+        Positions of all Gaussians, and a mask of the outliers.
     """
     known: list[np.ndarray] = []
 
@@ -135,7 +136,7 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
 
 def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
-    """Returns a length for each Gaussian against which position errors are compared, to judge their visibility.
+    """Returns a length for each Gaussian; a position error is visible if it is large compared with this length.
 
     Args:
         splats: All Gaussians.
@@ -319,9 +320,9 @@ def warn_of_outliers(
         path: The file.
         treatment: Treatment of the outliers: `clamp`, `prune` or `keep`.
         what: Name of the attribute that has outliers, such as `positions`.
-        column: Values of the attribute with their outliers marked.
-        steps: Quantisation step of the other values if the outliers stay, and if they are treated.
-        count: Number of outliers that are moved or removed; None for all.
+        column: Values of the attribute, and a mask of the outliers.
+        steps: Two quantisation steps of the other values: with the outliers unchanged, and with the outliers treated.
+        count: Number of outliers that are moved or removed; None for all outliers of `column`.
     """
     number, total = int(column.outside.sum()) if count is None else count, len(column.values)
     far, usual = float(column.distances.max()), float(column.distances[~column.outside].max())

@@ -48,7 +48,9 @@ class PlySteps(CheckedFields):
 
 @checked
 def read_ply_steps(path: Path) -> PlySteps | None:
-    """Returns the quantisation steps stored in a PLY, or None if it has none or the file was changed since.
+    """Returns the quantisation steps stored in a PLY.
+
+    The result is None if the file has no steps, or its Gaussians were changed after the steps were stored.
 
     Raises:
         DatasetError: If the file is not an ordinary file.
@@ -80,7 +82,9 @@ def read_ply_steps(path: Path) -> PlySteps | None:
 
 
 def with_classes(rows: np.ndarray, classes: np.ndarray) -> np.ndarray:
-    """Returns vertices in which the first component of the normal is the Gaussian's precision class.
+    """Stores each Gaussian's precision class in a copy of the vertices, in place of the normal vector's x component.
+
+    Splat viewers ignore the normal vectors of a PLY.
 
     Args:
         rows: Properties of the vertices in file order, (N, P).

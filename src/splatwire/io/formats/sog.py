@@ -230,7 +230,10 @@ class _Sog:
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
     def _from_bounds(self, section: str, pixels: np.ndarray) -> np.ndarray:
-        """Decodes quantised values of a version 1 file between the bounds of their section, float32 (N, C)."""
+        """Decodes the quantised values of a section of a version 1 file, float32 (N, C).
+
+        The section's metadata has the minimum and the maximum, to which the codes 0 and 255 are decoded.
+        """
         low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
 
@@ -320,7 +323,12 @@ class _Sog:
         return self._numbers(section, "codebook", CODES, _MAX_CODE).astype(np.float32)
 
     def _pixels(self, section: str, file: int = 0) -> np.ndarray:
-        """Returns the pixel of each Gaussian in image number `file` of a section, RGBA, uint8 (N, 4)."""
+        """Returns the pixel of each Gaussian in an image of a section, RGBA, uint8 (N, 4).
+
+        Args:
+            section: Name of the section, such as `means`.
+            file: Index of the image in the section's list of files.
+        """
         return self._picture(section, file, pixels=self._count)[: self._count]
 
     def _warn_if_lossy(self, name: str, data: memoryview) -> None:
@@ -386,9 +394,9 @@ def _reason(error: Exception) -> str:
 
 
 def _most_pixels(pixels: int) -> int:
-    """Returns the maximum accepted number of pixels of an image, which may have padding.
+    """Returns the maximum accepted number of pixels of an image with padding.
 
     Args:
-        pixels: Number of pixels without padding.
+        pixels: Number of pixels that the Gaussians need.
     """
     return 2 * pixels + _SPARE_PIXELS

@@ -2,9 +2,9 @@
 
 A header (magic, size of a JSON list, the list) precedes the data blocks named by the list. The block of type `splat` is
 a texture of 64 bytes per Gaussian: position (3 float32); rotation w x y z, sizes, padding (8 float16); red, green,
-blue, opacity (bytes). It ends, in float16, with: coefficients of the position for t, t^2 and t^3 (9, padding),
-coefficients of the rotation for t (4), the time of highest opacity, and the duration of visibility. Time is 0 to 1; t
-is the time since that of highest opacity.
+blue, opacity (bytes). It ends, in float16, with: coefficients of the position for t, t^2 and t^3 (9 numbers, then
+padding), coefficients of the rotation for t (4 numbers), the time of highest opacity, and the duration of visibility.
+Times are 0 to 1; t is the current time minus the time of highest opacity.
 """
 
 import json

@@ -247,7 +247,10 @@ def _three_bytes(data: np.ndarray) -> np.ndarray:
 
 
 def _smallest_three(data: np.ndarray) -> np.ndarray:
-    """Decodes the 4-byte rotations since version 3: index of the largest of x, y, z, w, and the other components."""
+    """Decodes the 4-byte rotations of SPZ version 3 and above to unit quaternions (w, x, y, z).
+
+    A code has the index of the largest of x, y, z, w, and the other three components.
+    """
     packed = data.reshape(-1, 4).view("<u4")[:, 0].copy()
     largest = packed >> 30
     xyzw = np.zeros((len(packed), 4), np.float32)

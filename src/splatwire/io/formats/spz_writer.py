@@ -220,7 +220,7 @@ def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[
 
 
 def _quantise_harmonics(values: np.ndarray, bits: int) -> np.ndarray:
-    """Quantises spherical harmonics to bytes, of which only the `bits` highest bits may differ from 0."""
+    """Quantises spherical harmonics to bytes in which only the `bits` most significant bits can differ from 0."""
     # zero low bits compress better
     step = 1 << (8 - bits)
     return rounded_bytes(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)

@@ -89,13 +89,14 @@ def is_antialiased(path: Path) -> bool:
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
-    """Returns the paths of the SOG files (chunks) of a streamed SOG, and last that of its environment, if it has one.
+    """Returns the paths of the SOG files (chunks) of a streamed SOG.
 
-    The environment is a SOG file with Gaussians outside the tree, such as the sky.
+    If the streamed SOG has an environment, the last path is that of the environment: a SOG file with Gaussians outside
+    the tree, such as the sky.
 
     Args:
         index: Path of the `lod-meta.json`.
-        content: Its parsed content.
+        content: Parsed content of the `lod-meta.json`.
 
     Raises:
         DatasetError: If a chunk is outside the folder of the index, or a name is invalid.
@@ -286,7 +287,8 @@ def _read_chunk(index: Path, folder: Path, runs: list[Piece], named: list[Piece]
         index: Path of the `lod-meta.json`, for messages.
         folder: Path of the chunk.
         runs: Ranges to read, which must not overlap.
-        named: Ranges of this chunk that leaves of the level-of-detail tree use, at any level.
+        named: Ranges of this chunk used by leaves of the level-of-detail tree. Ranges of all levels of detail are
+            included.
 
     Returns:
         The Gaussians in `runs`; and the number of the chunk's Gaussians that no leaf uses.

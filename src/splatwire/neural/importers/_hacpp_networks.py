@@ -129,7 +129,7 @@ def _table(state: Mapping[str, Tensor], name: str, dims: int) -> tuple[Tensor, t
 
 
 def _free_parameters(values: Tensor, num_prior: int) -> Mlp:
-    """Builds a network with constant outputs, the given trained parameters.
+    """Builds a network whose outputs are constants: trained parameters that do not depend on the inputs.
 
     The small variant of HAC++ has such parameters in place of the network for the first feature group.
 

@@ -56,7 +56,13 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes the summands of the hash of each grid point, one for each axis."""
+    """Computes one term per axis for each grid point; the terms of a point are combined to its row in the hash table.
+
+    Args:
+        at: Coordinates of the lower and the upper neighbouring grid point along each axis.
+        resolution: Number of grid points along each axis.
+        num_rows: Number of rows of the table.
+    """
     # `at` has the coordinates of the lower and the upper neighbour along each axis. If the table has a row for
     # every grid point, the index is the sum of the terms. Otherwise it is their XOR, modulo the number of rows.
     dims = at.shape[1]

@@ -23,7 +23,8 @@ class PriorOutputs:
             matters.
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.
-        offset_mean: Mean of each offset coordinate, offset-major.
+        offset_mean: Mean of each offset coordinate, in the order x, y, z of the first offset, then of the second, and
+            so on.
         offset_scale: Standard deviation of each offset coordinate, unclamped.
         step_logits: Logits of the quantisation steps of feature, scaling and offset.
     """
@@ -52,7 +53,7 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 
 
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
-    """Returns a typical standard deviation of each channel of an attribute, rounding errors included.
+    """Returns a typical standard deviation of each channel of an attribute; it includes the rounding error.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.

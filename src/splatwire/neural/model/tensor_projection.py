@@ -90,7 +90,9 @@ def project_tensors(
 
 
 def _radii(covs2d: Float[Tensor, "N 3"], near: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
-    """Returns three standard deviations along the longest axis of each projected Gaussian, rounded up to pixels.
+    """Returns the radius of each projected Gaussian, rounded up to pixels.
+
+    The radius is three times the standard deviation along the longest axis.
 
     Args:
         covs2d: Entries xx, xy, yy of the covariances, square pixels.

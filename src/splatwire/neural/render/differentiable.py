@@ -25,8 +25,8 @@ def render_differentiable(
         gaussians: The Gaussians to render.
         cameras: Cameras of one or more views.
         background: RGB of the background.
-        probe: Zeros that collect the gradients with respect to the Gaussians' 2D centres, per pixel, in `probe.grad`;
-            None if they are not needed.
+        probe: Zeros, whose gradient is that of the Gaussians' 2D centres, 1 / pixel: it is added to `probe.grad`. None
+            if this gradient is not needed.
 
     Returns:
         RGB pictures, not clamped, on the device of the Gaussians.

@@ -21,7 +21,7 @@ _DIFFERENTIABLE: dict[str, Callable[[], Callable[..., Any]]] = {
 
 
 def create_differentiable_renderer(name: str) -> Callable[..., Any]:
-    """Creates a differentiable renderer for torch tensors, with the arguments of `Renderer`.
+    """Creates a differentiable renderer that takes torch tensors and has the same arguments as `Renderer`.
 
     Raises:
         UnknownNameError: If no renderer has that name.
@@ -60,7 +60,11 @@ def gsplat() -> Renderer:
 
 
 def of_arrays(draw: Callable[..., Any]) -> Renderer:
-    """Wraps a renderer of torch tensors as a renderer of numpy arrays."""
+    """Makes a renderer of numpy arrays from a renderer of torch tensors.
+
+    Args:
+        draw: The renderer of torch tensors.
+    """
 
     def render(gaussians: Any, cameras: Any, *, background: Any) -> Any:
         return to_arrays(draw(to_tensors(gaussians), to_tensors(cameras), background=to_tensors(background)))

@@ -102,12 +102,14 @@ def _scatter_level(upstream, rows, weights, index, column, gradient):
 def scatter(upstream, rows3, weights3, rows2, weights2, index, gradient):
     """Computes the gradient with respect to the tables of the hash grid, and adds it to `gradient`.
 
+    The grid has 3D levels, and 2D levels for the projections of a position onto the planes xy, xz and yz.
+
     Args:
         upstream: Gradient with respect to the result of `interpolate`.
-        rows3: Table rows of the corners on the 3D levels, for all positions.
-        weights3: Interpolation weights of these corners.
-        rows2: Table rows of the corners on the levels of the planes, for all positions.
-        weights2: Interpolation weights of these corners.
+        rows3: Table rows of the grid cell's corners on the 3D levels, for all positions.
+        weights3: Interpolation weights of the corners on the 3D levels.
+        rows2: Table rows of the grid cell's corners on the 2D levels, for all positions.
+        weights2: Interpolation weights of the corners on the 2D levels.
         index: Indices of the positions that were interpolated.
         gradient: Gradient with respect to the tables, changed in place.
     """

@@ -63,7 +63,7 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
         y: Row of the photo.
         c1: First constant of SSIM.
         c2: Second constant of SSIM.
-        ssim: Output, the SSIM of each value.
+        ssim: Output: SSIM at each pixel of the row.
     """
     one, two = np.float32(1), np.float32(2)
     for i in range(x.shape[0]):
@@ -84,10 +84,10 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
 @njit(parallel=True)
 @no_type_check
 def similarity(moments, blurred, x, y, c1, c2, sums):
-    """Computes the sum of SSIM and the sum of absolute errors of each image row.
+    """Computes two sums for each image row: of SSIM at each pixel, and of the absolute errors.
 
     Args:
-        moments: Blurred x, x * x and x * y; overwritten by the gradients of SSIM with respect to them.
+        moments: Blurred x, x * x and x * y; each is overwritten by the gradient of SSIM with respect to it.
         blurred: Blurred y and y * y.
         x: The picture.
         y: The photo.

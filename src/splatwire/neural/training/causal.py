@@ -85,7 +85,10 @@ class TrainedCausal:
         return (drawn, masks), self._rate(state, sample, steps)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
-        """Returns the scalings that a receiver predicts for lost anchors, from positions alone; world units."""
+        """Returns the scalings, world units, that a receiver predicts for lost anchors.
+
+        The prediction uses nothing but the anchors' positions.
+        """
         place, layout = self.place(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
         predicted = predict_causal(
@@ -115,6 +118,9 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
 
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
     """Returns the quantisation steps of each attribute value of an anchor.
+
+    Attributes are features, offsets of the Gaussians' centres, one scale of these offsets, and three sizes of the
+    Gaussians.
 
     Args:
         logs: Logarithms of the trained quantisation steps: one per feature group, then one each for the offset scale,
@@ -245,7 +251,7 @@ def number_bits(
     Args:
         values: Values, in quantisation steps.
         mean: Means of the distributions, in quantisation steps.
-        spread: Binary logarithms of the standard deviations in quantisation steps.
+        spread: log2 of the standard deviations in quantisation steps.
     """
     inverse = torch.exp2(-spread.clamp(*SPREADS))
     # mirror both bounds to below the mean, where differences of tiny probabilities are precise

@@ -1,4 +1,4 @@
-"""Configuration of a training run in one frozen dataclass (HAC++, training)."""
+"""Configuration of a training run (HAC++, section on training) in one frozen dataclass."""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -152,8 +152,8 @@ class LossWeights:
     Attributes:
         dssim: Weight of 1 - SSIM; the weight of the mean absolute error is 1 - `dssim`.
         volume: Weight of the mean product of the Gaussians' three sizes.
-        rate: Lambda: weight of the bits per parameter, or, with the causal model, of the size of the scene in
-            megabytes.
+        rate: Weight of the rate, lambda. The rate is measured in bits per parameter; with the causal model, in
+            megabytes of the scene.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
         size: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0 keeps
             lambda constant.

@@ -207,7 +207,10 @@ def grid_features(
 def noisy_attributes(
     state: TrainState, index: Int64[Tensor, "M"], steps: Steps, uniform: Uniform = uniform_from_host
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]]:
-    """Returns features, scalings and flat offsets of some anchors, with uniform noise in place of rounding."""
+    """Returns features, scalings and offsets of some anchors, with uniform noise in place of rounding.
+
+    The coordinates of an anchor's offsets are one vector.
+    """
     feature, scaling, offset = (
         values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
         for values, step in zip(state.attributes(index), steps, strict=True)
@@ -230,8 +233,9 @@ def sample_rate(
         config: The configuration.
         features: Hash-grid features of the sample.
         index: Indices of the sampled anchors.
-        mask: Straight-through masks of the sample's offsets and of its anchors.
-        uniform: Draws the noise.
+        mask: Masks of the sample's offsets and of its anchors, 0 or 1. Gradients pass through the binarisation
+            unchanged (straight-through estimator).
+        uniform: Function that draws uniform random numbers, for the noise that replaces rounding.
     """
     layout = config.model.layout
     outputs = split_prior_outputs(run_network(state.networks.context_prior, features), config.hacpp)
@@ -289,7 +293,8 @@ def _channel_likelihood(
         step: Quantisation step of the features.
 
     Returns:
-        Probability of each feature; and logit of its weight, for mixing it with the probability from the prior network.
+        Probability of each feature; and logit of the weight with which this probability is mixed with that of the prior
+        network.
     """
     # Each network predicts a group of feature channels from the previous groups and the output of the prior
     # network.

@@ -172,8 +172,8 @@ def gather_statistics(
         visible: Indices of the anchors that the view may see.
         spawned: The Gaussians of all offsets of these anchors.
         d_centers: Gradient of the loss with respect to the Gaussians' 2D centres, per pixel.
-        views: The cameras.
-        view: Index of the camera.
+        views: Constants of all cameras.
+        view: Index of the camera that rendered the view.
     """
     statistics = state.statistics
     shape = (len(visible), statistics.gradient_sum.shape[1])  # -1 would be ambiguous if no anchor is visible

@@ -65,7 +65,9 @@ def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, 
 
 @torch.no_grad()
 def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = uniform_from_host) -> tuple[int, int]:
-    """Adds anchors near Gaussians with large gradients, and removes transparent anchors (as in Scaffold-GS).
+    """Adds anchors near Gaussians that need detail, and removes transparent anchors (as in Scaffold-GS).
+
+    A Gaussian needs detail if the gradient of the loss with respect to its 2D centre is large.
 
     Args:
         state: State of the training; changed in place.

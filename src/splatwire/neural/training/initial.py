@@ -175,7 +175,7 @@ def initial_points(
         generator: Random generator, on the CPU.
 
     Returns:
-        Positions, float64, and RGB in [0, 1], None for random points.
+        Positions, float64; and colours, RGB in [0, 1]. For random points, None replaces the colours.
 
     Raises:
         DatasetError: If the dataset has fewer than four usable points.

@@ -31,8 +31,8 @@ class TrainedModel(Protocol):
             visible: Indices of the visible anchors.
 
         Returns:
-            Attributes of the visible anchors, with noise in place of rounding; their offset masks; and the estimated
-            bits of the sample, None while the loss excludes the bit rate.
+            Attributes of the visible anchors with noise in place of rounding, and their offset masks; and the estimated
+            bits of the sample. While the loss excludes the bit rate, None replaces the bits.
         """
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:

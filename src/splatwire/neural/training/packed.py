@@ -73,9 +73,10 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Returns how the weights of several networks are arranged in one combined network.
+    """Returns the indices with which weights are copied between separate networks and one combined network.
 
-    All weights of the separate networks are numbered as one list.
+    The combined network computes all separate networks at once. Its connections between parts of different networks
+    have weight 0. The weights of the separate networks are numbered consecutively, network after network, as one list.
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
@@ -83,9 +84,9 @@ def _copy_indices(
         device: Device of the results.
 
     Returns:
-        For each weight of the combined network, the index of its value in this list; for each weight in the list, its
-        index in the combined network; and a tensor with one 0 to append to the list. Connections between parts of
-        different networks are copies of this 0.
+        Three tensors. First, for each weight of the combined network, its index in the list; for weights 0, the index
+        is the length of the list. Second, for each weight in the list, its index in the combined network. Third, a
+        single 0 to append to the list.
     """
     # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
     # no network are copies of this zero.

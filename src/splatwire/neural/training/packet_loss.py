@@ -41,7 +41,7 @@ _MASK_BYTES = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """Simulated packet loss of one training iteration, and the enlargement of received anchors that conceals it.
+    """Received anchors of one training iteration with simulated packet loss, and their enlargement by the concealer.
 
     Attributes:
         known: True for received anchors.

@@ -78,7 +78,7 @@ def prepare_photo_plain(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"]
 
 
 def blur(planes: Float[Tensor, "P H W"]) -> Float[Tensor, "P H W"]:
-    """Blurs image planes with the Gaussian window of SSIM; zero beyond the border."""
+    """Blurs image planes with the Gaussian window of SSIM; pixels outside the image count as 0."""
     # cuDNN is disabled because it rounds to TensorFloat-32 on some GPUs. That is too imprecise for the variances of
     # SSIM, which are differences of nearly equal numbers. Torch's own convolution of separate planes has float32
     # precision.

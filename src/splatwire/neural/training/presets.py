@@ -157,7 +157,7 @@ def create_config(
 
 
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
-    """Adapts learning rates for a long training to a shorter one, by higher final rates.
+    """Adapts learning rates to a shorter training, which needs higher learning rates at the end.
 
     Args:
         rates: Learning rates for a training of `FULL_ITERATIONS` iterations.

@@ -74,7 +74,7 @@ class _ConstantData:
 
 
 class _ScaledMlp:
-    """A network in training whose outputs are divided by typical values."""
+    """A network in training whose outputs are divided by their typical values, so that one learning rate suits all."""
 
     # Scaled outputs need only one learning rate.
 
@@ -116,7 +116,7 @@ class _BinaryGrid:
         return (each * self._read[:, None]).sum()
 
     def grid(self, grid: HashGrid) -> HashGrid:
-        """Returns the refined hash grid: the current signs, in the bounding box of `grid`.
+        """Returns the refined hash grid: the signs of the trained table entries, with the bounding box of `grid`.
 
         Args:
             grid: The hash grid before the refinement.
@@ -207,7 +207,9 @@ def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Te
 
 @torch.no_grad()
 def _constant_data(scene: AnchorScene, anchors: Anchors) -> tuple[_ConstantData, PriorOutputs]:
-    """Computes the data that stays constant during the refinement, and the initial outputs of the prior network.
+    """Computes the data that stays constant while hash grid and networks of a scene are refined.
+
+    It also computes the outputs of the prior network before the refinement.
 
     Args:
         scene: The scene.

@@ -81,7 +81,7 @@ def first_measured(milestones: Milestones) -> int:
 
 
 def is_time(milestones: Milestones, iteration: int) -> bool:
-    """True if the training schedule measures the size of the stream after the given iteration."""
+    """True if the size of the stream is to be measured after the given iteration of the training."""
     since = iteration - first_measured(milestones)
     return since > 0 and since % _interval(milestones) == 0
 

@@ -123,8 +123,9 @@ class TrainState:
         parameters: Trained tensors by name.
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         statistics: Statistics for adding and removing anchors.
-        bounds_min: Lower end of the range by which the context model normalises positions, in voxels or world units.
-        bounds_max: Upper end of this range.
+        bounds_min: Lower end of the range by which the context model normalises positions. Unit: voxels with the causal
+            model, otherwise world units.
+        bounds_max: Upper end of the range, in the same unit.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         queue: Indices of the training views not yet used in the current round over all views.
@@ -258,8 +259,8 @@ def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor])
 
     Args:
         state: State of the training, changed in place.
-        change: Function of two arguments that returns the new tensor: the name of a trained tensor, or None for Adam's
-            moments and statistics; and the tensor.
+        change: Function that returns the new tensor. Its first argument is the name of a trained tensor, or None for
+            Adam's moments and statistics. The second is the tensor.
     """
     # The first argument of `change` is the name of a trained tensor, or None for Adam's moments and statistics; the
     # second is the tensor.

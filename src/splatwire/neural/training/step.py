@@ -163,7 +163,7 @@ class TrainingStep:
             state: State of the training.
             visible: Indices of the visible anchors.
             attributes: Features, scalings and offsets of these anchors, with noise.
-            weight: Straight-through masks of their offsets, 0 or 1.
+            weight: Masks of the visible anchors' offsets, 0 or 1.
         """
         features, scalings, offsets = attributes
         offsets = offsets.view(-1, self._config.model.layout.num_offsets, 3)
@@ -198,7 +198,9 @@ class TrainingStep:
         drawn: Int64[Tensor, ""],
         rate: SampleBits | None,
     ) -> Float[Tensor, ""]:
-        """Returns the total loss: photometric loss, volume of the Gaussians, and rate (HAC++, training).
+        """Returns the total loss: photometric loss, volume of the Gaussians, and rate.
+
+        The terms are those of HAC++.
 
         Args:
             picture: Photometric loss of the rendered picture.

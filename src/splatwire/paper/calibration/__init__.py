@@ -1,1 +1,1 @@
-"""Calibration of the inpainting network on a single scene (paper, Section 3.4)."""
+"""Calibration of the inpainting network on a single scene: Section 3.4 of the paper (`docs/paper-map.md`)."""

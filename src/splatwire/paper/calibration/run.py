@@ -167,7 +167,12 @@ class CalibrationRun:
         return {name: value.clone() for name, value in self.network.state_dict().items()}
 
     def _render_loss(self, parts: Branches, part: RepairGraph) -> Float[Tensor, ""]:
-        """Returns the mean absolute difference between pictures of concealed and complete scene in a random view."""
+        """Returns the mean absolute difference between pictures of concealed and complete scene in a random view.
+
+        Args:
+            parts: Estimates of the lost anchors' attributes by the network and by the interpolation.
+            part: Graph of the lost anchors.
+        """
         cameras, scene = self.data.cameras, self.data.scene
         if cameras is None:
             raise InvalidValueError("a rendering loss needs cameras")
@@ -221,7 +226,7 @@ class CalibrationRun:
         return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """Ends the calibration: returns the final network with its errors on the held-out losses.
+        """Ends the calibration: returns the final network and its errors on the simulated packet losses for validation.
 
         Args:
             seconds: Duration of the calibration, for the result.

@@ -26,12 +26,15 @@ _SOURCE_CHUNK = 1 << 13
 @register_concealer("gnn", needs=[Prior], option="weights", section=SECTION)
 @dataclass(frozen=True)
 class Gnn:
-    """The paper's prior-aware GNN residual inpainting, with weights calibrated on the scene.
+    """Concealer that estimates lost anchors with a graph neural network (GNN), calibrated on the scene.
+
+    The network predicts residuals, which are added to the values that the hash grid predicts. Source: Section 3.4 of
+    the paper (`docs/paper-map.md`).
 
     Attributes:
-        weights: Path of a file written by `splatwire calibrate gnn`, or the loaded weights; None to use the weights in
-            the stream.
-        loaded: The loaded weights; None to use the weights in the stream.
+        weights: Path of a file written by `splatwire calibrate gnn`, or the weights themselves; None to use the weights
+            in the stream.
+        loaded: The weights, read from the file if `weights` is a path; None to use the weights in the stream.
     """
 
     # If no anchor was received completely, the network is not used, and the interpolation returns the prior's mean.

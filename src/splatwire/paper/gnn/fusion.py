@@ -1,6 +1,7 @@
-"""Converts the network's outputs for lost anchors to attribute values (paper, Section 3.4).
+"""Converts the network's outputs for lost anchors to attribute values.
 
-The output is blended with the interpolation, or replaced by the interpolation if the confidence is too low.
+The output is blended with the interpolation, or replaced by the interpolation if the confidence is too low. Source:
+Section 3.4 of the paper (`docs/paper-map.md`).
 """
 
 from dataclasses import dataclass, replace
@@ -24,8 +25,8 @@ class Branch:
     Attributes:
         predicted: Estimate of the network, `b + c * residual`, with the baseline b and the confidence c.
         interpolated: Estimate of the interpolation.
-        confidence: Confidence in the network's estimate, `c = exp(-alpha z)`, 0 to 1; z is the mean absolute residual
-            in prior standard deviations.
+        confidence: Confidence in the network's estimate, `c = exp(-alpha z)`, 0 to 1; alpha is `GnnSettings.sharpness`,
+            and z is the mean absolute residual in prior standard deviations.
         prior: Distribution of the attribute predicted by the hash grid.
     """
 
@@ -37,7 +38,8 @@ class Branch:
     def fused(self, threshold: float) -> Float[Tensor, "Q D"]:
         """Returns the final values of the attribute for each lost anchor (query).
 
-        Where the confidence is at least `threshold`, both estimates are blended; elsewhere, the interpolation is used.
+        Where the confidence is at least `threshold`, the estimates of network and interpolation are blended. Elsewhere,
+        the interpolation is used.
         """
         # The paper's soft blend: c times the network's estimate plus 1 - c times the interpolation.
         blend = self.confidence * self.predicted + (1 - self.confidence) * self.interpolated

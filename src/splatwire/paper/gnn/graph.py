@@ -22,9 +22,9 @@ class RepairGraph:
     Attributes:
         queries: Indices of the anchors with at least one missing attribute.
         index: Anchor indices of the neighbours of each query, all of them completely received.
-        interpolated: The queries with missing attributes interpolated by the method `GnnSettings.interpolation`.
-        given: The queries with missing attributes filled by the method `GnnSettings.query_input`: the input of the
-            network.
+        interpolated: The queries after the method `GnnSettings.interpolation` has filled their missing attributes.
+        given: Input of the network: the queries after the method `GnnSettings.query_input` has filled their missing
+            attributes.
     """
 
     queries: Int64[Tensor, "Q"]

@@ -93,7 +93,11 @@ class _EdgeLayer(nn.Module):
         self.output = nn.Linear(hidden, hidden)
 
     def project(self, others: Tensor) -> Tensor:
-        """Multiplies the normalised hidden vectors of the known anchors, (S, H), by the layer's edge matrix."""
+        """Computes the known anchors' part of the messages: normalises hidden vectors and applies the layer `edge`.
+
+        Args:
+            others: Hidden vectors of the S known (completely received) anchors, (S, H).
+        """
         # The result does not depend on the lost anchors (queries), so it is computed once for all of them.
         return self.edge(self.norm(others))
 

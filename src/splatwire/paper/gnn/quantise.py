@@ -33,7 +33,11 @@ _HEADS = (("feature", 0), ("scaling", 1), ("offset", 2), ("offset", 3))
 
 
 def short_float(index: int | np.ndarray) -> np.ndarray:
-    """Converts `8 * exponent + fraction` to the number `(1 + fraction / 8) * 2 ** exponent`, exact in float32."""
+    """Decodes short floating-point numbers `(1 + fraction / 8) * 2 ** exponent`, exact in float32.
+
+    Args:
+        index: Codes of the numbers, `8 * exponent + fraction`, with fractions 0 to 7.
+    """
     index = np.asarray(index, dtype=np.int64)
     return np.asarray(np.ldexp(1 + (index & 7) / 8, index >> 3))
 
@@ -96,7 +100,10 @@ def rounded_constants(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
 
 @contextmanager
 def rounded_parameters(network: InpaintingNetwork, bits: int) -> Iterator[None]:
-    """Context manager in which a network computes with quantised weights; gradients are straight-through."""
+    """Context manager in which a network computes with quantised weights.
+
+    Gradients are computed as if the weights were not quantised (straight-through estimator).
+    """
     exact = {name: parameter.data for name, parameter in network.named_parameters()}
     try:
         for parameter in network.parameters():

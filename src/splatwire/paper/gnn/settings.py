@@ -22,14 +22,16 @@ class GnnSettings:
         hidden: Width of the network, d_h.
         layers: Number of EdgeConv layers.
         heads: Number of heads of the cross-attention; must divide `hidden`.
-        cross_attention: False to disable the cross-attention (for the ablation).
+        cross_attention: False to disable the cross-attention, for an ablation study.
         interpolation: Interpolation that is blended with the network's output, and replaces it at low confidence:
             `cari`, `kriging`, or `idw` over the graph's neighbours.
         query_input: Method that fills lost attributes in the network's inputs: `idw` (over the graph's neighbours), or
             `interpolation`.
-        baseline: Values to which the network's residuals are added: `prior` (its mean) or `interpolation`.
+        baseline: Values to which the network's residuals are added: `prior` (the mean that the hash grid predicts) or
+            `interpolation`.
         clip: Maximum absolute residual in prior standard deviations, tau.
-        sharpness: alpha of the confidence `exp(-alpha z)`; 0 for full confidence always (for the ablation).
+        sharpness: alpha of the confidence `exp(-alpha z)`, with the mean absolute residual z in prior standard
+            deviations. 0 always gives full confidence, for an ablation study.
         feature_threshold: Minimum confidence for blending a feature, T_f; above 1 the interpolation is always used.
         scaling_threshold: As `feature_threshold`, for scalings, T_s.
         offset_threshold: As `feature_threshold`, for offsets and masks, T_o.

@@ -40,7 +40,7 @@ class GnnWeights:
 
     @property
     def settings(self) -> GnnSettings:
-        """Settings of the network and of the use of its outputs."""
+        """Settings of the network, and of how the concealer uses the network's outputs."""
         return self.network.settings
 
     @property

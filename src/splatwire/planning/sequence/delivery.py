@@ -48,7 +48,7 @@ class SequenceLoad:
 
     @property
     def parity_bytes(self) -> int:
-        """Size of a datagram that carries one repair symbol, bytes."""
+        """Size of a parity datagram in bytes; each carries one repair symbol."""
         return symbol_bytes_for(int(self.packet_bytes.max(initial=0)) - DATA_OVERHEAD) + PARITY_OVERHEAD
 
     @property

@@ -122,11 +122,12 @@ def measure_sequence_distortion(
 
 
 def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
-    """Builds the distortion model of a sequence from the errors in S simulated losses.
+    """Builds the distortion model of a sequence from the picture errors measured in S simulations of packet loss.
 
     Args:
         shares: Lost share of each group's motion in each simulation, float64 (G, S).
-        mse: Mean squared errors in each simulation, by rendered frame and view, float64 (S, frames, V).
+        mse: Mean squared errors in each simulation, for each rendered frame and each of V views, float64 (S, frames,
+            V).
         frames: Indices of the rendered frames within each group.
         timeline: Frame rate and groups of the sequence.
     """
@@ -146,8 +147,8 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
     """Reduces random measurement errors in the distortion models of several encodings of one sequence.
 
-    The increase of the error by losses, as a function of the lost share, gets the same curve in all models, multiplied
-    by a factor for each encoding.
+    All models get the same curve for the added error as a function of the lost share. For each encoding, the curve is
+    multiplied by a factor.
 
     Args:
         distortions: One model for each encoding.

@@ -54,7 +54,8 @@ class _Choice:
     """A possible amount of parity for the motion of one group of pictures, with the quality expected from it.
 
     Attributes:
-        pair: Share of the motion packets that get parity, and repair symbols per such packet.
+        pair: Share of the motion packets that get parity; and number of repair symbols divided by the number of packets
+            that get parity.
         num_bytes: Size of the parity in bytes.
         psnr: Mean PSNR of the group over simulated transfers, decibels.
         lost: Mean lost share of the group's motion, 0 to 1; packets are weighted by importance.
@@ -116,8 +117,8 @@ def _efficient_choices(
 ) -> list[_Choice]:
     """Returns the amounts of parity for a group of pictures that lie on the upper convex hull of PSNR over bytes.
 
-    Other amounts are omitted. For the same bytes, two amounts on the hull, each used for some of the groups, give a
-    higher mean PSNR.
+    Amounts below the hull are omitted. For the same bytes, a mix of two amounts on the hull (one for some groups, the
+    other for the rest) gives a higher mean PSNR than an amount below.
 
     Args:
         variant: Encoded variant of the sequence.

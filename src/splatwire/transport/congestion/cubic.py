@@ -60,7 +60,7 @@ class CubicWindow:
         """Reduces the window after congestion.
 
         Args:
-            share: New window as a share of the old window or of `in_use`, whichever is smaller.
+            share: Factor of the reduction. The new window is `share` times the smaller of the old window and `in_use`.
             in_use: Number of bytes in flight.
         """
         used = min(self.bytes, in_use)

@@ -152,8 +152,8 @@ class LossMeter:
         """Returns True if recent losses are significantly above the baseline loss, so that they are congestion.
 
         Args:
-            seen: Numbers of datagrams sent and lost while the queue was long, in one control round (about one round
-                trip).
+            seen: Numbers of datagrams sent and lost in one control round (about one round trip), while the queue at the
+                bottleneck of the path was long.
         """
         self._excess = max(self._excess + seen.lost - BASELINE_TOLERANCE * self.baseline * seen.sent, 0.0)
         if self._excess <= 0.5 + self.deviation(seen.sent):

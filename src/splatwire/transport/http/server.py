@@ -284,7 +284,11 @@ class PageServer:
 
 
 def _too_long(start: bytes) -> Answer:
-    """Returns the response to a request whose head is too long."""
+    """Returns the error response to a request whose head (request line and header fields) is too long.
+
+    Args:
+        start: Bytes of the head received so far. A complete request line gives status 431, an incomplete one 414.
+    """
     line_ends = b"\r\n" in start
     return make_answer("431 Request Header Fields Too Large" if line_ends else "414 URI Too Long")
 
@@ -308,7 +312,7 @@ async def _wait_for_pacer(pacer: Pacer) -> None:
 
 @dataclass
 class _Count:
-    """Number of bytes of a response that were sent."""
+    """Counter of the sent bytes of a response."""
 
     num_bytes: int = 0
 

@@ -34,7 +34,7 @@ class Published(NamedTuple):
     """Result of publishing a stream to a relay.
 
     Attributes:
-        tracks: Number of tracks that the relay subscribed to.
+        tracks: Number of MoQ tracks that the relay subscribed to. A MoQ track is a named sequence of data blocks.
         num_bytes: Number of bytes sent to the relay, including QUIC headers.
     """
 
@@ -174,12 +174,12 @@ async def _requests(asked: Any) -> AsyncIterator[Any]:
 
 
 def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
-    """Returns what is published in a MoQ track, frame by frame; None if no track has this name.
+    """Returns the content of a MoQ track as a list of data blocks (MoQ frames); None if no track has this name.
 
     Args:
-        name: Name of the track.
+        name: Name of the MoQ track.
         head: Bytes of manifest and side information.
-        parts: For each track of packets, their indices in sending order.
+        parts: For each MoQ track that has packets, the indices of these packets in sending order.
         packets: All packets in sending order.
     """
     if name == HEAD:

@@ -181,7 +181,10 @@ class RelayReceiver:
         return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
-        """Returns the numbers of the packet tracks to receive, in order of importance."""
+        """Returns the indices of the MoQ tracks with packets that are to be received, most important first.
+
+        The track `part/N` has index N.
+        """
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(parts_of(manifest, tiles))))
         viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.codec))
@@ -257,7 +260,7 @@ async def receive_relayed(
     """Receives a stream from a relay of Media over QUIC.
 
     Args:
-        address: Address of the relay; the last part of its name is the scene's name.
+        address: Address of the relay; the last part of `address.name` is the scene's name.
         options: Options of the receiver.
         trust: Accepted certificates of the relay.
         on_event: Called with every event, such as an arrived packet.

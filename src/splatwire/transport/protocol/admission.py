@@ -185,7 +185,7 @@ class StartRateLimiter:
         self._networks: OrderedDict[Network, _Starts] = OrderedDict()
 
     def __len__(self) -> int:
-        """Number of stored transfers of all networks."""
+        """Number of recent transfers that are stored, summed over all IP networks."""
         return sum(len(starts.recent) for starts in self._networks.values())
 
     def seen(self, network: Network, nonce: int) -> bool:

@@ -119,7 +119,7 @@ class Group(NamedTuple):
         """Returns the index in sending order of a packet of the group.
 
         Args:
-            symbol: Index of the packet in the group, 0 to `size - 1`.
+            symbol: Index of the packet in the group (symbol index of the erasure code), 0 to `size - 1`.
         """
         return self.start + symbol * self.step
 

@@ -73,7 +73,10 @@ class Protection:
             )
 
     def motion_of(self, group: int) -> tuple[float, float]:
-        """Returns the share of a group's motion packets that get parity, and the repair symbols per such packet.
+        """Returns the parity of a group's motion as two numbers.
+
+        The first is the share of motion packets that get parity. The second is the number of repair symbols per packet
+        with parity.
 
         Args:
             group: Index of the group of pictures, from 0.
@@ -82,7 +85,7 @@ class Protection:
 
     @property
     def limits_retransmission(self) -> bool:
-        """True if retransmission is limited."""
+        """True if only some of the lost packets, or a limited number of bytes, may be retransmitted."""
         return self.resend is not None or self.resend_until < 1
 
 

@@ -17,11 +17,12 @@ def build_send_schedule(
     """Returns the sending order of all datagrams of a stream: symbols of the init segment, packets, repair symbols.
 
     Args:
-        head: Number of symbols to send of each segment (source block) of the init segment.
+        head: Number of symbols to send of each source block (separately encoded part) of the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
-        present: Number of packets of each importance tier that are not bundled in the init segment.
+        present: Number of packets of each importance tier that are sent as datagrams, and not bundled in the init
+            segment.
 
     Returns:
         Three integers for each datagram, as in `SendSchedule.items`.

@@ -72,7 +72,8 @@ class ServedStream:
         head_bytes: Size of the init segment (manifest, side information, bundled packets) in bytes.
         head_digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
-        head: Symbols of each segment (source block) of the init segment, with a reserve of repair symbols.
+        head: Symbols of each source block (separately encoded part) of the init segment, with a reserve of repair
+            symbols.
         packets: Packets in sending order.
         packet_bytes: Maximum size of a packet in bytes.
         bundled: Number of packets at the start of the sending order that are bundled in the init segment.
@@ -161,7 +162,7 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmitted bytes or packets of this stream are limited, so that the limit must be respected."""
+        """True if retransmitted bytes or packets of this stream are limited, so that the server must count them."""
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property

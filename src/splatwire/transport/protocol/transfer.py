@@ -209,7 +209,7 @@ class ServerTransfer:
 
         Args:
             view: Received viewpoint.
-            turns: Limiter of the processing time for viewpoints of all clients.
+            turns: Queue that limits the processing time for the viewpoints of all clients.
             now: Time, seconds.
         """
         tiles = self.stream.tiles
@@ -292,10 +292,11 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Yields the packets that the client requests again (NACKs), each with the sequence number of a lost datagram.
+        """Yields the packets that the client requests again (NACKs), as pairs: packet index and sequence number.
 
-        A client requests a packet by its index or by the sequence number of a lost datagram. In the first case, None is
-        yielded as sequence number. In the second case, -1 is yielded as index if the packet is unknown.
+        A client requests a packet by its index or by the sequence number of a lost datagram. A request by index gives
+        the pair (index, None). A request by sequence number gives (index, number); the index is -1 if the packet is
+        unknown.
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:

@@ -24,7 +24,8 @@ def initial_gaussians(dataset: Dataset, config: GaussianConfig) -> GaussianState
     """Creates the state of a training before the first iteration.
 
     Args:
-        dataset: Training views. Its points become Gaussians: all, or a random selection if the budget is smaller.
+        dataset: Training views. Its points become Gaussians. If it has more than `config.gaussians` points, a random
+            selection is used.
         config: The configuration.
 
     Raises:

@@ -98,7 +98,8 @@ def add_noise(state: GaussianState, size: float, uniform: Uniform) -> None:
 
     Args:
         state: State of the training; changed in place.
-        size: Factor on all displacements, 1 / world unit.
+        size: Strength of the noise, 1 / world unit. A displacement is a random vector times the Gaussian's covariance
+            times `size`.
         uniform: Function that draws uniform random numbers in [0, 1).
     """
     # A displacement is the Gaussian's covariance times a standard normal vector, times `size`. It falls to 0 for

@@ -71,7 +71,7 @@ class GaussianStep:
         return StepReport(loss.detach(), l1, None, 0, torch.tensor(state.num_gaussians))
 
     def _with_dropout(self, state: GaussianState, gaussians: Gaussians) -> Gaussians:
-        """Leaves out random Gaussians, by opacity 0, and increases the opacities of the others."""
+        """Sets the opacity of randomly chosen Gaussians to 0 (dropout), and increases the opacities of the others."""
         if not (share := self._config.dropout):
             return gaussians
         numbers = self._kernels.random.uniform(gaussians.opacities.shape, state.generator, state.device)

@@ -47,7 +47,7 @@ class GaussianResult:
 
 
 class _StoppedError(Exception):
-    """Raised to leave the fine-tuning if the listener stops the training."""
+    """Raised in the final fine-tuning of a training to end it if the caller's `listener` requests a stop."""
 
 
 @checked
