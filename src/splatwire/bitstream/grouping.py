@@ -12,7 +12,9 @@ CHUNK = 1 << 17
 
 
 def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray:
-    """Assigns elements to packets of a block by a hash of their index (paper 3.2.2, "Hash Interleaving").
+    """Assigns elements to packets of a block by a hash of their index.
+
+    This is the "Hash Interleaving" of Section 3.2.2 of the paper that this project implements (docs/paper-map.md).
 
     Args:
         start: Index of the first element in coding order.

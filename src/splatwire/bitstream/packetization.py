@@ -42,7 +42,7 @@ def check_range(what: str, value: int, low: int, high: int) -> None:
 class Packetization:
     """Parameters of the division of elements (Gaussians or anchors) into packets.
 
-    The defaults follow Sections 3.2.2 and 4.1 of the paper that this project implements.
+    The defaults follow Sections 3.2.2 and 4.1 of the paper that this project implements (docs/paper-map.md).
 
     Attributes:
         block_size: Maximum number of elements of a spatial block.

@@ -123,7 +123,7 @@ class PacketPlan:
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Returns the index of the packet that contains each element, int32 (N), in the order of the plan.
+        """Returns the index of the packet that contains each element, int32 (N), for elements in the order of the plan.
 
         Raises:
             InvalidValueError: With hashed grouping, where packets are known only from a stream.
@@ -203,7 +203,10 @@ class PacketPlan:
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Number of elements of a packet (with hashed grouping: upper limit); 0 if there is no such packet."""
+        """Number of elements of a packet; 0 if there is no such packet.
+
+        If packets are filled up to a size limit (grouping `hashed`), it is an upper limit.
+        """
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
             return 0

@@ -38,7 +38,7 @@ class TransmitRecord(CheckedFields):
         num_sent_elements: Number of elements (Gaussians or anchors) in the packets sent.
         bytes_sent: Total size of the packets sent in bytes, with headers.
         bytes_received: Total size of the packets received in bytes, with headers.
-        bytes_protected: Size of manifest and side information in bytes, which always arrive (paper 3.2.2).
+        bytes_protected: Size of manifest and side information in bytes, which always arrive.
         lost: File names of the lost packets, ascending by packet id.
     """
 
@@ -97,8 +97,8 @@ def transmit(
 ) -> tuple[SceneStream, TransmitRecord]:
     """Simulates sending a stream over a lossy channel; side information and manifest always arrive.
 
-    This follows Section 3.2.2 of the paper that this project implements. In a sequence (dynamic scene), lost packets
-    that later groups of pictures also need are retransmitted.
+    This follows Section 3.2.2 of the paper that this project implements (docs/paper-map.md). In a sequence (dynamic
+    scene), lost packets that later groups of pictures also need are retransmitted.
 
     Args:
         stream: Stream to send.

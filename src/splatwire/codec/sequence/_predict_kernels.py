@@ -296,7 +296,8 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
         wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
         dead: Dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of a quantisation
             step.
-        coefficients: Decoded coefficients, float32 (M, channels, K), zero before; of length 0 for an encoder.
+        coefficients: Decoded coefficients, float32 (M, channels, K), which must be 0 before the call; of length 0 for
+            an encoder.
     """
     if not len(places):
         return

@@ -242,7 +242,8 @@ class TracksEncoder:
     ) -> None:
         """Converts the coded motion of tracks that began in earlier groups to the unit of positions of a new shot.
 
-        A shot is a range of groups of frames between scene cuts; each may have another unit.
+        A shot is a range of groups of frames with the same quantisation steps and units; a scene cut may begin a new
+        one.
 
         Args:
             targets: Motion of the group's tracks, changed in place.

@@ -49,7 +49,8 @@ class CodedKeyframes:
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in the length unit of motion, int64 (n, 3).
+        places: Positions relative to the scene's origin, in the unit in which the motion of positions is coded, int64
+            (n, 3).
         digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
@@ -274,17 +275,17 @@ def _num_bytes(coded: CodedKeyframes) -> int:
 
 
 def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
-    """Converts the positions of a block's Gaussians to the fixed-point length unit of motion.
+    """Converts the positions of a block's Gaussians to the fixed-point unit in which the motion of positions is coded.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, columns), with positions in halves of the lattice
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of the ratio of half the lattice spacing to the length unit of motion.
+        spacing: log2 of half the lattice spacing, relative to the unit of the result.
 
     Returns:
-        Positions in the length unit of motion, int64 (n, 3).
+        Positions in the unit of motion, int64 (n, 3).
     """
     places = rows[:, :3] + 2 * info.boxes.corners[block]
     scaled = places << spacing if spacing > 0 else places >> -spacing

@@ -19,10 +19,10 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Track indices sorted by key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        places: Decoded position of each keyframe Gaussian, in the length unit of its shot (groups of frames between
-            scene cuts), int64 (T, 3).
+        places: Decoded position of each keyframe Gaussian, in the unit of positions of its shot (groups of frames
+            between scene cuts), int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        spacings: log2 of the ratio of the length unit of each track's position to that of the first shot, int64 (T).
+        spacings: log2 of the unit of each track in `places`, relative to the unit of the first shot, int64 (T).
         weights: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """
@@ -54,11 +54,11 @@ class KnownTracks:
         return np.where(names[at] == keys, self.by_key[at], -1)
 
     def in_units(self, tracks: np.ndarray | slice, spacing: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns positions and quantisation steps of tracks, converted to a common length unit.
+        """Returns positions and quantisation steps of tracks, converted to a common unit of positions.
 
         Args:
             tracks: Indices of the tracks.
-            spacing: log2 of the ratio of the common length unit to that of the first shot.
+            spacing: log2 of the common unit, relative to the unit of the first shot.
         """
         return in_other_units(self.places[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
 
@@ -83,8 +83,8 @@ class KnownTracks:
             keys: Keys (identifiers) of the new tracks, int64 (n).
             places: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
-            spacing: log2 of the ratio of the length unit of `places` to that of the first shot. A shot is a range of
-                groups of frames that share quantisation steps.
+            spacing: log2 of the unit of `places`, relative to the unit of the first shot. A shot is a range of groups
+                of frames that share quantisation steps.
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
         names = np.concatenate([self.keys, keys])

@@ -48,7 +48,7 @@ class Shot:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         info: Side information of these keyframe Gaussians.
-        motion_spacing: log2 of the ratio of the length unit of motion in these groups to that in the first shot.
+        motion_spacing: log2 of the unit of positions in the motion of these groups, relative to that of the first shot.
     """
 
     first_group: int
@@ -106,7 +106,7 @@ class SequenceInfo:
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of the spacing of a block's lattice of positions, relative to twice the unit of its motion.
+        """Returns log2 of half the spacing of a block's lattice of positions, relative to the unit of its motion.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

@@ -33,7 +33,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
 
 
 def in_other_units(places: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Converts positions and quantisation steps of tracks from one fixed-point length unit to another.
+    """Converts positions and quantisation steps of tracks from one fixed-point unit to another.
 
     Args:
         places: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.

@@ -85,10 +85,11 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
     second.
 
     Args:
-        outputs: Outputs of the channel network: means, standard deviations and weight logits of the group's channels.
+        outputs: Outputs of the channel network for the group's channels: means, standard deviations, and mixture
+            weights as logits.
         group: Index of the group.
         prior_outputs: Outputs of the prior network.
-        weight_column: Column of the group's first weight logit in `prior_outputs`.
+        weight_column: Column in `prior_outputs` with the logit of the first channel's mixture weight.
         q_column: Column in `prior_outputs` from which the quantisation step is computed.
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means of the second normal in quantisation steps, 12 fractional bits.

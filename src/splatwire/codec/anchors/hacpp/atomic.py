@@ -1,4 +1,7 @@
-"""Atomic packets: each contains all attributes of its anchors and decodes without the others (paper 3.2.1)."""
+"""Atomic packets: each contains all attributes of its anchors, and decodes without other packets.
+
+This follows Section 3.2.1 of the paper that this project implements (docs/paper-map.md).
+"""
 # Encoding and decoding share the prediction. Packets are processed in chunks, which does not affect the bytes.
 
 from dataclasses import dataclass
