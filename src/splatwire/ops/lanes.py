@@ -87,7 +87,13 @@ def _address(context, builder, array_type, array, index, kind=_FLOATS):
 @intrinsic
 @no_type_check
 def load(typingctx, array, index):
-    """Loads a vector: sixteen numbers of a flat float32 array from `index` on, without bounds check."""
+    """Loads a vector: sixteen consecutive numbers of a flat float32 array, without bounds check.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        array: The array.
+        index: Index of the first number.
+    """
 
     def build(context, builder, signature, arguments):
         return builder.load(_address(context, builder, signature.args[0], *arguments), align=4)
@@ -115,7 +121,14 @@ def pick(typingctx, array, index):
 @intrinsic
 @no_type_check
 def store(typingctx, array, index, value):
-    """Stores a vector into a flat float32 array from `index` on, without bounds check."""
+    """Stores a vector into a flat float32 array, without bounds check.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        array: The array, changed in place.
+        index: Index in the array of the first stored element.
+        value: The vector.
+    """
 
     def build(context, builder, signature, arguments):
         array, index, value = arguments
@@ -206,7 +219,13 @@ def power_of_two(typingctx, power):
 @intrinsic
 @no_type_check
 def pairs(typingctx, a, b):
-    """Adds adjacent elements of two vectors: returns eight sums of `a`, then eight sums of `b`."""
+    """Adds adjacent elements of two vectors: returns eight sums of `a`, then eight sums of `b`.
+
+    Args:
+        typingctx: Typing context of numba; callers omit it.
+        a: First vector.
+        b: Second vector.
+    """
 
     def build(context, builder, signature, arguments):
         sides = [builder.shuffle_vector(*arguments, ir.Constant(_INTS, [*range(s, 2 * LANES, 2)])) for s in (0, 1)]

@@ -1,4 +1,7 @@
-"""Compiled kernels that choose the neighbours from which the concealer CARI interpolates a lost anchor."""
+"""Compiled kernels that choose the neighbours from which a lost anchor is interpolated.
+
+The interpolation is CARI, Context-Aware Residual Interpolation (`paper.cari`).
+"""
 
 # Results equal those of `splatwire.paper.weighting._select_plain`. Lost anchors (queries) are processed independently,
 # so results do not depend on the number of threads.

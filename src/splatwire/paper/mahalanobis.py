@@ -1,4 +1,7 @@
-"""Exact nearest-neighbour search by Mahalanobis distance; every point has a covariance (paper, Section 3.4)."""
+"""Exact nearest-neighbour search by Mahalanobis distance; every point has a covariance.
+
+Source: Section 3.4 of the paper (`docs/paper-map.md`).
+"""
 
 import numpy as np
 import torch

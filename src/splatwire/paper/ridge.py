@@ -1,4 +1,7 @@
-"""Optional refinement of the features that CARI interpolates: a local linear model instead of the weighted mean."""
+"""Optional refinement of interpolated features: a local linear model instead of the weighted mean.
+
+The interpolation is CARI, Context-Aware Residual Interpolation (`paper.cari`).
+"""
 
 import torch
 from jaxtyping import Float

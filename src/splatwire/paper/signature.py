@@ -15,7 +15,7 @@ from splatwire.types import AnchorLayout, Anchors, Attribute, Prior, ReceivedSce
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Channels of an anchor attribute, such as a feature group, that CARI interpolates with the same neighbours.
+    """Channels of an anchor attribute, such as a feature group, that are interpolated with the same neighbours.
 
     Attributes:
         attribute: The attribute that the channels belong to.

@@ -1,4 +1,7 @@
-"""CARI's joint weighting: scores the neighbours of lost anchors, selects the best and computes their weights."""
+"""Scores the neighbours of lost anchors, selects the best and computes their weights: joint weighting of CARI.
+
+CARI is Context-Aware Residual Interpolation, a concealer of lost anchors (`paper.cari`).
+"""
 
 from dataclasses import dataclass
 

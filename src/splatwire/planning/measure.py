@@ -107,7 +107,7 @@ class LossyPictures:
     def preview_psnr(self, preview: bytes) -> float:
         """Returns the mean PSNR, decibels, if the receiver has nothing but the preview.
 
-        A preview is a coarse version of the scene of some kilobytes, which is sent before all other data.
+        A preview is a small, coarse version of the scene, which is sent before all other data.
 
         Args:
             preview: Encoded preview.

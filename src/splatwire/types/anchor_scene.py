@@ -59,13 +59,13 @@ class HashGrid(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class ContextModel(CheckedFields):
-    """The networks and tables that predict an anchor's distribution for entropy coding.
+    """The networks and tables that predict an anchor's distribution for entropy coding (as in HAC++).
 
     Attributes:
         grid: The hash grid.
-        prior: Network that maps the hash-grid feature (H) to `ModelConfig.prior_dim` outputs (HAC++, prior network).
+        prior: Network that maps the hash-grid feature (H) to `ModelConfig.prior_dim` outputs.
         channel: One network per group of feature channels, which predicts the distribution of these channels from the
-            prior and the groups decoded before (HAC++, channel context).
+            outputs of `prior` and the groups decoded before.
     """
 
     grid: HashGrid

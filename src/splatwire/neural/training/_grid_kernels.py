@@ -21,7 +21,10 @@ def signs(values, out):
 @njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
-    """Sets the gradient to zero where the trained value is outside [-1, 1], in place (straight-through gradient)."""
+    """Sets the gradient to zero where the trained value is outside [-1, 1], in place.
+
+    Inside, the gradient with respect to the sign of the value is also used for the value (straight-through estimator).
+    """
     for i in prange(values.shape[0]):
         if not (-1 <= values[i] <= 1):
             gradient[i] = 0

@@ -170,14 +170,20 @@ class TrainedContext:
 def straight_through_masks(
     state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Returns the masks of offsets and of anchors as 0 or 1, with straight-through gradients (HAC++)."""
+    """Returns the masks of offsets and of anchors as 0 or 1 (as in HAC++).
+
+    Gradients are computed as if the masks were the sigmoids of their logits (straight-through estimator).
+    """
     # In the gradient, the mask of an offset is replaced by the sigmoid of its logit, and the mask of an anchor by
     # the mean of these sigmoids over its offsets.
     return straight_through(state.parameters["mask_logits"][index], config.mask_threshold)
 
 
 def straight_through(logits: Float[Tensor, "M K"], threshold: float) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Returns the masks of offsets and of anchors for given mask logits, with straight-through gradients."""
+    """Returns the masks of offsets and of anchors for given mask logits, as 0 or 1.
+
+    Gradients are computed as if the masks were the sigmoids of their logits (straight-through estimator).
+    """
     # An offset exists if the sigmoid of its logit is above `threshold`, an anchor if one of its offsets does.
     share = torch.sigmoid(logits)
     hard = (share > threshold).to(share)
@@ -255,7 +261,7 @@ def attribute_bits(
     steps: Float[Tensor, "M 3"],
     values: tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]],
 ) -> AttributeBits:
-    """Estimates the bits of every attribute value of some anchors (HAC++, rate).
+    """Estimates the bits of every attribute value of some anchors (as in HAC++).
 
     Args:
         outputs: Outputs of the prior network for these anchors.

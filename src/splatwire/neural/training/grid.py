@@ -1,4 +1,8 @@
-"""Training of the binary hash grid: signs in the forward pass, straight-through gradients (HAC++, hash grid)."""
+"""Training of the binary hash grid (as in HAC++).
+
+The rendering uses the signs of the trained values. Gradients are computed as if the values were used directly
+(straight-through estimator).
+"""
 
 # Table rows and interpolation weights depend only on the positions, so they are computed once per set of anchors.
 
@@ -67,7 +71,9 @@ def interpolate_signs(
     corners: GridCorners,
     index: Int64[Tensor, "M"],
 ) -> Float[Tensor, "M H"]:
-    """Interpolates the signs of the trained tables at positions; compiled, on the CPU. Gradients are straight-through.
+    """Interpolates the signs of the trained tables at positions; compiled, on the CPU.
+
+    Gradients are computed as if the table entries were used instead of their signs (straight-through estimator).
 
     Args:
         volume: The trained 3D table, all levels.
@@ -92,7 +98,9 @@ def hard_sign(values: Tensor) -> Tensor:
 
 
 def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D"]) -> Float[Tensor, ""]:
-    """Estimates the bits of all signs of the hash grid in the stream, with a straight-through gradient.
+    """Estimates the bits of all signs of the hash grid in the stream.
+
+    Gradients are computed as if the table entries were used instead of their signs (straight-through estimator).
 
     Args:
         volume: The trained 3D table, whose signs are coded.

@@ -72,7 +72,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     Args:
         state: State of the training; changed in place.
         config: The configuration.
-        uniform: Draws random numbers.
+        uniform: Function that draws uniform random numbers in [0, 1).
 
     Returns:
         The numbers of added and of removed anchors.

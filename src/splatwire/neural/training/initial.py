@@ -98,7 +98,7 @@ def points_of(scene: Scene) -> SparsePoints:
 
 
 def camera_extent(cameras: Cameras) -> float:
-    """Returns 1.1 times the largest distance of a camera from the mean camera centre, world units (HAC++, training)."""
+    """Returns 1.1 times the largest distance of a camera from the mean camera centre, world units (as in HAC++)."""
     centers = to_numpy(cameras.centers).astype(np.float64)
     return 1.1 * float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
 

@@ -1,4 +1,4 @@
-"""Offline calibration of the inpainting network on a single scene (paper, Section 3.4)."""
+"""Offline calibration of the inpainting network on a single scene: Section 3.4 of the paper (`docs/paper-map.md`)."""
 
 import time
 from collections.abc import Callable, Sequence

@@ -1,4 +1,7 @@
-"""The bipartite graph between lost and known anchors, and the inputs of its nodes (paper, Section 3.4)."""
+"""The bipartite graph between lost and known anchors, and the inputs of its nodes.
+
+Source: Section 3.4 of the paper (`docs/paper-map.md`).
+"""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,7 @@
-"""The inpainting network: EdgeConv layers, cross-attention to the prior, four output heads (paper, Section 3.4)."""
+"""The inpainting network: EdgeConv layers, cross-attention to the prior, and four output heads.
+
+Source: Section 3.4 of the paper (`docs/paper-map.md`).
+"""
 
 import math
 from dataclasses import dataclass

@@ -36,7 +36,7 @@ class Protection:
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream, 0 to 4; None for no limit.
         resend_until: Share of the packets, from the start of the sending order, that may be retransmitted, 0 to 1.
         motion: For a sequence, one pair per group of pictures: share of the motion packets that get parity, 0 to 1, and
-            repair symbols per such packet, 0 to 2. The last pair applies to all later groups.
+            number of repair symbols per packet that gets parity, 0 to 2. The last pair applies to all later groups.
 
     Raises:
         InvalidValueError: If a number is out of range.
