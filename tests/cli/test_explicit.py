@@ -1,5 +1,6 @@
 """Explicit Gaussians on the command line: from a file to packets, losses, and back to a file."""
 
+import json
 import zipfile
 from dataclasses import replace
 from functools import partial
@@ -152,15 +153,28 @@ def test_evaluate_applies_the_same_losses_to_every_concealer(run, ply, stream, t
 
 
 @pytest.mark.parametrize("change", [{"shift": 50.0}, {"factor": 10.0}])
-def test_evaluate_warns_of_a_reference_that_is_another_scene(run, ply, stream, tmp_path, caplog, change):
+def test_evaluate_warns_of_a_reference_that_is_another_scene(run, ply, stream, tmp_path, change):
     """In the views of the reference, a scene elsewhere or of another size gives nothing but a low PSNR."""
     splats, shift = read_splats(ply), np.float32(change.get("shift", 0))
     factor = np.float32(change.get("factor", 1))
     write_splats([replace(splats, means=splats.means * factor + shift)], tmp_path / "other.ply")
-    run("evaluate", stream, "--reference", ply, "--views", "1", "--lpips-views", "1", "--json")
-    assert "another scene" not in caplog.text
-    run("evaluate", stream, "--reference", tmp_path / "other.ply", "--views", "1", "--lpips-views", "1", "--json")
-    assert "cloud.swz is of another scene than" in caplog.text
+    words = ("--views", "1", "--lpips-views", "1", "--json")
+    assert "another scene" not in run("evaluate", stream, "--reference", ply, *words).err
+    told = run("evaluate", stream, "--reference", tmp_path / "other.ply", *words).err
+    assert f"splatwire: warning: {stream} is of another scene than {tmp_path / 'other.ply'}: centre (" in told
+
+
+def test_cameras_too_near_to_draw_a_scene_give_a_warning(run, ply, tmp_path):
+    splats, factor = read_splats(ply), np.float32(0.01)
+    small = replace(splats, means=splats.means * factor, scales=splats.scales * factor)
+    write_splats([small], tmp_path / "small.ply")
+    run("render", tmp_path / "small.ply", "-o", tmp_path / "own", "--scale", "0.1")
+    content = json.loads((tmp_path / "own" / "cameras.json").read_text())
+    words = ("--cameras", tmp_path / "cameras.json", "--views", "2", "--lpips-views", "1", "--json")
+    for near, warned in ((content.pop("near_depth"), False), (0.2, True)):
+        (tmp_path / "cameras.json").write_text(json.dumps(content | {"near_depth": near}))
+        done = run("evaluate", ply.parent / "cloud.ply", "--reference", tmp_path / "small.ply", *words)
+        assert ("splatwire: warning: 100 % of the Gaussians in the pictures are nearer than 0.2" in done.err) == warned
 
 
 def test_keep_prunes_the_least_important_gaussians(run, ply, tmp_path):

@@ -1,8 +1,11 @@
 """Every verb applies the same rule to rows that are invisible or cannot be rendered, and reports them."""
 
+import re
+
 import numpy as np
 import pytest
 
+from moving_sequences import cut_frames
 from splat_io.formats.handmade import glb, some_splats, write
 from splatwire.io.formats import write_splats
 
@@ -76,3 +79,12 @@ def test_a_warning_about_many_frames_is_given_once_with_their_number(run, tmp_pa
         f"splatwire: warning: {clip}: 4 more files like 0.ply: {shift} in the file",
         f"splatwire: warning: {clip}: 1 more file like 3.ply: {unit} in the file",
     ]
+
+
+def test_clips_with_scenes_too_small_for_their_lattice_give_a_warning(run, tmp_path):
+    clip = tmp_path / "clip"
+    clip.mkdir()
+    for number, splats in enumerate(cut_frames(100, 2, [1.0, 1e-8])):
+        write_splats([splats], clip / f"{number}.ply")
+    err = run("encode", clip, "-o", tmp_path / "a.swz", "--group", "2").err
+    assert re.search(r"^splatwire: warning: (\d+) of \1 new Gaussians are smaller than two steps", err, re.M)

@@ -16,7 +16,8 @@ DAMAGED = 3
 _DAMAGE = "splatwire.bitstream.stream"
 _TELLING = (
     *("splatwire.types.validity", "splatwire.codec.gaussians.outliers", "splatwire.plugins", _DAMAGE),
-    *("splatwire.codec.update", "splatwire.lod", "splatwire.rate_control"),
+    *("splatwire.codec.update", "splatwire.codec.sequence", "splatwire.lod", "splatwire.rate_control"),
+    *("splatwire.render", "splatwire.evaluation"),
     *("splatwire.io", "splatwire.data", "splatwire.sequence", "splatwire.files", "splatwire.cli._encoded_sequences"),
 )
 _MAX_FILES = 100_000

@@ -18,6 +18,7 @@ from splatwire.files.atomic_write import atomic_write
 from splatwire.files.names import distinct_names
 from splatwire.io import drawable_scene
 from splatwire.render.framing import framing_cameras
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
@@ -59,7 +60,9 @@ def _draw_scene(options: Render, source: Path, cameras: Cameras | None, backgrou
     concealer = create_concealer(options.conceal or "drop")
     check_folder(options.output)
     scene, num_lost = drawable_scene(source, concealer)
-    cameras = framing_cameras(scene, _AROUND, _AROUND_SIZE) if cameras is None else cameras
+    if cameras is None:
+        cameras = framing_cameras(scene, _AROUND, _AROUND_SIZE)
+    warn_of_near_plane(scene, cameras)
     cameras = cameras if options.scale == 1 else cameras.scaled(options.scale)
     started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
     with progress_bars() as show:

@@ -20,6 +20,7 @@ from splatwire.files.kinds import file_kind, opened, trained_ply
 from splatwire.files.mmap_array import large_empty
 from splatwire.io import open_scene
 from splatwire.metrics.lpips import Lpips, find_lpips
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
@@ -137,6 +138,7 @@ def compare_files(
     first = _TimedScene.of(chosen, READS if chosen in files else 1)
     seen = held_out_cameras(first.scene) if cameras is None else cameras
     seen = seen.select(spread(seen.num_views, views))
+    warn_of_near_plane(first.scene, seen)
     behind = first.scene.background if background is None else background
     images = large_empty((seen.num_views, seen.height, seen.width, 3), np.float32)
     for view, image in enumerate(views_of(first.scene, seen, renderer, behind)):

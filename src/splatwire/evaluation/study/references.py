@@ -21,6 +21,7 @@ from splatwire.evaluation.study.sequences import reference_pictures
 from splatwire.evaluation.study.store import Store, read_json
 from splatwire.evaluation.views import ReferenceViews, photo_source, photo_views, spread, views_of
 from splatwire.files.read_limited import open_regular
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
@@ -117,7 +118,9 @@ def prepare_references(
         def pictures() -> Iterable[Any]:
             if frames and entry.reference is not None:
                 return reference_pictures(entry.reference, cameras, chosen, study.renderer, background)
-            return views_of(drawn(), cameras, study.renderer, background)
+            scene = drawn()
+            warn_of_near_plane(scene, cameras)
+            return views_of(scene, cameras, study.renderer, background)
 
         digest = _render_missing(entry.name, cameras, background, pictures, store, folder, progress)
     return References(
