@@ -1,6 +1,7 @@
 """The QUIC shell on loopback; every wait is bounded."""
 
 import asyncio
+import errno
 import logging
 import random
 from collections.abc import AsyncIterator, Coroutine
@@ -33,11 +34,13 @@ from transport.relay import Relay
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport.protocol.wire import DATA, decode, kind_of
+from splatwire.transport.quic import client
 from splatwire.transport.quic.certificate import from_pem, self_signed
 from splatwire.transport.quic.client import Trust, receive_quic
-from splatwire.transport.quic.common import QuicLimits
+from splatwire.transport.quic.common import FULL, QuicLimits
 from splatwire.transport.quic.server import QuicServer
 from splatwire.transport.quic.sessions import Session
+from splatwire.transport.udp import connected_socket
 
 pytestmark = pytest.mark.slow
 
@@ -334,6 +337,43 @@ def test_transfer_resumes_over_another_connection(how):
         kept = [event.kept for event in events if isinstance(event, Resumed)]
         assert all(kept)
         assert kept or how == "another address"  # QUIC migrates by itself
+
+    run(work())
+
+
+@pytest.mark.parametrize("returns", [True, False])
+def test_transfer_survives_a_time_without_a_route_to_the_server(monkeypatch: pytest.MonkeyPatch, returns: bool) -> None:
+    """No socket can be connected then. Without an end of the outage, what arrived is kept."""
+    opened, refused = 0, 0
+
+    def open_socket(family: Any, target: Any) -> Any:
+        nonlocal opened, refused
+        if opened and (refused < 2 or not returns):
+            refused += 1
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+        opened += 1
+        return connected_socket(family, target)
+
+    monkeypatch.setattr(client, "connected_socket", open_socket)
+
+    async def work() -> None:
+        async with serving(ServerLimits(fixed_rate=400_000.0)) as server:
+            count = 0
+
+            def note(event: Any) -> None:
+                nonlocal count
+                count += isinstance(event, PacketArrived)
+                if count == len(STREAM.packets) // 4 and opened == 1:
+                    for connection in list(server.connections):
+                        connection.end(FULL, "the path is gone")
+
+            receiver = await fetch(server.port, ReceiverOptions(reconnect_s=10.0 if returns else 1.0), on_event=note)
+        assert refused >= 2
+        if returns:
+            assert (receiver.finished.reason, receiver.stream()) == ("complete", STREAM)
+        else:
+            assert receiver.finished.reason == "the server fell silent; Network is unreachable"
+            assert 0 < len(receiver.stream().packets) < len(STREAM.packets)
 
     run(work())
 

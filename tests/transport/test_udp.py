@@ -19,13 +19,14 @@ from splatwire.transport import (
     ReceiverOptions,
     ServerLimits,
     make_served_stream,
+    udp,
 )
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol.datagrams import Hello
 from splatwire.transport.protocol.wire import encode
-from splatwire.transport.udp import MOST_ANSWERS, UdpServer, bound_socket, receive_udp, resolve
+from splatwire.transport.udp import MOST_ANSWERS, UdpServer, bound_socket, connected_socket, receive_udp, resolve
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
@@ -168,6 +169,42 @@ def test_interrupted_transfer_keeps_received_packets():
         assert (
             receiver.describe_missing() == f"{len(receiver.stream().packets)} of {len(STREAM.packets)} packets arrived"
         )
+
+    run(work())
+
+
+def test_transfer_continues_after_this_machine_gets_another_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A socket keeps the address of the machine: after a change, it can send nothing. For a time there is no route."""
+    opened, refused = list[socket.socket](), 3
+
+    def open_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
+        nonlocal refused
+        if opened and refused:
+            refused -= 1
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+        opened.append(connected_socket(family, target))
+        return opened[-1]
+
+    monkeypatch.setattr(udp, "connected_socket", open_socket)
+
+    async def work() -> None:
+        server, count = served(STREAM, limits=ServerLimits(fixed_rate=4e5)), 0
+
+        def note(event: Event) -> None:
+            nonlocal count
+            count += isinstance(event, PacketArrived)
+            if count == len(STREAM.packets) // 4 and len(opened) == 1:
+                opened[0].shutdown(socket.SHUT_RDWR)  # each datagram is an error from now on
+
+        try:
+            receiver = await fetch(server.port, on_event=note)
+        finally:
+            server.close()
+        assert receiver.finished.reason == "complete"
+        assert receiver.stream() == STREAM
+        assert len(opened) > 1
+        assert refused == 0
+        assert all(each.fileno() == -1 for each in opened)
 
     run(work())
 

@@ -12,7 +12,7 @@ from typing import Any
 from splatwire.errors import InvalidValueError
 from splatwire.transport.address import Address, cannot_listen
 from splatwire.transport.pcap import Endpoint
-from splatwire.transport.protocol.events import Event
+from splatwire.transport.protocol.events import Event, Interrupted
 from splatwire.transport.protocol.receiver import Receiver
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
 from splatwire.transport.protocol.sender import Server
@@ -202,12 +202,11 @@ async def receive_udp(
         InvalidValueError: If the host name cannot be resolved.
     """
     family, target = await resolve(address)
-    with connected_socket(family, target) as connection:
-        receiver = Receiver(new_nonce(), asyncio.get_running_loop().time(), options)
-        client = _Client(connection, receiver, on_event, tap)
-        if stop is not None:
-            stop.add_done_callback(lambda _: client.stop())
-        return await client.run()
+    receiver = Receiver(new_nonce(), asyncio.get_running_loop().time(), options)
+    client = _Client(connected_socket(family, target), receiver, on_event, tap)
+    if stop is not None:
+        stop.add_done_callback(lambda _: client.stop())
+    return await client.run()
 
 
 class _Client:
@@ -221,6 +220,7 @@ class _Client:
         self._loop = asyncio.get_running_loop()
         self._over = self._loop.create_future()
         self._timer: asyncio.TimerHandle | None = None
+        self._is_unusable = False
 
     async def run(self) -> Receiver:
         self._loop.add_reader(self._socket, self._readable)
@@ -231,7 +231,10 @@ class _Client:
             self._loop.remove_reader(self._socket)
             if self._timer:
                 self._timer.cancel()
-            self._act(*self._receiver.stop())
+            try:
+                self._act(*self._receiver.stop())
+            finally:
+                self._socket.close()
         return self._receiver
 
     def stop(self) -> None:
@@ -264,12 +267,24 @@ class _Client:
         if self._timer:
             self._timer.cancel()
             self._timer = None
-        self._act(*self._receiver.poll(self._loop.time()))
+        datagrams, events = self._receiver.poll(self._loop.time())
+        if self._is_unusable or any(isinstance(event, Interrupted) for event in events):
+            self._replace_socket()
+        self._act(datagrams, events)
         at = self._receiver.next_at()
         if at is not None:
             self._timer = self._loop.call_at(at, self._alarm)
         elif not self._over.done():
             self._over.set_result(None)
+
+    def _replace_socket(self) -> None:
+        """Opens another socket, because a socket keeps the address of this machine, which may have changed."""
+        with suppress(OSError):  # no route to the server yet
+            fresh = connected_socket(self._socket.family, self._socket.getpeername())
+            self._loop.remove_reader(self._socket)
+            self._socket.close()
+            self._socket, self._here, self._is_unusable = fresh, fresh.getsockname()[:2], False
+            self._loop.add_reader(fresh, self._readable)
 
     def _alarm(self) -> None:
         try:
@@ -285,8 +300,12 @@ class _Client:
         for data in datagrams:
             if self._tap:
                 self._tap(self._here, self._there, data)
-            with suppress(OSError):  # a datagram that cannot be sent counts as lost
+            try:
                 self._socket.send(data)
+            except (BlockingIOError, ConnectionRefusedError):  # a datagram that cannot be sent counts as lost
+                pass
+            except OSError:
+                self._is_unusable = self._receiver.welcome is not None
         if self._on_event:
             for event in events:
                 self._on_event(event)

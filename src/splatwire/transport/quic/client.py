@@ -96,20 +96,32 @@ async def receive_quic(
     receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
     pause = FIRST_PAUSE_S
     while True:
-        client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
-        if stop is not None:
-            stop.add_done_callback(client.stopped)
-        began = loop.time()
-        await client.run(connected_socket(family, target))
-        if stop is not None:
-            stop.remove_done_callback(client.stopped)
-        if receiver.finished is not None:
-            return receiver
-        pause = FIRST_PAUSE_S if loop.time() - began > CALM_S else min(2 * pause, LAST_PAUSE_S)
-        await asyncio.wait([stop or loop.create_future()], timeout=pause)
-        for event in receiver.reconnect(loop.time()):
+        began, transfer_events = loop.time(), list[Event]()
+        try:
+            connection = connected_socket(family, target)
+        except OSError as error:  # no route to the server, as during an outage
+            if receiver.welcome is None:
+                raise
+            if stop is not None and stop.done():
+                transfer_events = receiver.stop()[1]
+            elif not receiver.may_resume(began):
+                transfer_events = receiver.stop(f"the server fell silent; {error.strerror}")[1]
+        else:
+            client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
+            if stop is not None:
+                stop.add_done_callback(client.stopped)
+            await client.run(connection)
+            if stop is not None:
+                stop.remove_done_callback(client.stopped)
+        if receiver.finished is None:
+            pause = FIRST_PAUSE_S if loop.time() - began > CALM_S else min(2 * pause, LAST_PAUSE_S)
+            await asyncio.wait([stop or loop.create_future()], timeout=pause)
+            transfer_events = receiver.reconnect(loop.time())
+        for event in transfer_events:
             if on_event:
                 on_event(event)
+        if receiver.finished is not None:
+            return receiver
 
 
 class _Client(QuicConnectionProtocol):
