@@ -175,14 +175,26 @@ def test_interrupted_transfer_keeps_received_packets():
 
 def test_transfer_continues_after_this_machine_gets_another_address(monkeypatch: pytest.MonkeyPatch) -> None:
     """A socket keeps the address of the machine: after a change, it can send nothing. For a time there is no route."""
-    opened, refused = list[socket.socket](), 3
+    opened, refused, moved = list[socket.socket](), 3, False
+
+    class Socket(socket.socket):
+        def send(self, *given: Any) -> int:
+            if moved and self is opened[0]:
+                raise OSError(errno.EINVAL, "Invalid argument")
+            return super().send(*given)
+
+        def recv(self, *given: Any) -> bytes:
+            if moved and self is opened[0]:
+                raise BlockingIOError
+            return super().recv(*given)
 
     def open_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
         nonlocal refused
         if opened and refused:
             refused -= 1
             raise OSError(errno.ENETUNREACH, "Network is unreachable")
-        opened.append(connected_socket(family, target))
+        opened.append(Socket(fileno=connected_socket(family, target).detach()))
+        opened[-1].setblocking(False)
         return opened[-1]
 
     monkeypatch.setattr(udp, "connected_socket", open_socket)
@@ -191,10 +203,9 @@ def test_transfer_continues_after_this_machine_gets_another_address(monkeypatch:
         server, count = served(STREAM, limits=ServerLimits(fixed_rate=4e5)), 0
 
         def note(event: Event) -> None:
-            nonlocal count
+            nonlocal count, moved
             count += isinstance(event, PacketArrived)
-            if count == len(STREAM.packets) // 4 and len(opened) == 1:
-                opened[0].shutdown(socket.SHUT_RDWR)  # each datagram is an error from now on
+            moved = moved or count == len(STREAM.packets) // 4
 
         try:
             receiver = await fetch(server.port, on_event=note)

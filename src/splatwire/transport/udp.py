@@ -2,6 +2,7 @@
 
 import abc
 import asyncio
+import errno
 import os
 import socket
 from collections import deque
@@ -25,6 +26,8 @@ BATCH = 256
 LARGEST_READ = 2048
 MOST_ANSWERS = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
+NO_ROUTE = (errno.EADDRNOTAVAIL, errno.EINVAL, errno.ENETDOWN, errno.ENETUNREACH)
+"""Error codes of sending if this machine has no route to the server, or no longer the address of the socket."""
 
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
 """Callback for every datagram sent or received, with its source, its destination and its payload."""
@@ -302,10 +305,8 @@ class _Client:
                 self._tap(self._here, self._there, data)
             try:
                 self._socket.send(data)
-            except (BlockingIOError, ConnectionRefusedError):  # a datagram that cannot be sent counts as lost
-                pass
-            except OSError:
-                self._is_unusable = self._receiver.welcome is not None
+            except OSError as error:  # a datagram that cannot be sent counts as lost
+                self._is_unusable = self._is_unusable or error.errno in NO_ROUTE
         if self._on_event:
             for event in events:
                 self._on_event(event)
