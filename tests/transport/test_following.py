@@ -1,6 +1,7 @@
 """Receivers that follow a scene get its updates, and keep the last whole scene if one is lost."""
 
 import asyncio
+import errno
 import random
 from collections.abc import Coroutine
 from typing import Any
@@ -199,3 +200,38 @@ def test_a_follower_may_start_an_update_each_second() -> None:
             server.server.close()
 
     run(work())
+
+
+def test_followers_wait_for_a_network_and_a_name_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the first connection must succeed."""
+    monkeypatch.setattr("splatwire.api.following.RETRY_S", 0.0)
+    no_route, no_name = OSError(errno.ENETUNREACH, "Network is unreachable"), InvalidValueError("the host is not known")
+    answers = iter([
+        Done("complete", BASE), no_route, no_name, Done("complete", UPDATES[0]), Done("no such stream", None), no_route,
+        Done("stopped", None),
+    ])  # fmt: skip
+    warnings = list[str]()
+
+    async def fetch(name: str) -> Receiver:
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    async def work() -> list[SceneStream]:
+        return [scene async for scene in follow(fetch, "room", warnings.append)]
+
+    assert [stream_to_bytes(scene) for scene in run(work())] == [stream_to_bytes(each.scene) for each in states()[:2]]
+    assert [warning.split(":")[0] for warning in warnings if "no connection" in warning] == ["no connection"] * 3
+    answers = iter([no_route])
+    with pytest.raises(OSError, match="unreachable"):
+        run(work())
+
+
+def test_a_receiver_that_was_stopped_before_needs_no_network() -> None:
+    async def work() -> Receiver:
+        stop = asyncio.get_running_loop().create_future()
+        stop.cancel()
+        return await receive_udp(Address("no-such-host.invalid", 1), ReceiverOptions(), stop=stop)
+
+    assert run(work()).finished.reason == "stopped"

@@ -43,7 +43,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
     scene: SceneStream | None = None
     without_updates = ""
     while True:
-        receiver = await fetch(name)
+        receiver = await (fetch(name) if scene is None else _fetch_repeatedly(fetch, name, warn))
         stream, reason = receiver.stream(), _reason(receiver)
         if reason == "stopped":
             return
@@ -88,7 +88,7 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         BitstreamError: If it is damaged.
     """
     while True:
-        receiver = await fetch(update_name(digest))
+        receiver = await _fetch_repeatedly(fetch, update_name(digest), warn)
         stream, reason = receiver.stream(), _reason(receiver)
         if reason == "stopped":
             raise FollowingStoppedError
@@ -101,6 +101,16 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         check_follows(stream, digest)
         yield stream
         digest = read_update(sections_of(stream)[SECTION]).result_digest
+
+
+async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:
+    """Receives a stream. Repeats this while there is no route to the server, or while its host name is unknown."""
+    while True:
+        try:
+            return await fetch(name)
+        except (OSError, InvalidValueError) as error:
+            warn(f"no connection: {error}; the last scene remains")
+            await asyncio.sleep(RETRY_S)
 
 
 def check_follows(stream: SceneStream, digest: str) -> None:

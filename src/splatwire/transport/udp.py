@@ -204,8 +204,11 @@ async def receive_udp(
     Raises:
         InvalidValueError: If the host name cannot be resolved.
     """
-    family, target = await resolve(address)
     receiver = Receiver(new_nonce(), asyncio.get_running_loop().time(), options)
+    if stop is not None and stop.done():
+        receiver.stop()
+        return receiver
+    family, target = await resolve(address)
     client = _Client(connected_socket(family, target), receiver, on_event, tap)
     if stop is not None:
         stop.add_done_callback(lambda _: client.stop())

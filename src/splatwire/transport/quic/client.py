@@ -88,12 +88,15 @@ async def receive_quic(
         InvalidValueError: If the host name cannot be resolved.
     """
     loop, trust = asyncio.get_running_loop(), trust or Trust()
+    receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
+    if stop is not None and stop.done():
+        receiver.stop()
+        return receiver
     family, target = await resolve(address)
     settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
     settings.server_name = address.host
     settings.cadata = trust.authority
     settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
-    receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
     pause = FIRST_PAUSE_S
     while True:
         began, transfer_events = loop.time(), list[Event]()
