@@ -105,7 +105,7 @@ class LossyPictures:
         return float((-10 * np.log10(self.errors(known))).mean())
 
     def preview_psnr(self, preview: bytes) -> float:
-        """Returns the mean PSNR, decibels, if the receiver has nothing but the preview.
+        """Returns the mean PSNR, decibels, if the receiver has only the preview.
 
         A preview is a small, coarse version of the scene, which is sent before all other data.
 

@@ -182,8 +182,8 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: Two numbers for each Gaussian: index of the topmost tile in the first tile column that the Gaussian
-            covers, and number of tile columns that it covers.
+        corners: Two numbers for each Gaussian: index of the image's topmost tile in the first tile column that the
+            Gaussian covers, and number of tile columns that it covers.
         strips: First and end (exclusive) of the pixel rows that a Gaussian covers in a tile column: one row for each of
             its tile columns, Gaussian after Gaussian.
         starts: Start of each tile's part in the result, and the total length.

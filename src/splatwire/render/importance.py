@@ -136,7 +136,7 @@ def _facing_back(cameras: Cameras) -> Cameras:
 def cameras_around_splats(splats: Splats, num_views: int, size: int) -> Cameras:
     """Places cameras evenly on a sphere around Gaussians, looking inwards.
 
-    Cameras are at least 0.5 units from the Gaussians' centre; around small scenes, they may be nearer.
+    The radius is at least 0.5 world units; for small scenes, this minimum is reduced to the extent of the scene.
 
     Args:
         splats: The Gaussians.

@@ -87,7 +87,7 @@ class TrainedCausal:
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
         """Returns the scalings, world units, that a receiver predicts for lost anchors.
 
-        The prediction uses nothing but the anchors' positions.
+        The prediction depends only on the anchors' positions.
         """
         place, layout = self.place(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)

@@ -23,6 +23,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Trains the inpainting network on a single scene, with simulated losses of the scene's packets (pseudo-losses).
 
+    The network estimates the attributes of lost anchors. Source: Section 3.4 of the paper (`docs/paper-map.md`).
+
     Args:
         data: The complete scene and its packets.
         config: The configuration.

@@ -209,7 +209,7 @@ class ServerTransfer:
 
         Args:
             view: Received viewpoint.
-            turns: Queue that limits the processing time for the viewpoints of all clients.
+            turns: Budget that limits the processing time for the viewpoints of all clients.
             now: Time, seconds.
         """
         tiles = self.stream.tiles
