@@ -132,6 +132,7 @@ def test_invalid_arguments_are_one_error_line_and_write_nothing(
     assert {path.name for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_clips_become_time_samples_of_openusd_and_clips_again(run, frames, tmp_path):
     pytest.importorskip("pxr", reason="usd-core is not installed")
     assert run("convert", frames, tmp_path / "walk.swz").status == 0

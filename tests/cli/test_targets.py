@@ -33,6 +33,7 @@ def test_size_is_reached_and_printed(ball, tmp_path, run):
     assert reached["classes"] == 6
 
 
+@pytest.mark.slow
 def test_psnr_is_reached_and_equals_that_of_compare(ball, tmp_path, run):
     done = run("encode", ball, "-o", tmp_path / "a.swz", "--psnr", "40", "--json").json
     assert abs(done["reached"]["psnr"] - 40) < 0.6  # 200 Gaussians are too few for every PSNR
@@ -55,6 +56,7 @@ def test_effort_prunes_and_prints_the_kept_share(ball, tmp_path, run):
     assert fast["num_elements"] == 200
 
 
+@pytest.mark.slow
 def test_effort_best_fine_tunes_and_depends_on_seed_and_losses(ball, tmp_path, run, monkeypatch):
     few = functools.partial(Tuning, iterations=8, num_views=4, size=32)
     monkeypatch.setattr(_encode_extras, "Tuning", few)
@@ -72,6 +74,7 @@ def test_effort_best_fine_tunes_and_depends_on_seed_and_losses(ball, tmp_path, r
     assert len(set(written)) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [("--levels", "auto", "--block-size", "60"), ("--tiers", "0.2"), ("--preset", "datagram"), ("--up", "z")],

@@ -56,6 +56,7 @@ def test_small_streams_allocate_little_memory(oversized: dict[str, SceneStream],
     assert any(VARIABLE in text for text in refused)
 
 
+@pytest.mark.slow
 def test_lost_elements_allocate_memory_only_on_access(oversized: dict[str, SceneStream]) -> None:
     stream = oversized["gaussians announced in 4000 blocks"]
     decoder = ProgressiveDecoder(stream.manifest, stream.side_info)

@@ -7,6 +7,8 @@ import pytest
 
 from distributions import install_page, run_with
 
+pytestmark = pytest.mark.slow  # each test starts processes
+
 PROTOCOL = """
 [protocol]
 name = "points"

@@ -254,6 +254,7 @@ def test_a_stream_fine_tuned_for_losses_needs_only_reach_the_target():
     assert _Plan.better_of(None, untuned, Target(size=1000), for_loss=True) is untuned
 
 
+@pytest.mark.slow
 def test_best_writes_the_stream_of_default_if_fine_tuning_gains_nothing(monkeypatch, caplog):
     def darkened(scene: SplatScene, *others: object) -> SplatScene:
         return replace(scene, splats=replace(scene.splats, sh=scene.splats.sh - 1))

@@ -77,6 +77,7 @@ def test_best_is_closer_to_the_source_than_default_at_equal_bytes():
     assert best.psnr > default.psnr
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_streams_and_another_seed_or_loss_another():
     scene, target = shell(200), {"quality": quality_of("small")}
     many, none = (replace(FEW, loss=parse_loss(f"bernoulli:{rate}")) for rate in ("0.5", "0.000001"))

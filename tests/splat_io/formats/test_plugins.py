@@ -81,6 +81,7 @@ def run(folder, *words):
     return done
 
 
+@pytest.mark.slow
 def test_format_of_the_page_works_from_file_to_file(folder):
     content = json.loads(run(folder, "inspect", "points.xyz", "--json").stdout)
     assert content["kind"] == "explicit Gaussians (xyz)"
@@ -96,6 +97,7 @@ def test_format_of_the_page_works_from_file_to_file(folder):
     assert float(apart.min(axis=1).max()) < 0.01
 
 
+@pytest.mark.slow
 def test_study_and_its_workers_read_files_of_the_format(folder):
     (folder / "study.toml").write_text(PROTOCOL, encoding="utf-8")
     run(folder, "study", "study.toml", "-o", "out", "--engine", "local", "--workers", "1")
