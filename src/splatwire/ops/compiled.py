@@ -73,19 +73,19 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
     def decorate(function: _F) -> _F:
         try:
-            return _with_source_digest(numba.njit(cache=True, **options)(function))
+            return _cached_well(numba.njit(cache=True, **options)(function))
         except RuntimeError:  # numba found no writable cache folder
             folder = private_folder()
         if folder is None:
             return numba.njit(**options)(function)
         with _cache_in(folder):
-            return _with_source_digest(numba.njit(cache=True, **options)(function))
+            return _cached_well(numba.njit(cache=True, **options)(function))
 
     return decorate
 
 
-def _with_source_digest(kernel: Any) -> Any:
-    """Makes the cached machine code of a kernel invalid if any source file or constant that it uses changes."""
+def _cached_well(kernel: Any) -> Any:
+    """Makes the cached code of a kernel invalid if a source file or constant that it uses changes, and compiled once."""
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
