@@ -85,7 +85,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _cached_well(kernel: Any) -> Any:
-    """Makes the cached code of a kernel invalid if a source file or constant that it uses changes, and compiled once."""
+    """Compiles a kernel once for all processes; cached code is invalid if a source file or constant of it changes."""
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
