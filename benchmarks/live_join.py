@@ -1,6 +1,7 @@
 """Time until the picture of a late receiver of a live clip is within 3 dB of the complete one. Time is a number.
 
     python benchmarks/live_join.py CAPTURE [--tracks 50000] [--delay 0.02] [--megabits 20] [--rate 19.2]
+        [--quality small]
 
 A bottleneck with a queue of 50 ms each way; the sender finds the rate by itself unless it is given. Every 20 ms the
 received packets are decoded, concealed, rendered and compared with the frame of the complete clip.
@@ -19,6 +20,7 @@ from bent_clip import bent_frames, capture
 
 from splatwire.bitstream import Packet, SceneStream
 from splatwire.codec import decode_stream
+from splatwire.codec.gaussians.quality import Quality, quality_of
 from splatwire.metrics import psnr
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
@@ -55,9 +57,9 @@ class Link:
             yield heapq.heappop(self._flying)[2]
 
 
-def program(frames: list[Splats]) -> tuple[LiveState, SceneStream]:
+def program(frames: list[Splats], quality: Quality) -> tuple[LiveState, SceneStream]:
     """Stream that is served after some frames, prepared for sending and as it is."""
-    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
+    encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP, quality=quality))
     broadcast = LiveSession(importance=encoder.importance)
     for splats in frames:
         packets = encoder.push(splats)
@@ -106,9 +108,10 @@ def main() -> None:
     parser.add_argument("--delay", type=float, default=0.02, help="seconds, each way")
     parser.add_argument("--rate", type=float, help="megabits per second that the server is told; else it finds out")
     parser.add_argument("--megabits", type=float, default=20.0)
+    parser.add_argument("--quality", default="default", help="as of `splatwire encode`")
     args = parser.parse_args()
     frames = list(bent_frames(capture(args.capture, 3, args.tracks), 2 * GROUP))
-    edition, stream = program(frames)
+    edition, stream = program(frames, quality_of(args.quality))
     info, found = arrivals(edition, args.megabits * 1e6 / 8, args.delay, 1.5, args.rate and args.rate * 1e6 / 8)
     truth, shown = frames[GROUP], GROUP
     cameras = surrounding_cameras(SplatScene(truth), 2, 320)
@@ -129,8 +132,8 @@ def main() -> None:
         if rows[-1]["psnr"] > complete - 0.05:
             break
     told = {
-        "tracks": args.tracks, "megabits": args.megabits, "delay_s": args.delay, "given_megabits": args.rate,
-        "bytes": stream.num_bytes, "complete_psnr": complete,
+        "tracks": args.tracks, "quality": args.quality, "megabits": args.megabits, "delay_s": args.delay,
+        "given_megabits": args.rate, "bytes": stream.num_bytes, "complete_psnr": complete,
         "within_3_db_s": next((row["seconds"] for row in rows if row["psnr"] > complete - 3), None), "rows": rows,
     }  # fmt: skip
     print(json.dumps(told, indent=1))
