@@ -5,7 +5,8 @@
 Each file is encoded with `splatwire encode`. Every run is a process of its own, and the kinds of runs alternate.
 Figures are medians, in microseconds a Gaussian. `node` includes the start of node and the check of the digest;
 `node_call` is the same without the start, and `node_plain` does without WebAssembly. `python` is one thread, after
-kernels are loaded; `spz` and `sog` are the readers of `splatwire.io.formats` for the same scene in these formats. With
+kernels are loaded; `spz` and `sog` are the readers of `splatwire.io.formats` for the same scene in these formats. Node
+runs without `NODE_EXTRA_CA_CERTS`, because reading certificates at its start takes longer than the start itself. With
 `--old`, the same runs of another checkout of the project, which needs `web/node_modules`, alternate with these.
 """
 
@@ -67,6 +68,7 @@ def bundled(checkout: Path, folder: Path) -> Path:
 def figure(command: list[str | Path], checkout: Path) -> float:
     """Runs a command that prints one number, with the Python package of a checkout."""
     environment = {**os.environ, "PYTHONPATH": str(checkout / "src")}
+    environment.pop("NODE_EXTRA_CA_CERTS", None)
     return float(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
 
 

@@ -164,8 +164,7 @@ static uint32_t below(uint32_t count) {
     return 0;
   }
   uint32_t value = (uint32_t)(((uint64_t)(target(unit, 65535) + 1) * count - 1) >> 16);
-  uint32_t start = (uint32_t)(((uint64_t)value << 16) / count);
-  uint32_t after = (uint32_t)(((uint64_t)(value + 1) << 16) / count);
+  uint32_t start = (value << 16) / count, after = ((value + 1) << 16) / count;  // `count` is below 2^16
   take(unit * start, unit * (after - start));
   return value;
 }
@@ -498,7 +497,7 @@ static int32_t value_of(int32_t stream, int32_t spread, int32_t mean, int32_t sh
   return value > NONE ? NONE : value < -NONE ? -NONE : (int32_t)value;
 }
 
-static void read_axis(double *row, int32_t *stored, int32_t primary, int32_t shift) {
+static void read_axis(int64_t *row, int32_t *stored, int32_t primary, int32_t shift) {
   predict_axis(primary);
   int32_t pole = 0;
   for (int32_t a = 1; a < 3; a++)
@@ -559,7 +558,7 @@ static void read_harmonics(int32_t *found, int32_t number, int32_t level, int32_
   }
 }
 
-static void read_gaussian(uint32_t i, double *row, int32_t start, int32_t box_bits, int32_t unit, int32_t coarsest) {
+static void read_gaussian(uint32_t i, int64_t *row, int32_t start, int32_t box_bits, int32_t unit, int32_t coarsest) {
   double *own = values + PREDICTED * i;
   int32_t class_context = predict(), node = 1;
   for (int32_t b = 0; b < 3; b++) node = 2 * node + bit(FIRST_CLASS + 8 * class_context + node);
@@ -587,14 +586,14 @@ static void read_gaussian(uint32_t i, double *row, int32_t start, int32_t box_bi
   for (int32_t a = 0; a < 3; a++) {
     uint64_t place = (uint64_t)cells[a * count + i] << (start - fine) | raw(start - fine);
     int32_t size = absolute ? shift : fine;
-    row[LATTICE + a] = (double)(int64_t)((place >> (size - fine)) << (size + 1) | 1ULL << size);
+    row[LATTICE + a] = (int64_t)((place >> (size - fine)) << (size + 1) | 1ULL << size);
   }
   int32_t primary = thin >= length ? 2 : 0;
   shift = clip(DIRECTION_BITS - exponent(S_DIRECTION, level, area, length, thin, opacity), 0, DIRECTION_BITS - 2);
   read_axis(row, axes + 4 * i, primary, shift);
   int32_t bits = clip(exponent(S_SPIN, level, area, length, thin, opacity), 0, DIRECTION_BITS);
   row[SPIN_BITS] = bits;
-  row[SPIN] = (double)(int64_t)raw(bits);
+  row[SPIN] = (int64_t)raw(bits);
   shift = clip(BITS - exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
   for (int32_t c = 0; c < 3; c++) {
     int32_t spread = spread_context(num_near, deviations[4 + c], shift);
@@ -607,7 +606,10 @@ static void read_gaussian(uint32_t i, double *row, int32_t start, int32_t box_bi
 __attribute__((import_module("math"), import_name("sin"))) double sine(double);
 __attribute__((import_module("math"), import_name("cos"))) double cosine(double);
 
-static double *decoded_rows;
+// Cosines and sines of the spins of up to `TURN_BITS` bits, those of `n` bits from index `1 << n` on.
+#define TURN_BITS 8
+static double turns[4 << TURN_BITS];
+static int64_t *decoded_rows;
 static int32_t *decoded_harmonics;
 static uint32_t floats_at;
 
@@ -616,9 +618,16 @@ static double power_of_two(int32_t log) {
 }
 
 static void write_rgb(float *out, double y, double co, double cg) {
-  out[0] = (float)(y / R3 + co / R2 - cg / R6);
-  out[1] = (float)(y / R3 + 2 * cg / R6);
-  out[2] = (float)(y / R3 - co / R2 - cg / R6);
+  y /= R3, co /= R2, cg /= R6;
+  out[0] = (float)(y + co - cg);
+  out[1] = (float)(y + 2 * cg);
+  out[2] = (float)(y - co - cg);
+}
+
+static void set_turn(double *turn, int32_t bits, uint32_t spin) {
+  double angle = spin * PI / (1u << bits);
+  turn[0] = cosine(angle);
+  turn[1] = sine(angle);
 }
 
 // `m` has the columns of the rotation matrix, one after another.
@@ -634,7 +643,7 @@ static void write_quaternion(float *out, const double *m) {
   out[0] = (float)(w / size), out[1] = (float)(x / size), out[2] = (float)(y / size), out[3] = (float)(z / size);
 }
 
-static void write_rotation(float *out, const double *row) {
+static void write_rotation(float *out, const int64_t *row) {
   double ax = row[AXIS], ay = row[AXIS + 1], az = row[AXIS + 2], length = __builtin_sqrt(ax * ax + ay * ay + az * az);
   if (!(length > 0)) length = 1;
   double ux = ax / length, uy = ay / length, uz = az / length;
@@ -642,8 +651,13 @@ static void write_rotation(float *out, const double *row) {
   int32_t least = sy < sx ? (sz < sy ? 2 : 1) : sz < sx ? 2 : 0;
   double dot = least == 0 ? ux : least == 1 ? uy : uz;
   double tx = (least == 0) - dot * ux, ty = (least == 1) - dot * uy, tz = (least == 2) - dot * uz;
-  double angle = row[SPIN] * PI / wholes[(int32_t)row[SPIN_BITS] + OCTAVES];
-  double norm = __builtin_sqrt(tx * tx + ty * ty + tz * tz), c = cosine(angle) / norm, s = sine(angle) / norm;
+  const double *turn = turns + 2 * ((1u << row[SPIN_BITS]) + (uint32_t)row[SPIN]);
+  double unknown[2];
+  if (row[SPIN_BITS] > TURN_BITS) {
+    set_turn(unknown, (int32_t)row[SPIN_BITS], (uint32_t)row[SPIN]);
+    turn = unknown;
+  }
+  double norm = __builtin_sqrt(tx * tx + ty * ty + tz * tz), c = turn[0] / norm, s = turn[1] / norm;
   double vx = c * tx + s * (uy * tz - uz * ty), vy = c * ty + s * (uz * tx - ux * tz);
   double vz = c * tz + s * (ux * ty - uy * tx), axes[9];
   int32_t first = 3 * (int32_t)row[PRIMARY], second = (first + 3) % 9, third = (first + 6) % 9;
@@ -679,7 +693,7 @@ EXPORT(convert) uint32_t convert(uint32_t number, uint32_t harmonics, double hal
   reserve(floats_at + 4 * (14 + harmonics) * number);
   float *centres = (float *)floats_at, *rotations = centres + 3 * number, *sizes = rotations + 4 * number;
   float *opacities = sizes + 3 * number, *colours = opacities + number, *rest = colours + 3 * number;
-  const double *row = decoded_rows;
+  const int64_t *row = decoded_rows;
   for (uint32_t i = 0; i < number; i++, row += COLUMNS) {
     for (int32_t a = 0; a < 3; a++) centres[3 * i + a] = (float)((2 * corner[a] + row[LATTICE + a]) * half);
     int32_t s0 = (int32_t)row[SCALE0], s1 = s0 - (int32_t)row[SCALE0 + 1];
@@ -696,10 +710,17 @@ EXPORT(convert) uint32_t convert(uint32_t number, uint32_t harmonics, double hal
   return floats_at;
 }
 
+/// Converts the integers of the last packet's `number` Gaussians to doubles in place. `convert` must come before it.
+EXPORT(widen) void widen(uint32_t number) {
+  for (uint32_t n = 0; n < COLUMNS * number; n++) ((double *)decoded_rows)[n] = (double)decoded_rows[n];
+}
+
 /// Computes the distributions of the stream's contexts and `thinness`, once all tables but `defaults` are filled.
 EXPORT(prepare) void prepare(void) {
   for (int32_t log = 0, t = 1; t <= MAX_THIN; log++)
     for (double most = (1 - power_of_two(-log)) * ((1 << BITS) / LN2); t <= most && t <= MAX_THIN;) thinness[t++] = log;
+  for (int32_t bits = 0; bits <= TURN_BITS; bits++)
+    for (uint32_t spin = 0; spin < 1u << bits; spin++) set_turn(turns + 2 * ((1u << bits) + spin), bits, spin);
   heap_end = ((uint32_t)&__heap_base + 15) & ~15u;
   for (int32_t scale = 0; scale < NUM_SCALES; scale++) mixtures[scale].stride = 0;
   for (int32_t c = 0; c < CONTEXTS; c++) {
@@ -707,7 +728,7 @@ EXPORT(prepare) void prepare(void) {
     if (own->stride) continue;
     own->scale = scales[c], own->half = half_width(scales[c]), own->shift = 0;
     while ((2 * own->half >> own->shift) >= MOST_BOUNDS) own->shift++;
-    own->guess_bits = smaller(bits_of((uint32_t)own->half), MOST_GUESS_BITS);
+    own->guess_bits = smaller(bits_of((uint32_t)own->half) + 1, MOST_GUESS_BITS);
     own->stride = (2 * own->half >> own->shift) + 2;
     uint32_t guesses = MEANS << own->guess_bits;
     reserve(heap_end + 2 * guesses + 4 * MEANS * own->stride);
@@ -742,21 +763,19 @@ EXPORT(lanes) uint32_t lanes(uint32_t first, uint32_t size, uint32_t low, uint32
 }
 
 /// Decodes a packet of `number` Gaussians with `harmonics` harmonics each from the payload at `begin`. Returns the
-/// address of `COLUMNS` doubles for each Gaussian. The harmonics follow them, and the same numbers as 64-bit integers.
+/// address of `COLUMNS` 64-bit integers for each Gaussian. The harmonics follow them.
 EXPORT(decode) uint32_t decode(
     uint32_t bytes, uint32_t number, uint32_t harmonics, int32_t box_bits, int32_t unit, int32_t coarsest) {
   uint32_t rows_at = (heap_end + bytes + 15) & ~15u, harmonics_at = rows_at + 8 * COLUMNS * number;
-  uint32_t integers_at = (harmonics_at + 4 * harmonics * number + 7) & ~7u;
-  uint32_t values_at = (integers_at + 8 * COLUMNS * number + 15) & ~15u;
+  uint32_t values_at = (harmonics_at + 4 * harmonics * number + 15) & ~15u;
   uint32_t axes_at = values_at + 8 * PREDICTED * number, codes_at = axes_at + 16 * number;
   uint32_t cells_at = codes_at + 8 * number;
   reserve(cells_at + 20 * number + 12 * WINDOW + ZEROS + bytes);
   narrow_xy = (int32_t *)(cells_at + 12 * number + 4 * WINDOW);
   narrow_z = narrow_xy + number + WINDOW;
-  double *rows = decoded_rows = (double *)rows_at;
+  decoded_rows = (int64_t *)rows_at;
   decoded_harmonics = (int32_t *)harmonics_at;
   floats_at = values_at;  // what lies there is not needed after the packet is decoded
-  int64_t *integers = (int64_t *)integers_at;
   values = (double *)values_at;
   axes = (int32_t *)axes_at;
   codes = (uint64_t *)codes_at;
@@ -777,8 +796,7 @@ EXPORT(decode) uint32_t decode(
   for (uint32_t i = 0; i < number; i++) {
     if (box_bits - start <= NARROW_BITS) find_narrow(i);
     else find_wide(i);
-    read_gaussian(i, rows + COLUMNS * i, start, box_bits, unit, coarsest);
-    for (uint32_t c = COLUMNS * i; c < COLUMNS * (i + 1); c++) integers[c] = (int64_t)rows[c];
+    read_gaussian(i, decoded_rows + COLUMNS * i, start, box_bits, unit, coarsest);
     if (harmonics) {
       int32_t level = (int32_t)values[PREDICTED * i + 7];
       int32_t shift = clip(BITS - exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);

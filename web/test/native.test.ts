@@ -119,8 +119,10 @@ test("the 64-bit integers of WebAssembly are the numbers of its rows", () => {
     native = NativePackets.of(anySideInfo(random))!,
     payload = Uint8Array.from({ length: 3000 }, () => random(256));
   for (const count of [1, 2, 7, 300]) {
-    const { rows, integers } = native.decode(payload, 0, count, true),
+    const { rows } = native.decode(payload, 0, count),
+      { integers } = native.decode(payload, 0, count, true),
       view = new DataView(integers!.buffer, integers!.byteOffset, integers!.byteLength);
+    assert.equal(view.byteLength, rows.byteLength);
     assert.deepEqual(
       Array.from(rows),
       Array.from(rows, (_, n) => Number(view.getBigInt64(8 * n, true))),

@@ -39,7 +39,7 @@ export class SymbolsDigest {
   add(packet: Packet, decoded: Decoded): void {
     if (!this.#inOrder) return;
     this.#pending.push({ packet, decoded });
-    this.#bytes += decoded.rows.byteLength + decoded.harmonics.byteLength;
+    this.#bytes += decoded.rows.byteLength + (decoded.integers?.length ?? 0) + decoded.harmonics.byteLength;
     if (this.#bytes > this.keptBytes) this.#hashKept();
   }
 

@@ -14,6 +14,7 @@ const TRANSFORM_STRIDE = 16;
 /** Constants of the module's text, which `scripts/native.mjs` describes. */
 const OFFSET = 45,
   PREFIXES = "!#%&}~";
+const NO_ROWS = new Float64Array();
 /** Functions that the module imports. */
 const IMPORTS = { math: { sin: Math.sin, cos: Math.cos } };
 
@@ -24,6 +25,7 @@ interface Exports {
   begin(bytes: number): number;
   decode(bytes: number, count: number, harmonics: number, boxBits: number, unit: number, coarsest: number): number;
   convert(count: number, harmonics: number, half: number, size: number): number;
+  widen(count: number): void;
   lanes(first: number, size: number, low: number, high: number, lanes: number): number;
   readonly [table: string]: unknown;
 }
@@ -160,11 +162,12 @@ export class NativePackets implements GaussianPackets {
     };
     const [means, quats, scales, opacities, colours] = [3, 4, 3, 1, 3].map(next),
       splats = { count, degree, means, quats, scales, opacities, colours, harmonics: next(numHarmonics) };
-    const rows = new Float64Array(memory.buffer, at, COLUMNS * count),
-      harmonics = new Int32Array(memory.buffer, at + rows.byteLength, numHarmonics * count);
-    if (!brief) return { rows: rows.slice(), harmonics: harmonics.slice(), splats };
-    const after = Math.ceil((harmonics.byteOffset + harmonics.byteLength) / 8) * 8;
-    return { rows, harmonics, integers: new Uint8Array(memory.buffer, after, rows.byteLength), splats };
+    const integers = new Uint8Array(memory.buffer, at, 8 * COLUMNS * count),
+      harmonics = new Int32Array(memory.buffer, at + integers.length, numHarmonics * count);
+    if (brief) return { rows: NO_ROWS, harmonics, integers, splats };
+    this.#exports.widen(count);
+    const rows = new Float64Array(memory.buffer, at, COLUMNS * count).slice();
+    return { rows, harmonics: harmonics.slice(), splats };
   }
 }
 

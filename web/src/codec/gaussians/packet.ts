@@ -51,9 +51,10 @@ import { thinness } from "./tables.ts";
 
 /** Decoded integers: `COLUMNS` numbers per Gaussian, and its harmonics. */
 export interface Decoded {
+  /** Empty if the numbers are in `integers`. */
   readonly rows: Float64Array;
   readonly harmonics: Int32Array;
-  /** The numbers of `rows` as little-endian 64-bit integers, if the decoder has them anyway. */
+  /** The numbers of the rows as little-endian 64-bit integers; undefined if they are in `rows`. */
   readonly integers?: Uint8Array;
   /** The Gaussians made of the integers, if the decoder has them anyway. */
   readonly splats?: Splats;
