@@ -19,8 +19,8 @@ from splatwire.errors import InvalidValueError
 class PacketGroups(NamedTuple):
     """Elements of every packet, as one array that is divided into groups.
 
-    A group contains the elements of one packet. If each packet contains a single attribute, a group contains the
-    elements of all packets that describe the same elements.
+    A group contains the elements of one packet. If each packet contains a single attribute, several packets describe
+    the same elements; these elements are one group.
 
     Attributes:
         ranks: Indices of all elements in the order of the plan (`PacketPlan`), group after group, int64 (N). Group g

@@ -43,7 +43,7 @@ class VectorSection:
     def of_stream(self, stream: SceneStream) -> Vector:
         """Reads three numbers, such as the coordinates of the origin, from this section of a stream's side information.
 
-        If the stream has no such section, returns `usual`.
+        If the stream has no such section, returns `usual`, the numbers for which the section is omitted.
 
         Raises:
             BitstreamError: If the side information or the section is damaged.

@@ -42,9 +42,10 @@ def encode_scene(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> SceneStream:
-    """Encodes a scene into independently decodable packets (paper 3.2).
+    """Encodes a scene into independently decodable packets.
 
-    Elements that draw nothing or cannot be drawn are skipped.
+    This follows Section 3.2 of the paper that this project implements (docs/paper-map.md). Elements that draw nothing
+    or cannot be drawn are skipped.
 
     Args:
         scene: The scene, or any argument of `as_scene`.

@@ -95,5 +95,5 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns initial widths of the residual distributions, before statistics exist; the same for all contexts."""
+    """Returns initial widths of the residual distributions, for use before statistics exist; equal for all contexts."""
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

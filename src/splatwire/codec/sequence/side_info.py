@@ -208,8 +208,8 @@ def _read_shots(data: bytes, version: int, blocks: Sequence[int]) -> tuple[Shot,
     A shot is a range of groups of frames that share quantisation steps and probability tables.
 
     Args:
-        data: Serialised side information of all shots: for each shot, first group, unit of positions and keyframe
-            parameters.
+        data: Serialised side information of all shots. For each shot: its first group of frames, its unit of positions,
+            and the side information of its keyframe Gaussians.
         version: Version of the side information: `VERSION` for a single shot, `WITH_SHOTS`, or `WITH_MOTION_UNITS` if
             shots have different units of positions.
         blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
