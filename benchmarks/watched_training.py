@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class TestPictures:
         return np.asarray(render_scene(SplatScene(splats), self.cameras), np.float64)
 
 
-def watched(target: Splats, share: float) -> Iterator[tuple[dict[str, object], SceneStream]]:
+def watched(target: Splats, share: float) -> Iterator[tuple[dict[str, Any], SceneStream]]:
     """Yields the row and the update of each second."""
     pictures = TestPictures(target)
     state = PartialUpdates.start(trained(target, 0))
