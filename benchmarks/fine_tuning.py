@@ -5,9 +5,9 @@
 
 Pictures are compared with the file's own in 15 views that no encoder uses (`splatwire.evaluation.views`). `fast` keeps
 all Gaussians; its bytes at the PSNR of another stream are interpolated between several levels of quantisation, as
-logarithms of bytes over PSNR. Seconds are processor time of all threads. Results of other files in the output file are
-kept. With `--loss`, the streams have datagrams, and are also measured at 20 % lost datagrams, without and with
-redundant copies of different total sizes.
+logarithms of bytes over PSNR. `near` is the mean PSNR in 15 views close to surfaces that no encoder uses. Seconds are
+processor time of all threads. Results of other files in the output file are kept. With `--loss`, the streams have
+datagrams, and are also measured at 20 % lost datagrams, without and with redundant copies of different total sizes.
 """
 
 import argparse
@@ -28,6 +28,7 @@ from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.concealment import conceal
 from splatwire.concealment.sketch import SECTION
+from splatwire.evaluation.views import held_out_closeups
 from splatwire.io import open_scene
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
 from splatwire.rate_control.encoding import Effort, decoded_finest
@@ -84,12 +85,15 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
         started = time.process_time()
         found = encode_controlled(scene, target, encode, effort=effort, tuning=tuning)
         seconds = time.process_time() - started
-        psnr, size = pictures.mean_psnr(decoded_finest(found.stream)), found.stream.num_bytes
-        level = found.quality.level
-        return found, {"bytes": size, "psnr": psnr, "kept": found.kept, "level": level, "seconds": seconds}
+        decoded, level = decoded_finest(found.stream), found.quality.level
+        return found, {
+            "bytes": found.stream.num_bytes, "psnr": pictures.mean_psnr(decoded), "near": closeups.mean_psnr(decoded),
+            "kept": found.kept, "level": level, "seconds": seconds,
+        }  # fmt: skip
 
     first = encode_controlled(scene, Target(quality=Quality(LEVELS[0])), encode, effort="fast")
     pictures = first.held_out
+    closeups = SourcePictures(pictures.scene, held_out_closeups(pictures.scene))
     fast = [controlled(Target(quality=Quality(level)), "fast")[1] for level in LEVELS]
     result: dict[str, object] = {
         "gaussians": scene.num_elements, "degree": scene.splats.degree, "iterations": options.iterations,
@@ -99,7 +103,11 @@ def measured(path: Path, options: argparse.Namespace) -> dict[str, object]:
         found, row = controlled(Target(psnr=options.psnr), effort)
         if options.streams:
             write_stream(found.stream, options.streams / f"{path.stem}.{effort}.swz")
-        result[effort] = {**row, "share_of_fast_at_equal_psnr": row["bytes"] / bytes_at(fast, row["psnr"])}
+        near = float(np.interp(row["psnr"], [each["psnr"] for each in fast], [each["near"] for each in fast]))
+        result[effort] = {
+            **row, "share_of_fast_at_equal_psnr": row["bytes"] / bytes_at(fast, row["psnr"]),
+            "near_of_fast_at_equal_psnr": near,
+        }  # fmt: skip
         if options.loss:
             result[f"{effort}, 20 % lost"] = lossy(found.stream, pictures)
     return result

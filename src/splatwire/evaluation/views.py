@@ -15,6 +15,7 @@ from splatwire.metrics import black_outside
 from splatwire.metrics.registry import measure_view
 from splatwire.ops.arrays import to_numpy
 from splatwire.render import iterate_views
+from splatwire.render.closeups import closeup_cameras
 from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
 from splatwire.types.background import Background
@@ -109,6 +110,19 @@ def held_out_cameras(scene: Scene) -> Cameras:
     """
     # They differ from the cameras by which encoders choose their settings, as test views should.
     return surrounding_cameras(scene, HELD_OUT_VIEWS, HELD_OUT_SIZE)
+
+
+def held_out_closeups(scene: Scene) -> Cameras:
+    """Places test cameras close to the surfaces of a scene.
+
+    Args:
+        scene: The scene.
+
+    Raises:
+        InvalidValueError: If the scene has no elements.
+    """
+    # No encoder uses these views.
+    return closeup_cameras(scene, HELD_OUT_VIEWS, HELD_OUT_SIZE)
 
 
 @checked

@@ -32,12 +32,12 @@ def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
     footprint = np.zeros(scene.num_elements)
     for view in range(cameras.num_views):
         spawned = spawned_gaussians(scene, cameras, view)
-        area = _footprints(spawned.gaussians, cameras, view)
+        area = gaussian_footprints(spawned.gaussians, cameras, view)
         footprint += np.bincount(spawned.anchor_index, area, scene.num_elements)
     return Importance.of_footprints(footprint.astype(np.float32))
 
 
-def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.ndarray, "G"]:
+def gaussian_footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[np.ndarray, "G"]:
     """Returns opacity times projected area in square pixels for each Gaussian; 0 outside the image."""
     projected = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
     xx, xy, yy = projected.covs2d.T
@@ -72,7 +72,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     poses = near.viewmats.copy()
     poses[1::2] = far.viewmats[1::2]
     for view in range(2, num_views, 4):
-        if float(_footprints(splats.seen_from(near.centers[view]), outwards, view).sum()) > _FULL * size * size:
+        if float(gaussian_footprints(splats.seen_from(near.centers[view]), outwards, view).sum()) > _FULL * size * size:
             poses[view] = outwards.viewmats[view]
     return replace(near, viewmats=poses)
 
@@ -95,7 +95,7 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
     near = cameras_around_splats(splats, num_views, size)
     outwards, step = _facing_back(near), -(-splats.num_gaussians // _MOST_MEASURED)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
-    shown = [_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
+    shown = [gaussian_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
     return np.array(shown, np.float32) * step / size**2
 
 

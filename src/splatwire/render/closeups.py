@@ -1,0 +1,93 @@
+"""Cameras close to the surfaces of a scene, as of a viewer that zooms in."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.anchors.projection import project
+from splatwire.ops.quaternions import rotation_matrices
+from splatwire.render.importance import gaussian_footprints, surrounding_cameras
+from splatwire.types import Cameras
+from splatwire.types.splats import Splats
+
+CLOSER = 0.4
+"""Ratio of the distances of a close camera and of the camera around the scene from the same surface point."""
+_MOST = 50_000
+"""Maximum number of Gaussians among which surface points are searched; larger scenes are sampled evenly."""
+_RAY = 1 / 40
+"""Radius of the circle around a surface point in which nearer Gaussians may hide it, relative to the image's width."""
+_OPAQUE = 1.0
+"""Sum of the opacities, times the covered share of the circle, from which Gaussians hide what is behind them."""
+_GOLDEN = 0.6180339887
+"""Difference of consecutive numbers modulo 1 that spreads points evenly."""
+
+
+def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
+    """Places cameras close to the surfaces of a scene.
+
+    Args:
+        scene: The scene.
+        num_views: Number of cameras.
+        size: Width and height of the images, pixels; the field of view is 60 degrees.
+
+    Raises:
+        InvalidValueError: If the number of views, pixels or elements is 0.
+    """
+    # Each camera begins at a pose of `surrounding_cameras`. It turns to a point in its image that is probably on the
+    # nearest surface, and moves towards this point. Neural anchors have no surface: their cameras do not move.
+    cameras, splats = surrounding_cameras(scene, num_views, size), explicit_gaussians(scene)
+    if splats is None:
+        return cameras
+    splats = splats.select(np.arange(0, splats.num_gaussians, -(-splats.num_gaussians // _MOST)))
+    poses = cameras.viewmats.copy()
+    for view in range(num_views):
+        target = _surface_point(splats, cameras, view, (view * _GOLDEN + 0.5) % 1)
+        if target is not None:
+            poses[view] = _moved_towards(poses[view].astype(np.float64), target)
+    return replace(cameras, viewmats=poses, origin=origin_of(scene))
+
+
+def _surface_point(splats: Splats, cameras: Cameras, view: int, share: float) -> Float[np.ndarray, "3"] | None:
+    """Chooses a visible point of a surface in a view.
+
+    Args:
+        splats: The Gaussians.
+        cameras: The cameras.
+        view: Index of the camera.
+        share: Number that selects a point, 0 to 1: share of the areas of all Gaussians, from left to right.
+
+    Returns:
+        World coordinates; None if the view shows nothing.
+    """
+    seen = splats.seen_from(cameras.centers[view])
+    projected = project(seen.means, seen.scales, rotation_matrices(seen.quats), cameras, view)
+    x, y = projected.means2d.T
+    weights = gaussian_footprints(seen, cameras, view)
+    weights = np.where((x >= 0) & (x < cameras.width) & (y >= 0) & (y < cameras.height), weights, 0)
+    if not weights.sum() > 0:
+        return None
+    order = np.argsort(x, kind="stable")
+    sums = np.cumsum(weights[order], dtype=np.float64)
+    chosen = order[np.searchsorted(sums, share * sums[-1])]
+    radius = _RAY * cameras.width
+    beside = np.flatnonzero((np.hypot(x - x[chosen], y - y[chosen]) < radius) & (weights > 0))
+    beside = beside[np.argsort(projected.depths[beside], kind="stable")]
+    covered = np.cumsum(np.minimum(weights[beside] / (np.pi * radius**2), 1), dtype=np.float64)
+    first = beside[min(int(np.searchsorted(covered, min(_OPAQUE, covered[-1] / 2))), len(beside) - 1)]
+    eye = cameras.centers[view].astype(np.float64)
+    ray = splats.means[chosen].astype(np.float64) - eye
+    return eye + ray * (projected.depths[first] / projected.depths[chosen])
+
+
+def _moved_towards(pose: Float[np.ndarray, "4 4"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """Turns a camera to a point, and moves it towards this point."""
+    eye = -pose[:3, :3].T @ pose[:3, 3]
+    forward = target - eye
+    right = np.cross(pose[1, :3], forward)
+    axes = np.stack([right, np.cross(forward, right), forward])
+    axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)
+    moved = np.eye(4)
+    moved[:3, :3], moved[:3, 3] = axes, -axes @ (target - CLOSER * forward)
+    return moved.astype(np.float32)
