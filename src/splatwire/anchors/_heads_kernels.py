@@ -151,7 +151,8 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
     """Computes the opacities of the Gaussians of up to sixteen anchors from network outputs.
 
     Args:
-        logits: Outputs of the opacity network, sixteen anchors for each offset; overwritten.
+        logits: Outputs of the opacity network, flat (K * 16). Offset k of anchor i is at index `16 * k + i`.
+            Overwritten.
         mask: Mask of the existing offsets of all anchors, (N, K).
         gains: Factor on the opacity of each anchor's Gaussians, (N); empty for none.
         chosen: Indices of the anchors.

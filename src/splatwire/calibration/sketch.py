@@ -57,9 +57,10 @@ class SketchResult:
 
 @runtime_checkable
 class Sketch(Protocol):
-    """Protocol of a sketch: coarse copies of important elements, which a receiver draws if the elements are lost.
+    """Typing protocol (structural type) for a sketch.
 
-    Elements are anchors or explicit Gaussians.
+    A sketch holds coarse copies of important elements. A receiver draws them if the elements are lost. Elements are
+    anchors or explicit Gaussians.
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.

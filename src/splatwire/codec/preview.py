@@ -28,7 +28,7 @@ BITS = (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)
 MOST_AWAY = 8.0
 """Largest asinh of a distance from the centre, in spreads; corresponds to 1490 spreads."""
 SIZES = (-12.0, 6.0)
-"""Smallest and largest natural logarithm of a size, in spreads."""
+"""Smallest and largest `log(size / spread)`, a natural logarithm."""
 SPREADS = (2.0**-20, 2.0**20)
 """Smallest and largest spread, world units."""
 FARTHEST = 2.0**20
@@ -48,8 +48,8 @@ class PreviewFrame:
     Attributes:
         middle: Centre of the scene, world units.
         spread: Distance up to which positions have nearly uniform precision, world units.
-        low: Minima of four values before quantisation: the three transformed coordinates, and the natural logarithm of
-            a size divided by `spread`.
+        low: Minima of four values before quantisation: the three transformed coordinates, and `log(size / spread)`, a
+            natural logarithm.
         high: Maxima of these four values.
     """
 
@@ -82,8 +82,8 @@ class PreviewFrame:
         Args:
             middle: Centre of the scene, world units.
             spread: Distance up to which positions have nearly uniform precision, world units.
-            low: Minima of four values: the three coordinates, transformed by `asinh((x - middle) / spread)`, and the
-                logarithm of a size divided by `spread`.
+            low: Minima of four values: the three coordinates, transformed by `asinh((x - middle) / spread)`, and
+                `log(size / spread)`, a natural logarithm.
             high: Maxima of these four values.
 
         Raises:
@@ -105,8 +105,8 @@ class PreviewFrame:
         """Dequantises the numbers that describe the G Gaussians of a preview.
 
         Returns:
-            Ten numbers for each Gaussian: position, compressed by asinh (3); logarithms of the sizes divided by
-            `spread` (3); colour (3); opacity (1).
+            Ten numbers for each Gaussian: position, compressed by asinh (3); `log(size / spread)` of
+            each axis (3); colour (3); opacity (1).
         """
         low, step = self.scale()
         return low + levels * step

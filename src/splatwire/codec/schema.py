@@ -1,7 +1,7 @@
 """Interface between the codec and the kinds of scene that it can encode.
 
 A codec schema encodes and decodes one kind of scene, such as explicit Gaussians. This module defines the record of a
-schema, and the protocols of its encoder and its decoder.
+schema, and the typing protocols (structural types) for its encoder and its decoder.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,7 +37,7 @@ class CodedPackets:
 
 @runtime_checkable
 class Encoder(Protocol):
-    """Protocol of an encoder, which converts the elements of one scene to packets."""
+    """Typing protocol (structural type) for an encoder, which converts the elements of one scene to packets."""
 
     def runs(self) -> Iterator[Any]:
         """Divides the stream into non-empty parts that can be encoded in parallel; yields them in order."""
@@ -77,7 +77,9 @@ class Options:
 
 @runtime_checkable
 class Decoder(Protocol):
-    """Protocol of a decoder of one stream, whose results are arrays of all elements in coding order.
+    """Typing protocol (structural type) for a decoder of one stream.
+
+    The results are arrays of all elements in coding order.
 
     Attributes:
         sections: Named sections of the side information.

@@ -1,4 +1,4 @@
-"""Protocol of a loss concealer, and the type of its result."""
+"""Typing protocol (structural type) for a loss concealer, and the type of its result."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -39,7 +39,10 @@ class Concealed(RenderHints):
 
 @runtime_checkable
 class Concealer(Protocol):
-    """Protocol of a loss concealer: a function with a name that estimates the lost elements of a received scene."""
+    """Typing protocol (structural type) for a loss concealer.
+
+    A loss concealer is a function with a name. It estimates the lost elements of a received scene.
+    """
 
     @property
     def name(self) -> str:

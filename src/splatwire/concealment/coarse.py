@@ -33,12 +33,14 @@ class Coarse:
     """Replaces lost Gaussians by Gaussians of the next coarser level; received Gaussians are enlarged slightly.
 
     A coarser Gaussian is a copy of one finer Gaussian, or merged from several. A copy is drawn if its original was
-    lost. The opacity of a merged Gaussian is proportional to the lost share of its area.
+    lost. The opacity of a merged Gaussian is multiplied by `gap * min(1, trust * loss)`. Here, `gap` is the share of
+    this Gaussian's area whose finer Gaussians were lost, and `loss` is the lost share of all Gaussians of the finest
+    level.
 
     Attributes:
-        exponent: Exponent of the factor by which received Gaussians are enlarged (`Grow.exponent`).
-        trust: Factor on the opacity of merged Gaussians. It is multiplied by the lost share of all Gaussians of the
-            finest level; the product is limited to 1.
+        exponent: Exponent of the gain `(1 - rho) ** -exponent` by which a received Gaussian is enlarged. Here, `rho` is
+            the lost share of its nearest neighbours. 0 disables enlargement.
+        trust: Factor `trust` in the opacity of merged Gaussians, at least 0; 0 hides them.
     """
 
     exponent: float = 0.35

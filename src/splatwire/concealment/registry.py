@@ -228,7 +228,7 @@ def create(name: str, known: Registration, protocol: type, options: Mapping[str,
     Args:
         name: Name of the concealer, or `name:VALUE` with its required option.
         known: Registered properties of the concealer.
-        protocol: Protocol that the result must implement.
+        protocol: Typing protocol (structural type) that the result must implement.
         options: Options of that concealer; defaults apply to missing ones.
 
     Raises:

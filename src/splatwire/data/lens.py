@@ -18,7 +18,7 @@ _DERIVATIVE_STEP = 1e-5
 
 
 class LensModel(ABC):
-    """Protocol of a lens model, which projects rays to the image plane."""
+    """Base class of lens models. A lens model projects rays to the image plane."""
 
     least_zoom: ClassVar[float] = 1.0
     """Minimum ratio of the focal length after undistortion to that of the photo. Values below 1 keep more of the field

@@ -1,4 +1,4 @@
-"""Protocols that renderers implement."""
+"""Typing protocols (structural types) that renderers implement."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -11,7 +11,7 @@ from splatwire.types import Cameras, Gaussians
 
 @runtime_checkable  # the test run checks annotations
 class Renderer(Protocol):
-    """Protocol of a renderer of Gaussians with the conventions of 3DGS."""
+    """Typing protocol (structural type) for a renderer of Gaussians with the conventions of 3DGS."""
 
     def __call__(
         self, gaussians: Gaussians, cameras: Cameras, *, background: Float[np.ndarray, "3"]
@@ -50,7 +50,10 @@ class Drawing:
 
 @runtime_checkable  # the test run checks annotations
 class TrainingRenderer(Protocol):
-    """Protocol of a differentiable renderer of a single view, on the device of the Gaussians."""
+    """Typing protocol (structural type) for a differentiable renderer of a single view.
+
+    It draws on the device of the Gaussians.
+    """
 
     def __call__(
         self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Any, "3"], watched: bool

@@ -25,7 +25,7 @@ UNUSABLE = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 
 @runtime_checkable
 class GroupEncoder(Protocol):
-    """Protocol of an encoder of a live sequence, which takes one frame at a time."""
+    """Typing protocol (structural type) for an encoder of a live sequence, which takes one frame at a time."""
 
     @property
     def num_frames(self) -> int:

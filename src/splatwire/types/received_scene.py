@@ -21,7 +21,10 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Protocol of values that the side information predicts for all elements (Gaussians or anchors)."""
+    """Typing protocol (structural type) for values predicted by the side information.
+
+    They are predicted for all elements (Gaussians or anchors).
+    """
 
     @property
     def num_elements(self) -> int:

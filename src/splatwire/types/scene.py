@@ -50,7 +50,10 @@ class Coverage(CheckedFields):
 
 @runtime_checkable
 class Elements(Protocol):
-    """Protocol of N Gaussians or anchors with a position, a size and attribute arrays of length N."""
+    """Typing protocol (structural type) for N elements, which are Gaussians or anchors.
+
+    Each element has a position, a size, and one row in every attribute array.
+    """
 
     @property
     def log_sizes(self) -> Float[Any, "N"]:
@@ -78,7 +81,7 @@ class Elements(Protocol):
 
 @runtime_checkable
 class Scene(Protocol):
-    """Protocol of a scene that can be drawn and encoded: elements, appearance, background."""
+    """Typing protocol (structural type) for a scene that can be drawn and encoded: elements, appearance, background."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     ELEMENTS: ClassVar[str]

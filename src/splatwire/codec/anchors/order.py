@@ -35,7 +35,7 @@ from splatwire.types import AnchorScene, TierSizes
 
 @runtime_checkable
 class AnchorCoder(Protocol):
-    """Protocol of an encoder for the anchors of one scene, which are sorted in coding order."""
+    """Typing protocol (structural type) for an encoder of one scene's anchors, sorted in coding order."""
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; may be called from several threads.

@@ -165,9 +165,10 @@ def spin_angle(row, axes, primary):
     """Returns the rotation of a Gaussian about its primary axis, in radians, -pi to pi.
 
     Args:
-        row: Decoded integers of the Gaussian, int64 (columns), with the primary axis.
-        axes: Exact principal axes as columns, float64 (3, 3).
-        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
+        row: Decoded integers of the Gaussian, int64 (columns). Columns `AXIS` to `AXIS + 2` are the x, y and z
+            components of its primary axis, not normalised.
+        axes: Principal axes before quantisation, one in each column, float64 (3, 3).
+        primary: Column of the primary axis in `axes`: 0 for that of the largest scale, 2 for that of the smallest.
     """
     # The angle is that between column `(primary + 1) % 3` and a direction that is perpendicular to the primary axis and
     # close to a coordinate axis.
@@ -289,7 +290,7 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
         stream: Parameters of the stream, from `SideInfo.kernel_stream`.
-        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
@@ -321,7 +322,7 @@ def encode_cut(
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
         stream: Parameters of the stream, from `SideInfo.kernel_stream`.
-        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
@@ -377,7 +378,7 @@ def decode_packets(tables, stream, models, data, ends, starts, box_bits, default
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
         stream: Parameters of the stream, from `SideInfo.kernel_stream`.
-        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
         starts: int64 (P + 1); packet p has the Gaussians `starts[p]` to `starts[p + 1]` (exclusive).

@@ -138,7 +138,11 @@ def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
 
 
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Decodes the redundant copies of Gaussians to integers: attributes, and harmonics."""
+    """Decodes the redundant copies of Gaussians to integers.
+
+    Returns:
+        Two arrays with one row per copy: all integers except spherical harmonics, and the spherical harmonics.
+    """
     rows, harmonics = empty_rows(count, info.num_harmonics)
     data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(

@@ -90,7 +90,7 @@ class SideInfo:
         return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:
-        """Returns the adaptive bit models in their state at the start of every packet, int64 (contexts, 2)."""
+        """Returns the initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2)."""
         return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
 
     @functools.cached_property

@@ -174,7 +174,7 @@ def encode_cut(
     """Encodes a block of motion in packets of limited size, each with as many tracks (Gaussians over time) as fit.
 
     Args:
-        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         counts: Number of zeros and ones coded with each model, int64 (contexts, 2). The numbers of the packets that are
             kept are added; packets that were encoded only to find the number of tracks that fit are not counted.
         frames: Number of frames in the group, F.
@@ -233,7 +233,7 @@ def decode_packets(models, frames, first_new, data, ends, starts, headers, order
     """Decodes P packets with the motion of n tracks (Gaussians over time) in total. All output arrays must be 0 before.
 
     Args:
-        models: Adaptive bit models in their state at the start of every packet, int64 (contexts, 2).
+        models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         frames: Number of frames in the group, F.
         first_new: Index in the stream of the first track that begins in the group.
         data: Payloads of P packets, one after another, uint8.

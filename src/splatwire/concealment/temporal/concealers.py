@@ -57,7 +57,9 @@ class ConcealedMotion:
 
 @runtime_checkable
 class TemporalConcealer(Protocol):
-    """Protocol of a concealer of sequences: a function with a name that estimates lost motion in a group of pictures.
+    """Typing protocol (structural type) for a loss concealer of sequences.
+
+    Such a concealer is a function with a name. It estimates lost motion in a group of pictures.
 
     Attributes:
         grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.

@@ -88,11 +88,11 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
 
 
 def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
-    """Returns the loss models in a chart of PSNR against the loss rate, in ascending order.
+    """Returns the loss models for which a chart of PSNR over loss rate has points, in ascending order of loss rate.
 
     Args:
-        result: Results of the evaluation, under one loss.
-        curve: Results at other loss rates.
+        result: Results of the evaluation; only its first loss model is used.
+        curve: Results with the same loss model at other loss rates.
     """
     losses = (*result.study.losses[:1], *curve.study.losses)
     return tuple(sorted(losses, key=lambda loss: getattr(loss.process, "rate", 0.0)))

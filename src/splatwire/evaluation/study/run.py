@@ -39,7 +39,10 @@ class ReportImages:
     views: tuple[int, ...]
 
     def shows(self, cell: Cell) -> bool:
-        """Returns True if the report shows images of a task."""
+        """Returns True if the report shows images of a table cell.
+
+        Cells without loss are shown, and cells with the selected loss model and seed.
+        """
         return cell.loss is None or (cell.loss, cell.seed) == (self.loss, self.seed)
 
 

@@ -232,11 +232,11 @@ def _row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
 
 
 def _decoded_row(location: str, table: dict[str, Any], expand: "_Expander") -> Row:
-    """Parses the description of results that another codec has decoded: one table row of a study's TOML file.
+    """Parses a `[[row]]` table of a study's TOML file that lists scenes decoded by another codec.
 
     Args:
         location: Place of the row in the file, for messages.
-        table: Content of the row.
+        table: Keys and values of the TOML table.
         expand: Function that replaces variables in paths.
     """
     _check_keys(location, table, _DECODED_ROW, ("key", "label"))

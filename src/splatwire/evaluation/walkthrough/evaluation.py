@@ -27,7 +27,7 @@ OnPicture = Callable[[float, Float[np.ndarray, "H W 3"], Float[np.ndarray, "H W 
 
 @runtime_checkable
 class ProgressiveSource(Protocol):
-    """Protocol of a scene that is received over time and can be drawn at any time."""
+    """Typing protocol (structural type) for a scene that is received over time and can be drawn at any time."""
 
     def shown(self, seconds: float, viewpoint: Viewpoint) -> Scene:
         """Returns the scene as a receiver draws it at a given time.

@@ -40,7 +40,7 @@ class RunOptions(CheckedFields):
 
 @runtime_checkable
 class ModelState(Protocol):
-    """Protocol of the state of a training.
+    """Typing protocol (structural type) for the state of a training.
 
     Attributes:
         iteration: Number of completed iterations.
@@ -61,7 +61,7 @@ class ModelState(Protocol):
 
 @runtime_checkable
 class ModelTraining(Protocol):
-    """Protocol of a model in training.
+    """Typing protocol (structural type) for a model in training.
 
     Attributes:
         state: State of the training.

@@ -16,7 +16,10 @@ from splatwire.types.causal_coding import CausalConfig
 
 @runtime_checkable
 class TrainedModel(Protocol):
-    """Protocol of a context model in training, which adds noise in place of quantisation and estimates the rate."""
+    """Typing protocol (structural type) for a context model in training.
+
+    The model adds noise in place of quantisation and estimates the rate.
+    """
 
     def begin(self, state: TrainState) -> None:
         """Prepares the model for an iteration; called before each one."""

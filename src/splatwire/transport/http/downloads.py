@@ -41,7 +41,7 @@ class DownloadedFile(NamedTuple):
 
 @runtime_checkable
 class Downloads(Protocol):
-    """Protocol of a converter that offers streams for download in other file formats.
+    """Typing protocol (structural type) for a converter that offers streams for download in other file formats.
 
     Attributes:
         formats: Names of the supported formats, such as `spz` or `3dtiles`.

@@ -163,7 +163,7 @@ class QuicServer(SocketServer):
             connection.end(INTERNAL, "the server made an error and ended this transfer")
 
     def accept(self, connection: "_Connection") -> None:
-        """Counts a new connection of a client and its network."""
+        """Registers a new connection, and adds 1 to the number of connections from the client's network."""
         self.connections[connection] = None
         self.greeting.add(connection)
         self.networks[connection.network] += 1

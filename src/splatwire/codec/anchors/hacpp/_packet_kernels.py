@@ -130,7 +130,7 @@ def encode_packets(
         features: Features in quantisation steps.
         scalings: Scalings in quantisation steps.
         offsets: Offsets in quantisation steps.
-        mask_model: Adaptive models of mask bits, in their state at the start of every packet.
+        mask_model: Initial state of the adaptive models of mask bits, equal for all packets.
         mean0: Means of the first mixture component of the features.
         scale0: Indices of the first component's standard deviations in the coder's table.
         mean1: Means of the second mixture component of the features.
@@ -253,7 +253,7 @@ def cut(masks, bits, mask_model, budget, counts):
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).
         bits: Bits of each anchor without its mask, from `anchor_bits`.
-        mask_model: Adaptive models of mask bits, in their state at the start of every packet.
+        mask_model: Initial state of the adaptive models of mask bits, equal for all packets.
         budget: Maximum size of a packet in bits.
         counts: Output: number of anchors of each packet.
 
@@ -294,7 +294,7 @@ def decode_masks(data, ends, starts, mask_model, states, masks):
         data: Bytes of all packets.
         ends: Packet p has the bytes from `ends[p]` to `ends[p + 1]` (exclusive) of `data`.
         starts: Packet p has the anchors from `starts[p]` to `starts[p + 1]` (exclusive).
-        mask_model: Adaptive models of mask bits, in their state at the start of every packet.
+        mask_model: Initial state of the adaptive models of mask bits, equal for all packets.
         states: Output: state of the range decoder of each packet.
         masks: Output: 1 for offsets that exist, else 0.
     """

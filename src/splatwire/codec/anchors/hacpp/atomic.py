@@ -146,10 +146,11 @@ def cut_packets(
 
     Args:
         predicted: Predicted distributions of the anchors of all blocks, block by block.
-        mixture: Second normal distribution of the features' mixtures, for these anchors.
+        mixture: Second of the two normal distributions whose mixture models each feature, and the mixture weights.
         counts: Number of anchors in each block, int64 (blocks).
         symbols: Quantised attributes of the anchors.
-        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
+        mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2). Every packet
+            starts from it.
         payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
     Returns:
@@ -186,8 +187,10 @@ def encode_packets(
         predicted: Predicted distributions of the anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
         symbols: Quantised attributes of the anchors.
-        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
-        mixture: Second mixture component of the anchors' features; None to compute it.
+        mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2). Every packet
+            starts from it.
+        mixture: Second of the two normal distributions whose mixture models each feature, and the mixture weights;
+            None to compute them.
 
     Returns:
         One payload per packet.
@@ -222,7 +225,8 @@ def decode_packets(
             outputs).
         counts: Number of anchors in each packet, int64 (packets).
         payloads: One payload per packet.
-        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
+        mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2). Every packet
+            starts from it.
 
     Returns:
         Symbols of the anchors; and factors on the quantisation steps of feature, scaling and offset, int64 (n, 3).

@@ -31,7 +31,7 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
 
     Args:
         masks: Masks of the anchors in coding order, bool or uint8 (N, K).
-        mask_models: Adaptive bit models of offset masks at the start of every packet, int64 (contexts, 2).
+        mask_models: Initial state of the adaptive bit models that code offset masks, int64 (contexts, 2).
     """
     bits = masks.astype(np.int64)
     before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_ONES - 1)
@@ -67,7 +67,7 @@ def encode_parts(
     Args:
         context: The stream's networks and constants.
         predicted: Predicted probability distributions of the anchors' attributes, sorted by group.
-        mixture: Second normal distribution of the features' mixtures, for these anchors.
+        mixture: Second of the two normal distributions whose mixture models each feature, and the mixture weights.
         counts: Number of anchors in each group, int64 (groups).
         symbols: Quantised attributes of the anchors.
 
@@ -193,7 +193,7 @@ def _feature_mixtures(
         predicted: Prediction of all anchors, which contains the first normal distribution.
         rows: Range of the anchors.
         columns: Range of the group's channels.
-        mean: Means of the second normal distribution for these anchors and channels.
+        mean: Means of the second of the two mixed normal distributions, for these anchors and channels.
         scale: Indices of the second distribution's standard deviations in the coder's table.
         weight: Weight of the first distribution, as indices in the coder's table of weights.
     """

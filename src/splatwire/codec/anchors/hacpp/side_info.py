@@ -67,7 +67,7 @@ class SideInfo:
         )  # fmt: skip
 
     def mask_models(self) -> np.ndarray:
-        """Adaptive bit models of offset masks in their initial state for every packet, int64 (contexts, 2)."""
+        """Initial state of the adaptive bit models of offset masks, equal for all packets, int64 (contexts, 2)."""
         return np.repeat(self.mask_zero[:, None] << 8, 2, axis=1)
 
 
