@@ -91,7 +91,7 @@ def stream_output(path: Path, what: str) -> Path:
 
 
 def complete_stream(source: Path, show: Reporter) -> SceneStream:
-    """Reads the stream to calibrate; encodes the scene if the source is a scene file.
+    """Reads the stream that gets the calibrated section; encodes the scene if the source is a scene file.
 
     Args:
         source: Path of the stream or scene file.

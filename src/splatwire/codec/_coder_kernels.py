@@ -169,8 +169,9 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
     Args:
         coder: Entropy coder.
         stream: Kind of value, part of the context.
-        spread: Difference between the neighbours, part of the context.
-        second: Quantisation step or preceding residuals, part of the context.
+        spread: Part of the context: class of the deviation of values of nearby coded Gaussians from their mean.
+        second: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For other
+            kinds of value: class of the mean magnitude of the preceding residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -200,8 +201,9 @@ def _code_steps(coder, stream, spread, second, q, eighths):
     Args:
         coder: Entropy coder.
         stream: Kind of value, part of the context.
-        spread: Difference between the neighbours, part of the context.
-        second: Quantisation step or preceding residuals, part of the context.
+        spread: Part of the context: class of the deviation of values of nearby coded Gaussians from their mean.
+        second: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For other
+            kinds of value: class of the mean magnitude of the preceding residuals.
         q: The residual; only used by an encoder.
         eighths: Mean of the distribution, in eighths of a step, -4 to 3.
 

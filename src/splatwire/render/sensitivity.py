@@ -125,11 +125,13 @@ class GatheredGradients:
 def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
     """Adds to `total` the picture errors of one view that removing each anchor, or each single Gaussian, would cause.
 
+    A probe is the sum of all pixel values, each multiplied by a random sign. The squared change of a probe estimates
+    the picture error.
+
     Args:
         total: Errors summed over views; changed in place.
         place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Change of a probe if a Gaussian is removed, float64 (G). A probe is the sum of all pixel values, each
-            multiplied by a random sign.
+        presence: Change of a probe if a Gaussian is removed, float64 (G).
         probes: Number of probes per view, each with other signs; the error of a view is the mean over its probes.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the

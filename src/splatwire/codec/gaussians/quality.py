@@ -64,7 +64,8 @@ class Quality:
             degree: Degree of the scene's spherical harmonics.
 
         Returns:
-            `-log2` of the steps, int64 (steps), in fixed point with `STEP_BITS` fractional bits.
+            `-log2` of the step of each quantity in `layout.STEPS`, int64 (9), in fixed point with `STEP_BITS`
+            fractional bits.
         """
         classes = self.num_classes(degree)
         offsets = np.array(_SHADED if degree else _FLAT) + self.level - (self.classes - classes) / 4 - (classes - 1)

@@ -1,4 +1,4 @@
-"""Codec of explicit Gaussians: connects the encoder, the decoder and repacketization (docs/format.md)."""
+"""Codec of explicit Gaussians: schema with their encoder, decoder and repacketization (docs/format.md)."""
 
 import math
 

@@ -49,9 +49,9 @@ class SideInfo:
     Attributes:
         degree: Degree of the spherical harmonics.
         size_log: log2 of the scene's size in world units.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
-        bases: int64 (steps), `-log2` of the quantisation steps in precision class 0 (the coarsest), for each quantity
-            in `STEPS`, in fixed point with `STEP_BITS` fractional bits.
+        unit: Positions are multiples of a spacing of `2 ** (size_log - unit)` world units (lattice of positions).
+        bases: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0
+            (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of version 2.
         transform: int64 (K, K), transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.

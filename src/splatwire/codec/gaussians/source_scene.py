@@ -95,8 +95,9 @@ class SourceScene:
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         classes: uint8 (N), precision classes in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
-        unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
-        bases: int64 (steps), `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
+        unit: Positions are multiples of a spacing of `2 ** (size_log - unit)` world units (lattice of positions).
+        bases: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0
+            (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
         contiguous: True if a packet contains adjacent Gaussians, False if it has Gaussians from all over its block.
     """

@@ -1,4 +1,4 @@
-"""Codec of Gaussians with levels of detail: connects encoder and decoder (docs/format.md)."""
+"""Codec of Gaussians with levels of detail: schema with their encoder and decoder (docs/format.md)."""
 
 from dataclasses import replace
 

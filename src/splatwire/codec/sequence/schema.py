@@ -1,4 +1,4 @@
-"""Codec of moving Gaussians: connects encoder and decoder (docs/format.md)."""
+"""Codec of moving Gaussians: schema with their encoder and decoder (docs/format.md)."""
 
 from typing import Any
 

@@ -86,7 +86,7 @@ def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) ->
 
 
 def conceal_with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
-    """Replaces lost Gaussians by coarse copies, hides the other lost Gaussians, and enlarges drawn ones around them."""
+    """Replaces lost Gaussians by coarse copies, hides the other lost Gaussians, and enlarges Gaussians next to gaps."""
     filled = with_copies(partial, copies)
     return grown_with_copies(filled, element_inputs(filled), copies.growth)
 

@@ -169,7 +169,7 @@ class _Writer:
             self._last = time.GetValue()
 
     def save(self, path: Path) -> None:
-        """Writes the stage in the encoding of the file name's suffix."""
+        """Writes the OpenUSD stage (scene) to a file, in the format that its suffix sets (see `write_usd`)."""
         if self._rate is not None:
             self._stage.SetEndTimeCode(self._last)
         with atomic_output(path) as target:
@@ -181,7 +181,7 @@ class _Writer:
                 raise DatasetError(f"{path}: usd-core cannot write it")
 
     def _export(self, target: Path, *, packed: bool) -> bool:
-        """Writes the stage to a file.
+        """Writes the OpenUSD stage (scene) to a file.
 
         Args:
             target: Path of the file.
