@@ -44,7 +44,7 @@ _MANY_BITS = 200
 
 
 def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
-    """Checks the type of an argument; the error for a path names the function that reads the file.
+    """Checks that an argument is a loaded object of a type; otherwise the error names the function that reads one.
 
     Args:
         value: The argument.

@@ -111,13 +111,13 @@ class Sketch(Protocol):
         # only in these can share it.
 
     def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
-        """Conceals losses as a receiver with this sketch does: enlarges the drawn elements around missing ones.
+        """Conceals losses as a receiver with this sketch does: enlarges received elements around missing ones.
 
         Args:
-            around: The received scene after coarse copies replaced lost elements, as the method `around` returns it.
+            around: Return value of the method `around`: the received scene, in which coarse copies replace lost elements.
 
         Returns:
-            The scene with coarse copies in place of lost elements, and the factors that enlarge drawn elements.
+            The scene with coarse copies in place of lost elements, and the factors that enlarge its elements.
         """
 
 

@@ -270,7 +270,7 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
     Args:
         path: The file or folder.
-        wanted: Description of the expected format, with its article.
+        wanted: Description of the expected format, which begins with "a" or "an".
         why: Reason for the rejection, added in brackets; may be empty.
     """
     kind = file_kind(path)

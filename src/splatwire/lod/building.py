@@ -81,9 +81,9 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns the index of the first Gaussian of each tile, level by level, coarsest first.
+    """Returns for each tile of each level of detail the index of its first Gaussian, coarsest level first.
 
-    The indices refer to the Gaussians of the finest level of detail.
+    Tiles of all levels are ranges of the same sorted Gaussians, those of the finest level; the indices count these.
     """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):

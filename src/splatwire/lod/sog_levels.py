@@ -135,8 +135,7 @@ def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]
 
     Args:
         leaves: For each leaf, the Gaussians of each level.
-        files: For each level, index of the file with the Gaussians of that level. One file has the Gaussians of all
-            `leaves`.
+        files: Index of one file for each level. It contains the Gaussians of this level, of all `leaves`.
     """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:

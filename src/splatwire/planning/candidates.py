@@ -110,7 +110,7 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Lists the numbers of tiers, most important first, that the planner may try to bundle in the init segment.
+    """Lists how many of the most important tiers the planner may bundle in the init segment, for it to try each.
 
     Args:
         counts: Number of packets of each importance tier.

@@ -64,7 +64,7 @@ def visible_areas(
 
     Args:
         scene: The scene.
-        slots: The Gaussians to measure, from all anchors of the scene.
+        slots: The Gaussians to measure, any of those that the scene's anchors predict.
         cameras: Views in which areas are measured.
         find: Renderer with image gradients, such as `splatwire.render.cpu.each_gradient_cpu`.
         progress: Called with the completed fraction of the views, 0 to 1.

@@ -120,7 +120,9 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information whose lattice of positions defines the unit of positions in the current shot's motion."""
+        """Side information whose position steps are the unit of motion in the current shot.
+
+        It belongs to the shot's first keyframe, or to an earlier shot with almost the same steps."""
         return self._references[-1]
 
     @property

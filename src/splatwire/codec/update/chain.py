@@ -82,8 +82,8 @@ class UpdateChain:
         """Returns the chain, extended by a new state of the scene.
 
         Args:
-            source: The scene's stream as read from the file, with all updates applied.
-            scene: The stream to send: the same scene, with packets that fit into datagrams.
+            source: The new state of the scene, as a stream read from the file.
+            scene: The same state as a stream to send, with packets that fit into datagrams.
             update: The update from the preceding state to the new one.
         """
         updates = (*self.updates, update)[-MAX_UPDATES:]

@@ -59,7 +59,7 @@ class Surroundings:
     classes: tuple[Neighborhood, ...]
 
     def select(self, wanted: Bool[np.ndarray, "M"]) -> "Surroundings":
-        """Returns the neighbours and sizes of some of the M anchors, selected by the mask `wanted`."""
+        """Returns the neighbours of those of the M anchors that the mask `wanted` selects."""
 
         def of(part: Neighborhood) -> Neighborhood:
             return Neighborhood(part.index[wanted], part.distance[wanted])

@@ -145,7 +145,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Hides lost anchors without a copy, and enlarges the drawn anchors around them.
+        """Leaves out lost anchors of which no coarse copy arrived, and enlarges the other anchors around them.
 
         Args:
             section: The section `sketch` of the side information, which contains the parameters of the enlargement.

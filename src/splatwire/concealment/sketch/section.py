@@ -102,7 +102,7 @@ class SketchBasis:
     num_levels: int
 
     def channels(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Dequantises the features and relative logarithms of scalings of coarse copies.
+        """Dequantises coarse copies: features, and logarithms of scalings relative to the predicted ones.
 
         Args:
             levels: Precision level of each copied anchor, from 1, (M).

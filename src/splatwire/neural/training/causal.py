@@ -163,7 +163,7 @@ def noisy_numbers(
 
 
 def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict[str, Mlp]:
-    """Returns the causal model's networks, by name, made of the trained tensors of a state."""
+    """Returns the networks of the causal entropy model, by name, made of trained parameters."""
 
     def layer(name: str) -> Linear:
         return Linear(parameters[f"causal.{name}.weight"], parameters[f"causal.{name}.bias"])
