@@ -23,8 +23,8 @@ class PacketId:
 
     Attributes:
         block: Index of the spatial block.
-        lane: Index of the packet within its block. The grouping `hashed` fills packets up to a size limit; there it is the
-            index of the packet's first element within its block, in hash order.
+        lane: Index of the packet within its block. The grouping `hashed` fills packets up to a size limit; there it
+            is the index of the packet's first element within its block, in hash order.
         part: Attribute that the packet contains, an index into `PARTS`; 0 for whole elements.
     """
 

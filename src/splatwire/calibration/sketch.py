@@ -114,7 +114,8 @@ class Sketch(Protocol):
         """Conceals losses as a receiver with this sketch does: enlarges received elements around missing ones.
 
         Args:
-            around: Return value of the method `around`: the received scene, in which coarse copies replace lost elements.
+            around: Return value of the method `around`: the received scene, in which coarse copies replace lost
+                elements.
 
         Returns:
             The scene with coarse copies in place of lost elements, and the factors that enlarge its elements.

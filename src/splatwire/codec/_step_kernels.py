@@ -15,8 +15,8 @@ def step_exponent(bases, which, level, area, long, thin, opacity):
         bases: `-log2` of each attribute's quantisation step in precision class 0, for a Gaussian with scales and
             opacity 1; `STEP_BITS` fractional bits.
         which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large as in the
-            class before it.
+        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large
+            as in the class before it.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -38,8 +38,8 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
         which: The attribute, as an index into `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large as in the
-            class before it.
+        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large
+            as in the class before it.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -59,8 +59,8 @@ def position_shift(bases, level, s0, long, thin, opacity, unit, most):
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large as in the
-            class before it.
+        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large
+            as in the class before it.
         s0: log2 of the largest of the three scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.

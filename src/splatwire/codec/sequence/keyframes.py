@@ -122,7 +122,8 @@ class KeyframeEncoder:
     def reference(self) -> SideInfo:
         """Side information whose position steps are the unit of motion in the current shot.
 
-        It belongs to the shot's first keyframe, or to an earlier shot with almost the same steps."""
+        It belongs to the shot's first keyframe, or to an earlier shot with almost the same steps.
+        """
         return self._references[-1]
 
     @property

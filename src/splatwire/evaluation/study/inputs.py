@@ -57,8 +57,8 @@ class PreparedScene:
         entry: Definition of the scene.
         references: The reference images.
         streams: Encoded streams, by name of the packetization.
-        parts: Number of bytes of each part of a stream, by name of the packetization and of the part. A part is, for example,
-            one attribute.
+        parts: Number of bytes of each part of a stream, by name of the packetization and of the part. A part is, for
+            example, one attribute.
         masks: Loss masks, by name of the packetization, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
