@@ -317,22 +317,30 @@ export class View {
       while (this.#isArriving && performance.now() < this.#nextUpload && !this.#destroyed) await delay(POLL_MS);
       await this.#gpu.wait(() => this.#destroyed);
       this.#slices.begin();
-      while (this.#pending.length && !this.#destroyed) await this.#slices.after(this.#mesh.add(this.#pending.shift()!));
+      let added = 0;
+      while (this.#pending.length && !this.#destroyed) {
+        const packed = this.#pending.shift()!;
+        added += packed.count;
+        await this.#slices.after(this.#mesh.add(packed));
+      }
       this.#uploadedAt = performance.now();
       if (this.#destroyed) return;
-      this.#hideLater(this.#hidden.splice(0));
+      this.#hideLater(this.#hidden.splice(0), added);
       this.#mesh.show();
       this.#isSorted = this.#ready = false; // reports about the Gaussians before
       this.#changed();
     }
   }
 
-  /** Hides Gaussians in the frame that first draws what is uploaded now: at once in memory that is not drawn yet. */
-  #hideLater(all: readonly Int32Array[]): void {
+  /**
+   * Hides Gaussians in the frame that first draws the `added` ones: at once if there are none, since PlayCanvas copies
+   * an equal number of Gaussians only now, and in memory that is not drawn yet, whose Gaussians are hidden already.
+   */
+  #hideLater(all: readonly Int32Array[], added: number): void {
     const [manager] = this.#managers,
       version = manager?.world.lastWorldStateVersion ?? 0;
-    if (!manager?.cpuSorter || this.#mesh.isGrowing) {
-      this.#hiding = [];
+    if (!manager?.cpuSorter || this.#mesh.isGrowing || !added) {
+      if (added) this.#hiding = [];
       for (const which of all) this.#mesh.hide(which);
     } else for (const which of all) this.#hiding.push({ which, version });
   }
