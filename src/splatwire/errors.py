@@ -14,6 +14,7 @@ SplatwireError
 ├─ BackendUnavailableError   (carries how to install it)
 ├─ DivergedError             a training run's loss is not finite any more (carries the iteration)
 ├─ InvalidValueError         a parameter is out of range (also a ValueError)
+│  └─ UnknownHostError       the name service does not know a host now
 └─ UnknownNameError          (carries the known names; also a ValueError)
 ```
 
@@ -185,6 +186,10 @@ class DivergedError(SplatwireError):
 
 class InvalidValueError(SplatwireError, ValueError):
     """A parameter is out of range; the message names the parameter and its range."""
+
+
+class UnknownHostError(InvalidValueError):
+    """The name service does not know a host, or does not answer; it may know the host later."""
 
 
 def _quoted(name: object) -> str:

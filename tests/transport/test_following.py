@@ -11,13 +11,13 @@ import pytest
 from codec.gaussians.test_gaussians import DATAGRAM, some_splats
 from codec.update.test_chain import edits
 from explicit import encode_splats
-from splatwire.api.following import check_follows, follow
+from splatwire.api.following import check_follows, follow, updates_after
 from splatwire.bitstream import SceneStream, stream_to_bytes
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import apply_update, decode_stream, encode_update
 from splatwire.codec.update.chain import UpdateChain
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, UnknownHostError
 from splatwire.transport import Finished, Receiver, ReceiverOptions, ServedStream, make_served_stream
 from splatwire.transport.address import Address
 from splatwire.transport.running_server import RunningServer
@@ -205,7 +205,7 @@ def test_a_follower_may_start_an_update_each_second() -> None:
 def test_followers_wait_for_a_network_and_a_name_service(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the first connection must succeed."""
     monkeypatch.setattr("splatwire.api.following.RETRY_S", 0.0)
-    no_route, no_name = OSError(errno.ENETUNREACH, "Network is unreachable"), InvalidValueError("the host is not known")
+    no_route, no_name = OSError(errno.ENETUNREACH, "Network is unreachable"), UnknownHostError("the host is not known")
     answers = iter([
         Done("complete", BASE), no_route, no_name, Done("complete", UPDATES[0]), Done("no such stream", None), no_route,
         Done("stopped", None),
@@ -222,10 +222,45 @@ def test_followers_wait_for_a_network_and_a_name_service(monkeypatch: pytest.Mon
         return [scene async for scene in follow(fetch, "room", warnings.append)]
 
     assert [stream_to_bytes(scene) for scene in run(work())] == [stream_to_bytes(each.scene) for each in states()[:2]]
-    assert [warning.split(":")[0] for warning in warnings if "no connection" in warning] == ["no connection"] * 3
+    assert [warning.split(":")[0] for warning in warnings if "no connection" in warning] == ["no connection"] * 2
     answers = iter([no_route])
     with pytest.raises(OSError, match="unreachable"):
         run(work())
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EMFILE, "Too many open files"), InvalidValueError("wrong")])
+def test_errors_that_waiting_does_not_end_are_raised(error: Exception) -> None:
+    async def fetch(name: str) -> Receiver:
+        raise error
+
+    async def work() -> None:
+        async for update in updates_after(fetch, manifest_digest(BASE.manifest), lambda text: None):
+            raise AssertionError(update)
+
+    with pytest.raises(type(error), match=str(error.args[-1])):
+        run(work())
+
+
+def test_pauses_of_an_outage_grow_and_start_anew_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    outage, pauses, warnings = [OSError(errno.ENETDOWN, "Network is down")] * 5, list[float](), list[str]()
+    answers = iter([*outage, Done("complete", UPDATES[0]), *outage, Done("no such stream", None)])
+
+    async def fetch(name: str) -> Receiver:
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    async def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+
+    async def work() -> int:
+        return len([update async for update in updates_after(fetch, manifest_digest(BASE.manifest), warnings.append)])
+
+    monkeypatch.setattr("splatwire.api.following.asyncio.sleep", sleep)
+    assert run(work()) == 1
+    assert pauses == [1.0, 2.0, 4.0, 4.0, 4.0] * 2
+    assert len(warnings) == 2
 
 
 def test_a_receiver_that_was_stopped_before_needs_no_network() -> None:

@@ -9,9 +9,10 @@ from splatwire.bitstream.limits import UPDATE
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.update.apply import apply_update
 from splatwire.codec.update.section import SECTION, manifest_digest, read_update, update_name
-from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.errors import InvalidValueError, SplatwireError, UnknownHostError
 from splatwire.transport.protocol.datagrams import REFUSALS
 from splatwire.transport.protocol.receiver import MISSING_STREAM, Receiver
+from splatwire.transport.udp import NO_ROUTE
 
 Fetch = Callable[[str], Awaitable[Receiver]]
 """Function that receives the stream of a given name, and returns the finished receiver."""
@@ -19,6 +20,8 @@ Warn = Callable[[str], None]
 
 RETRY_S = 1.0
 """Time after which a failed transfer is started again, or a scene is requested again, seconds."""
+LAST_RETRY_S = 4.0
+"""Maximum pause between attempts while there is no network, seconds; it doubles from `RETRY_S` on."""
 
 
 class FollowingStoppedError(Exception):
@@ -38,6 +41,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
 
     Raises:
         InvalidValueError: If the scene does not arrive as a whole at first, or the server offers no updates of it.
+        OSError: If a transfer fails for another reason than a missing network, or the first one for any.
     """
     # If an update does not arrive or cannot be applied, it or the whole scene is requested again.
     scene: SceneStream | None = None
@@ -86,6 +90,7 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         FollowingStoppedError: If the caller has stopped a transfer.
         InvalidValueError: If the stream that arrives is no update of this scene.
         BitstreamError: If it is damaged.
+        OSError: If a transfer fails for another reason than a missing network.
     """
     while True:
         receiver = await _fetch_repeatedly(fetch, update_name(digest), warn)
@@ -105,12 +110,17 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
 
 async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:
     """Receives a stream. Repeats this while there is no route to the server, or while its host name is unknown."""
+    pause, warned = RETRY_S, False
     while True:
         try:
             return await fetch(name)
-        except (OSError, InvalidValueError) as error:
-            warn(f"no connection: {error}; the last scene remains")
-            await asyncio.sleep(RETRY_S)
+        except (OSError, UnknownHostError) as error:
+            if isinstance(error, OSError) and error.errno not in NO_ROUTE:
+                raise
+            if not warned:
+                warn(f"no connection: {error}; the last scene remains until there is one")
+            await asyncio.sleep(pause)
+            pause, warned = min(2 * pause, LAST_RETRY_S), True
 
 
 def check_follows(stream: SceneStream, digest: str) -> None:

@@ -132,7 +132,7 @@ async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], pa
             page.content, served = replace(page.content, updates=updates), True
         if served:
             warn("an update was missed, and the server no longer has it; start `view` again")
-    except SplatwireError as error:
+    except (SplatwireError, OSError) as error:
         warn(f"updates have ended: {error}")
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from splatwire.errors import InvalidValueError
+from splatwire.errors import UnknownHostError
 from splatwire.transport.address import Address, cannot_listen
 from splatwire.transport.pcap import Endpoint
 from splatwire.transport.protocol.events import Event, Interrupted
@@ -26,8 +26,10 @@ BATCH = 256
 LARGEST_READ = 2048
 MOST_ANSWERS = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
-NO_ROUTE = (errno.EADDRNOTAVAIL, errno.EINVAL, errno.ENETDOWN, errno.ENETUNREACH)
-"""Error codes of sending if this machine has no route to the server, or no longer the address of the socket."""
+NO_ROUTE = (errno.EADDRNOTAVAIL, errno.ENETDOWN, errno.ENETUNREACH)
+"""Error codes of connecting and sending if this machine has no route to the server, or no address."""
+ADDRESS_GONE = errno.EINVAL
+"""Error code of sending if this machine no longer has the address of the socket."""
 
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
 """Callback for every datagram sent or received, with its source, its destination and its payload."""
@@ -164,14 +166,14 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
     """Resolves the host name of a server to its address family and numeric socket address.
 
     Raises:
-        InvalidValueError: If the host name cannot be resolved.
+        UnknownHostError: If the host name cannot be resolved.
         OSError: If a resource is missing, such as a file descriptor.
     """
     try:
         found = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
     except (socket.gaierror, UnicodeError) as error:  # a label of more than 63 characters is a UnicodeError
         reason = getattr(error, "strerror", None) or "it is no host name"
-        raise InvalidValueError(f"the host '{address.host:.80}' is not known: {reason}") from error
+        raise UnknownHostError(f"the host '{address.host:.80}' is not known: {reason}") from error
     return found[0][0], found[0][4]
 
 
@@ -202,7 +204,8 @@ async def receive_udp(
         The finished receiver; `Receiver.finished` has the reason.
 
     Raises:
-        InvalidValueError: If the host name cannot be resolved.
+        UnknownHostError: If the host name cannot be resolved.
+        OSError: If there is no route to the server, or no further file descriptor.
     """
     receiver = Receiver(new_nonce(), asyncio.get_running_loop().time(), options)
     if stop is not None and stop.done():
@@ -309,7 +312,7 @@ class _Client:
             try:
                 self._socket.send(data)
             except OSError as error:  # a datagram that cannot be sent counts as lost
-                self._is_unusable = self._is_unusable or error.errno in NO_ROUTE
+                self._is_unusable = self._is_unusable or error.errno in (*NO_ROUTE, ADDRESS_GONE)
         if self._on_event:
             for event in events:
                 self._on_event(event)
