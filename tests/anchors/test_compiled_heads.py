@@ -79,6 +79,15 @@ def test_compiled_heads_spawn_the_same_gaussians(view: int, hints: RenderHints |
         assert_close(actual, expected, rtol=1e-4, atol=2e-6)
 
 
+@pytest.mark.parametrize("near_depth", [0.01, 0.6])
+def test_compiled_heads_leave_out_what_is_before_the_near_plane(near_depth: float) -> None:
+    scene, cameras = make_scene(), make_cameras()
+    moved = dataclasses.replace(cameras, near_depth=near_depth)
+    drawn = drawn_gaussians(scene, moved, 0)
+    assert drawn.num_gaussians != drawn_gaussians(scene, cameras, 0).num_gaussians
+    assert_close(drawn.means, visible(generate_gaussians(scene, moved, 0))[0], rtol=1e-4, atol=2e-6)
+
+
 @pytest.mark.slow
 def test_compiled_heads_render_the_same_pictures() -> None:
     """PSNR is at least 60 dB; faint Gaussians and rounding explain the difference."""

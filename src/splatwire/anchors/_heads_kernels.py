@@ -6,7 +6,7 @@ computation with numpy.
 
 Common arguments: `anchors` (positions, features, scalings, offsets, mask); `hints` (result of loss concealment: hidden
 anchors, factors on size, factors on opacity; empty arrays if there is none); `camera` (pose, focal lengths and
-principal point, centre, width, height).
+principal point, centre, width, height, near plane).
 """
 
 import math
@@ -17,7 +17,6 @@ import numpy as np
 from splatwire.anchors.projection import DILATION, FRUSTUM_MARGIN, TILE
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import LANES, choose, load, pick, power_of_two, smaller, spread, store
-from splatwire.types.cameras import NEAR_DEPTH
 
 ROWS = 6
 """Number of outputs computed together; weights are padded to a multiple of this number of outputs."""
@@ -71,10 +70,10 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
 @no_type_check
 def _in_view(positions, scalings, n, camera):
     """True if anchor `n` may be visible to the camera (pre-filter of HAC++)."""
-    pose, (fx, fy, cx, cy), _, width, height = camera
+    pose, (fx, fy, cx, cy), _, width, height, near_depth = camera
     p0, p1, p2 = np.float64(positions[n, 0]), np.float64(positions[n, 1]), np.float64(positions[n, 2])
     z = pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2 + pose[2, 3]
-    if not z > NEAR_DEPTH:
+    if not z > near_depth:
         return False
     x = (pose[0, 0] * p0 + pose[0, 1] * p1 + pose[0, 2] * p2 + pose[0, 3]) / z
     y = (pose[1, 0] * p0 + pose[1, 1] * p1 + pose[1, 2] * p2 + pose[1, 3]) / z
@@ -238,7 +237,7 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
         last: End of the range of anchors (exclusive).
         anchors: Arrays of all anchors.
         hints: Result of loss concealment; empty arrays if there is none.
-        camera: Pose and intrinsics.
+        camera: Pose, intrinsics and near plane.
         num_hidden: Number of hidden units of each network.
         opacity_layers: Hidden layer and output layer of the opacity network, packed for the kernel.
         other_layers: Hidden layers of the covariance and colour networks, and their combined output layers, packed for

@@ -18,8 +18,8 @@ _LEAST_NORM = 1e-12
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[np.ndarray, "N"]:
     """Returns the mask of the anchors that camera `view` may see (HAC++ pre-filter).
 
-    An anchor may be visible if its depth exceeds 0.2, and if an ellipsoid around it reaches the image. The semi-axes of
-    this ellipsoid are three times the first three values of the anchor's `scalings`.
+    An anchor may be visible if it is beyond the near plane, and if an ellipsoid around it reaches the image. The
+    semi-axes of this ellipsoid are three times the first three values of the anchor's `scalings`.
     """
     projected = project(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)

@@ -1,5 +1,6 @@
 """Device versions of parts of an iteration against the originals."""
 
+import dataclasses
 import math
 
 import pytest
@@ -16,6 +17,7 @@ from splatwire.neural.training.kernels import sample_from_host, sample_on_device
 from splatwire.neural.training.packed import pack_networks
 from splatwire.neural.training.state import CHANNEL_SLOPE
 from splatwire.types import Gaussians, Linear, Mlp
+from splatwire.types.cameras import NEAR_DEPTH
 from splatwire.types.causal_coding import CausalConfig
 
 
@@ -91,9 +93,11 @@ def test_column_steps_equal_channel_steps(config: CausalConfig) -> None:
     assert torch.equal(found, expected)
 
 
+@pytest.mark.parametrize("near_depth", [0.05, NEAR_DEPTH, 2.0])
 @pytest.mark.parametrize("axes", [1, 3])
-def test_visible_anchors_equal_the_plain_projection(axes: int) -> None:
-    scene, cameras = tiny_scene(num_anchors=400), tiny_cameras(6, 50, 38)
+def test_visible_anchors_equal_the_plain_projection(axes: int, near_depth: float) -> None:
+    scene = tiny_scene(num_anchors=400)
+    cameras = dataclasses.replace(tiny_cameras(6, 50, 38), near_depth=near_depth)
     rng = torch.Generator().manual_seed(0)
     positions = 3 * torch.randn(5000, 3, generator=rng)
     sizes = torch.exp(torch.randn(5000, axes, generator=rng) - 3)
@@ -107,14 +111,14 @@ def test_visible_anchors_equal_the_plain_projection(axes: int) -> None:
 
 
 def _anchors(scene: object, positions: torch.Tensor, sizes: torch.Tensor) -> object:
-    import dataclasses
-
     first = to_tensors(scene.anchors).select(torch.zeros(len(positions), dtype=torch.int64))  # type: ignore[attr-defined]
     return dataclasses.replace(first, positions=positions, scalings=torch.cat([sizes, sizes], dim=1))
 
 
-def test_visible_gaussians_equal_those_of_the_statistics() -> None:
-    cameras, rng = to_tensors(tiny_cameras(3, 64, 48)), torch.Generator().manual_seed(0)
+@pytest.mark.parametrize("near_depth", [0.05, NEAR_DEPTH, 2.0])
+def test_visible_gaussians_equal_those_of_the_statistics(near_depth: float) -> None:
+    cameras = to_tensors(dataclasses.replace(tiny_cameras(3, 64, 48), near_depth=near_depth))
+    rng = torch.Generator().manual_seed(0)
     means, scales = 3 * torch.randn(3000, 3, generator=rng), torch.exp(torch.randn(3000, 3, generator=rng) - 3)
     gaussians = Gaussians(means, torch.ones(3000, 4) / 2, scales, torch.ones(3000), scales)
     for view in range(3):

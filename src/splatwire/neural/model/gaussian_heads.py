@@ -45,8 +45,8 @@ def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> Spawned
 @torch.no_grad()
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
     """Returns the mask of the anchors that camera `view` may see (HAC++'s pre-filter), bool (N)."""
-    # An anchor is projected as an unrotated Gaussian, with its first three scalings as sizes. It is kept if its
-    # depth is above 0.2 world units, and the square of three standard deviations around it intersects a tile of the
+    # An anchor is projected as an unrotated Gaussian, with its first three scalings as sizes. It is kept if it is
+    # beyond the near plane, and the square of three standard deviations around it intersects a tile of the
     # image.
     projected = project_tensors(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
     return projected.touches_image(cameras.width, cameras.height)

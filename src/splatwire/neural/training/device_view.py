@@ -11,7 +11,6 @@ from splatwire.neural.training.packed import pack_networks
 from splatwire.neural.training.state import TrainState
 from splatwire.types import Anchors, Cameras, Gaussians
 from splatwire.types.anchor_scene import GaussianHeads
-from splatwire.types.cameras import NEAR_DEPTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +27,7 @@ class ViewConstants:
         highest: Upper limits of x / depth and y / depth.
         size: Width and height of the image, pixels.
         tiled: Width and height of the image, rounded up to whole tiles, pixels.
+        near_depth: Near plane, world units.
     """
 
     rotations: Float[Tensor, "C 3 3"]
@@ -39,6 +39,7 @@ class ViewConstants:
     highest: Float[Tensor, "C 2"]
     size: Float[Tensor, "2"]
     tiled: Float[Tensor, "2"]
+    near_depth: float
 
     @staticmethod
     def of(cameras: Cameras) -> "ViewConstants":
@@ -50,6 +51,7 @@ class ViewConstants:
         return ViewConstants(
             cameras.viewmats[:, :3, :3].contiguous(), cameras.viewmats[:, :3, 3].contiguous(), cameras.centers,
             focals, middles, -middles / focals - margins, (size - middles) / focals + margins, size, tiled,
+            cameras.near_depth,
         )  # fmt: skip
 
     def local(self, points: Float[Tensor, "N 3"], view: int) -> tuple[Float[Tensor, "N 2"], Tensor, Tensor]:
@@ -60,8 +62,8 @@ class ViewConstants:
         """
         # Depths are clamped to the near plane.
         local = torch.addmm(self.translations[view], points, self.rotations[view].T)
-        depth = local[:, 2:].clamp(min=NEAR_DEPTH)
-        return local[:, :2] / depth, depth, local[:, 2] > NEAR_DEPTH
+        depth = local[:, 2:].clamp(min=self.near_depth)
+        return local[:, :2] / depth, depth, local[:, 2] > self.near_depth
 
 
 @dataclass(frozen=True, eq=False)

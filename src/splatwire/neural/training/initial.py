@@ -250,7 +250,7 @@ def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
         local = homogeneous @ torch.as_tensor(cameras.viewmats[view, :3]).T.to(positions)
         pixels = local @ torch.as_tensor(cameras.Ks[view]).T.to(positions)
         x, y = pixels[:, 0] / local[:, 2], pixels[:, 1] / local[:, 2]
-        inside = (local[:, 2] > 0.2) & (x > 0) & (x < cameras.width) & (y > 0) & (y < cameras.height)
+        inside = (local[:, 2] > cameras.near_depth) & (x > 0) & (x < cameras.width) & (y > 0) & (y < cameras.height)
         if not bool(inside.any()):
             blind.append(cameras.names[view])
     if 2 * len(blind) > cameras.num_views:
