@@ -263,6 +263,25 @@ def saved(cameras, folder):
     return json.loads((folder / "c.json").read_text())
 
 
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({"cx": 0, "cy": 0}, [0, 0]),  # the lower right quarter of a picture
+        ({"cx": -0.5, "cy": 0.5}, [-0.5, 0.5]),
+        ({"cx": 17.5}, [17.5, 12]),
+        ({"cx": 17.5, "cy": None}, [17.5, 12]),
+        ({"cx": 17.5, "principal_point": [17.5, 10.25]}, [17.5, 10.25]),
+        ({"cy": 10.25, "pp": [17.5, 10.25]}, [17.5, 10.25]),
+    ],
+)
+def test_principal_points_of_cut_pictures_and_partly_stated_ones_are_read(fields, expected, cameras, tmp_path):
+    content = cameras_of_3dgs(cameras)
+    for name in ("cx", "cy"):
+        content[0].pop(name, None)
+    (tmp_path / "cameras.json").write_text(json.dumps([content[0] | fields, *content[1:]]))
+    assert load_cameras(tmp_path / "cameras.json").Ks[0, :2, 2].tolist() == expected
+
+
 @pytest.mark.parametrize("key", ["principal_point", "principalPoint", "pp"])
 def test_principal_points_of_3dgs_cameras_are_read(key, cameras, tmp_path):
     path, content = tmp_path / "cameras.json", cameras_of_3dgs(cameras)

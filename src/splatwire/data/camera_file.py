@@ -152,13 +152,16 @@ def _principal_point(path: Path, name: str, view: dict[str, Any], size: tuple[in
         for key, value in view.items()
         if _PRINCIPAL_POINT.fullmatch(key) and value is not None
     ]
-    if "cx" in view or "cy" in view:
-        center = [[view.get("cx", size[0] / 2), view.get("cy", size[1] / 2)]]
+    absent = stated[0] if stated else [size[0] / 2, size[1] / 2]
+    own = [view.get("cx"), view.get("cy")]
+    if own != [None, None]:
+        center = [[other if value is None else value for value, other in zip(own, absent, strict=True)]]
         stated.insert(0, matrix(path, name, center, (1, 2))[0].tolist())
-    found = stated[0] if stated else [size[0] / 2, size[1] / 2]
+    found = stated[0] if stated else absent
     if any(not np.allclose(other, found, rtol=_SAME) for other in stated):
         raise DatasetError(f"{path}: view '{name[:120]}' has two different principal points: remove the wrong one")
-    if stated and max(map(abs, found)) <= 1 < min(size) / 2:
+    # Shares of the picture's size are between 0 and 1. A picture that was cut at the principal point has 0.
+    if stated and min(found) > 0 and max(found) <= 1 < min(size) / 2:
         raise DatasetError(
             f"{path}: view '{name[:120]}' has a principal point of {found[0]:g}, {found[1]:g} in a picture of "
             f"{size[0]} x {size[1]}: it must be in pixels, from the top-left corner"
