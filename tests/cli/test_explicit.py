@@ -164,6 +164,14 @@ def test_evaluate_warns_of_a_reference_that_is_another_scene(run, ply, stream, t
     assert f"splatwire: warning: {stream} is of another scene than {tmp_path / 'other.ply'}: centre (" in told
 
 
+def test_evaluate_of_a_stream_without_received_gaussians_has_a_table(run, ply, stream, tmp_path):
+    run("transmit", stream, "-o", tmp_path / "nothing.swz", "--loss", "bernoulli:1", "--seed", "0")
+    words = ("--reference", ply, "--views", "1", "--lpips-views", "1", "--json")
+    done = run("evaluate", tmp_path / "nothing.swz", *words)
+    assert done.status == 0, done.err
+    assert {row["method"]: row["num_lost_packets"] > 0 for row in done.json["rows"]}["drop"]
+
+
 def test_cameras_too_near_to_draw_a_scene_give_a_warning(run, ply, tmp_path):
     splats, factor = read_splats(ply), np.float32(0.01)
     small = replace(splats, means=splats.means * factor, scales=splats.scales * factor)

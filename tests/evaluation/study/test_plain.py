@@ -31,6 +31,7 @@ from splatwire.evaluation.study import (
     summarize,
     write_report,
 )
+from splatwire.evaluation.study import inputs as study_inputs
 from splatwire.evaluation.study.pictures import take_pictures
 from splatwire.metrics import psnr
 from splatwire.render import render_scene
@@ -259,6 +260,24 @@ def test_report_without_losses_starts_with_its_quality(folder, tmp_path):
     sentence = re.search(r'<p class="lead">(.*?)</p>', text)[1]
     assert f"at {summary.figures['psnr'].mean:.1f} dB with {summary.num_bytes:,} bytes" in sentence
     assert text.index("data-slider") < text.index("Numbers")
+
+
+def test_a_stored_evaluation_repeats_its_warning_without_decoding(folder, tmp_path, monkeypatch, caplog):
+    scene = tiny_scene(seed=5, num_anchors=180)
+    far = dataclasses.replace(scene.anchors, positions=scene.anchors.positions + np.float32(50))
+    write_stream(encode_scene(dataclasses.replace(scene, anchors=far)), tmp_path / "far.swz")
+    study = plain_study(folder, (Row("no_loss", "no loss", None, lossless=True),), seeds=(0,), baseline=None)
+    entry = dataclasses.replace(study.scenes[0], reference=tmp_path / "far.swz")
+
+    def decoding(*_args):
+        raise AssertionError("a finished evaluation decoded a scene")
+
+    for _ in range(2):
+        caplog.clear()
+        run(dataclasses.replace(study, scenes=(entry,)), tmp_path / "store")
+        assert caplog.text.count("is of another scene than") == 1
+        for name in ("decode_stream", "drawable_scene"):
+            monkeypatch.setattr(study_inputs, name, decoding)
 
 
 @pytest.mark.parametrize("loss", ["none", "bernoulli:0", "trace"])

@@ -198,11 +198,9 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
-    if entry.reference is not None and not source.timed and entry.kind != "model":
-        evaluated = SceneExtent.of(source.received, entry.source)
-        if (why := SceneExtent.of(drawn(), entry.reference).difference(evaluated)) is not None:
-            LOG.warning("%s", why)
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
+    if entry.reference is not None and not source.timed and entry.kind != "model":
+        _warn_of_another_scene(source, drawn, digest_of(first.digest, stamp, CODE), store)
     background = _background(first, store) if entry.background is None else entry.background
     looked_at = _frame_views(source, stamp, store) if source.timed else _with_cameras(entry, drawn, stamp, store)
     references = prepare_references(study, looked_at, background, drawn, stamp, store, progress, frames=source.timed)
@@ -237,6 +235,29 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     if not streams:
         raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs, or cannot be packed so")
     return streams
+
+
+def _warn_of_another_scene(source: Source, drawn: Callable[[], Scene], stamp: str, store: Store) -> None:
+    """Logs a warning if the reference is elsewhere or of another size; nothing is compared if a scene is empty.
+
+    Args:
+        source: The scene.
+        drawn: Function that loads the reference; called only if the store has no result.
+        stamp: Digest of scene and reference, part of the name of the result in the store.
+        store: Store for the result.
+    """
+    entry = source.entry
+    assert entry.reference is not None
+    name = f"inputs/extent_{digest_of(stamp, str(entry.source), str(entry.reference))}.json"
+    if (known := read_json(store.root / name)) is None:
+        received, reference, why = source.received, drawn(), None
+        if len(received.positions) and len(reference.positions):
+            evaluated = SceneExtent.of(received, entry.source)
+            why = SceneExtent.of(reference, entry.reference).difference(evaluated)
+        known = {"difference": why}
+        store.write(name, canonical(known).encode())
+    if known["difference"] is not None:
+        LOG.warning("%s", known["difference"])
 
 
 def _background(first: PreparedStream, store: Store) -> Background:
