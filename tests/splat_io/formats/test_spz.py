@@ -256,6 +256,16 @@ def test_small_scenes_off_the_origin_keep_their_positions_or_give_a_warning(
     assert ("move the scene to the origin" in caplog.text) != keeps
 
 
+def test_gaussians_too_small_for_any_step_are_not_told_to_move(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(200, 0)
+    write_splats([replace(splats, scales=np.full_like(splats.scales, 1e-30))], tmp_path / "a.spz")
+    (told,) = caplog.messages
+    assert "scales of 200 of 200 Gaussians are outside of" in told
+    assert "give the scene another size first" in told
+
+
 @pytest.mark.parametrize("size", [1e-1, 1e-4, 1e-6, 1e-9])
 def test_a_compressed_ply_keeps_the_positions_of_small_scenes(size: float, tmp_path: Path) -> None:
     splats = some_splats(200, 0)

@@ -193,7 +193,9 @@ def _fraction_bits(splats: Splats, path: Path) -> int:
         bits -= 1
     if farthest * 2**bits > _MOST:
         raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {_MOST}")
-    if bits >= _FRACTION_BITS and 2.0**-bits / 2 > largest_error:  # with fewer bits, other warnings name the steps
+    # With fewer bits, other warnings name the steps. Gaussians too small for the finest steps have a warning of their
+    # own (`warn_of_scales`): moving the scene would not help.
+    if bits >= _FRACTION_BITS and 2.0**-bits / 2 > largest_error >= 2.0**-_MAX_FRACTION_BITS / 2:
         LOG.warning(
             "%s: positions are rounded to steps of %.3g, and the median size of Gaussians is %.3g: SPZ has no finer "
             "steps for coordinates of up to %.4g, so move the scene to the origin first",
