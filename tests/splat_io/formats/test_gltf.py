@@ -215,6 +215,16 @@ def test_impossible_nodes_are_refused(change: dict[str, Any], reason: str, tmp_p
         read_splats(write(tmp_path / "a.glb", glb(some_splats(300, 0), nodes | change)))
 
 
+def test_nodes_with_a_matrix_and_parts_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    splats, node = some_splats(30, 0), {"mesh": 0, "matrix": column_major(of_parts((1, 2, 3)))}
+    expected = opened(glb(splats, {"nodes": [node]}), tmp_path / "a.glb")
+    assert not caplog.messages
+    both = node | {"translation": [5, 0, 0], "scale": [2, 2, 2]}
+    found = opened(glb(splats, {"nodes": [both]}), tmp_path / "b.glb")
+    assert np.array_equal(found.means, expected.means)
+    assert "node 0 has a matrix and also translation, scale, which glTF does not allow" in caplog.text
+
+
 def test_nodes_with_zero_scale_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     nodes = [{"mesh": 0}, {"mesh": 0, "scale": [0, 0, 0]}]
     assert opened(glb(some_splats(30, 0), {"nodes": nodes}), tmp_path / "a.glb").num_gaussians == 30

@@ -13,6 +13,8 @@ from splatwire.ops.quaternions import rotation_matrices
 LOG = logging.getLogger(__name__)
 MAX_INSTANCES = 1 << 14
 """Maximum number of mesh instances of a scene."""
+_PARTS = ("translation", "rotation", "scale")
+"""Names of the parts of a transform that a node may state instead of a matrix."""
 _INSTANCING = "EXT_mesh_gpu_instancing"
 VISIBILITY = "KHR_node_visibility"
 
@@ -99,6 +101,11 @@ def _local(path: Path, index: int, node: dict[str, Any]) -> np.ndarray:
         matrix = _numbers(path, index, node, "matrix", 16, None).reshape(4, 4).T
         if not np.array_equal(matrix[3], (0, 0, 0, 1)):
             raise DatasetError(f"{path}: the matrix of node {index} is no affine map")
+        if ignored := [name for name in _PARTS if name in node]:
+            LOG.warning(
+                "%s: node %d has a matrix and also %s, which glTF does not allow: only the matrix is applied",
+                path, index, ", ".join(ignored),
+            )  # fmt: skip
         return matrix
     matrix = np.eye(4)
     turn = np.roll(_numbers(path, index, node, "rotation", 4, (0.0, 0.0, 0.0, 1.0)), 1)
