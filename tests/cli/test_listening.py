@@ -205,3 +205,31 @@ def test_ctrl_c_ends_live_while_kernels_are_compiled(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "stopped while kernels were compiled" in done.stderr
     assert "0 frames, 0 skipped, 0 dropped" in done.stderr
+
+
+WAITS = """
+import os, signal, sys, threading
+from pathlib import Path
+from splatwire.cli import _run_live as live
+from splatwire.cli.main import main
+from splatwire.ops import compiled
+
+def run(self):
+    path = Path(sys.argv[1], "kernel.lock")
+    with compiled._file_lock(path, "kernel"):
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        with compiled._file_lock(path, "kernel"):  # a second handle, as that of another process
+            pass
+
+live.LiveIngest.run = run
+live.COMPILING_S = 0.3
+main(["live", sys.argv[1], "--port", "0"])
+"""
+
+
+def test_ctrl_c_ends_live_while_another_process_compiles(tmp_path):
+    words = [sys.executable, "-c", WAITS, str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "waiting for another process that compiles kernel" in done.stderr
+    assert "stopped while kernels were compiled" in done.stderr

@@ -29,6 +29,19 @@ def test_compilation_is_reported_at_once_and_every_few_seconds(clock, capsys):
     assert not capsys.readouterr().err
 
 
+def test_waits_for_another_process_are_reported_but_are_no_compilations(clock, capsys):
+    with _startup_progress.startup_messages("decode"):
+        for second in range(8):
+            clock[0] = 100.0 + second
+            LOG.info("waiting for kernel_%d", second, extra={"waits": True})
+        LOG.info("compiling kernel_7")
+    assert capsys.readouterr().err.splitlines() == [
+        "waiting for kernel_0",
+        "waiting for kernel_6",
+        "compiling kernels, once on this machine",
+    ]
+
+
 def test_loading_is_reported_only_on_a_terminal(monkeypatch, capsys):
     started = []
     monkeypatch.setattr(_startup_progress.threading.Timer, "start", lambda timer: started.append(timer))

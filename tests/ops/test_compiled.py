@@ -1,10 +1,13 @@
 """Compiled kernels are cached in private folders only."""
 
+import fcntl
 import logging
 import os
 import shutil
 import subprocess
 import sys
+import threading
+import time
 import types
 from pathlib import Path
 from typing import Any
@@ -150,13 +153,71 @@ def test_a_kernel_is_compiled_where_the_lock_file_cannot_be_written(tmp_path, mo
     assert kernel(21) == 42
 
 
-def test_a_suspended_process_delays_a_compilation_for_a_limited_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiled, "_TURN_S", 0.2)
+def _lock_of(kernel: Any) -> Path:
+    return Path(kernel._cache.cache_path, f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}.lock")
+
+
+@pytest.fixture
+def suspended(tmp_path, monkeypatch):
+    """Two kernels, not yet compiled, whose locks another process seems to hold; waits of 0.3 s."""
+    monkeypatch.setattr(compiled, "_TURN_S", 0.3)
+    monkeypatch.setattr(compiled, "_NOTICE_S", 0.1)
+    monkeypatch.setattr(compiled, "_IN_VAIN", threading.Event())
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
-    kernel: Any = compiled.njit()(_twice)
-    file = Path(kernel._cache.cache_path, f"{_twice.__module__}.{_twice.__qualname__}.lock")
-    with compiled._file_lock(file):
-        assert kernel(21) == 42
+    kernels: list[Any] = [compiled.njit()(_twice), compiled.njit()(_observed)]
+    with compiled._file_lock(_lock_of(kernels[0]), "_twice"), compiled._file_lock(_lock_of(kernels[1]), "_observed"):
+        yield kernels
+
+
+def _record_waits(monkeypatch) -> list[tuple[str, float, bool]]:
+    """Returns a list that will hold each wait for a lock: kernel, seconds, and if it was ever counted as compiling."""
+    waits: list[tuple[str, float, bool]] = []
+    wait, sleep = compiled._wait_for, time.sleep
+    seen: list[bool] = []
+
+    def observed_sleep(duration: float) -> None:
+        seen.append(compiled.is_compiling())
+        sleep(duration)
+
+    def observed_wait(handle: int, kernel: str) -> None:
+        seen.clear()
+        began = time.monotonic()
+        wait(handle, kernel)
+        waits.append((kernel, time.monotonic() - began, any(seen)))
+
+    clock = types.SimpleNamespace(monotonic=time.monotonic, sleep=observed_sleep)
+    monkeypatch.setattr(compiled, "time", clock)
+    monkeypatch.setattr(compiled, "_wait_for", observed_wait)
+    return waits
+
+
+def test_a_suspended_process_delays_one_compilation_for_a_limited_time(suspended, monkeypatch, caplog):
+    waits = _record_waits(monkeypatch)
+    with caplog.at_level(logging.INFO, compiled.LOG.name):
+        assert [kernel(21) for kernel in suspended] == [42, 21]
+    assert [kernel for kernel, _, _ in waits] == ["_twice", "_observed"]
+    assert waits[0][1] >= 0.3
+    assert [counted for _, _, counted in waits] == [True, False], "the second kernel does not wait"
+    assert [record.getMessage() for record in caplog.records] == ["waiting for another process that compiles _twice"]
+    assert not compiled.is_compiling()
+
+
+def test_a_lock_that_is_released_ends_the_wait(tmp_path, monkeypatch):
+    """The lock is then this process's own, and the next kernel is waited for, too."""
+    monkeypatch.setattr(compiled, "_NOTICE_S", 0.0)
+    monkeypatch.setattr(compiled, "_IN_VAIN", threading.Event())
+    path = tmp_path / "kernel.lock"
+    other = os.open(path, os.O_RDWR | os.O_CREAT)
+    fcntl.flock(other, fcntl.LOCK_EX)
+
+    def release(_: float) -> None:
+        fcntl.flock(other, fcntl.LOCK_UN)
+
+    monkeypatch.setattr(compiled, "time", types.SimpleNamespace(monotonic=time.monotonic, sleep=release))
+    with compiled._file_lock(path, "kernel"), pytest.raises(BlockingIOError):
+        fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    os.close(other)
+    assert not compiled._IN_VAIN.is_set()
 
 
 def test_compilation_is_logged_once_and_loading_is_not(tmp_path, monkeypatch, caplog):

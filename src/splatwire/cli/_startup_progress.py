@@ -1,6 +1,7 @@
 """Messages during long startup phases: loading of libraries and compilation of kernels."""
 
 import logging
+import math
 import sys
 import threading
 import time
@@ -19,7 +20,7 @@ class StartupProgress(logging.Handler):
         super().__init__(logging.INFO)
         self._loading = threading.Timer(_PATIENCE_S, self.loading, (verb,))
         self._loading.daemon = True
-        self._kernels, self._began, self._told = 0, 0.0, 0.0
+        self._kernels, self._began, self._told = 0, 0.0, -math.inf
 
     def loading(self, verb: str) -> None:
         """Prints that libraries are being loaded.
@@ -39,11 +40,17 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints to standard error that kernels are being compiled, and how many are done."""
+        """Prints to standard error which kernels are compiled, here or by another process, and how many are done."""
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return
         now = time.monotonic()
+        if getattr(record, "waits", False):
+            if now - self._told > _INTERVAL_S:
+                self._told = now
+                self._loading.cancel()
+                print(record.getMessage(), file=sys.stderr, flush=True)
+            return
         if self._kernels == 0:
             self._began = self._told = now
             self._loading.cancel()

@@ -30,7 +30,11 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LOCK = threading.Lock()
 _TURN_S = 300.0
 """Longest wait for another process that compiles the same kernel, seconds: it may be suspended."""
+_NOTICE_S = 1.0
+"""Longest wait that is not logged, seconds: the other process may only load the kernel."""
 _POLL_S = 0.05
+_IN_VAIN = threading.Event()
+"""Set after a wait of `_TURN_S`, to prevent later ones: a suspended process may have locked many kernels."""
 _HELD: set[Path] = set()
 """Lock files of this process. A kernel is compiled while the kernels that call it are."""
 
@@ -103,7 +107,7 @@ def _in_turn(kernel: Any) -> Callable[[Any], Any]:
         with global_compiler_lock:  # first, as numba takes it: threads would wait for each other otherwise
             if file in _HELD:  # a recursive kernel, or one of equal name
                 return make(signature)
-            with _file_lock(file):
+            with _file_lock(file, kernel.py_func.__qualname__):
                 _HELD.add(file)
                 try:
                     return make(signature)
@@ -114,8 +118,16 @@ def _in_turn(kernel: Any) -> Callable[[Any], Any]:
 
 
 @contextmanager
-def _file_lock(path: Path) -> Iterator[None]:
-    """Holds a lock file; does nothing where that is impossible, or after a wait of `_TURN_S`."""
+def _file_lock(path: Path, kernel: str) -> Iterator[None]:
+    """Keeps a kernel locked during the context, if that is possible.
+
+    The context begins without the lock if the file cannot be opened, if the system has no locks, or if another process
+    keeps the lock longer than `_wait_for` waits. Two processes may then compile the same kernel.
+
+    Args:
+        path: The lock file; made if it is absent.
+        kernel: Name of the kernel for the log.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o600) if fcntl else None
@@ -123,7 +135,7 @@ def _file_lock(path: Path) -> Iterator[None]:
         handle = None
     try:
         if handle is not None:
-            _wait_for(handle)
+            _wait_for(handle, kernel)
         yield
     finally:
         if handle is not None:
@@ -132,16 +144,34 @@ def _file_lock(path: Path) -> Iterator[None]:
             os.close(handle)
 
 
-def _wait_for(handle: int) -> None:
-    end = time.monotonic() + _TURN_S
-    while time.monotonic() < end:
+def _wait_for(handle: int, kernel: str) -> None:
+    """Locks an open file, and waits up to `_TURN_S` for another process; only tries it if an earlier wait was in vain.
+
+    A wait that is longer than `_NOTICE_S` is logged, and counts as a compilation.
+    """
+    waits = not _IN_VAIN.is_set()
+    if _lock_within(_NOTICE_S if waits else 0.0, handle) or not waits:
+        return
+    LOG.info("waiting for another process that compiles %s", kernel, extra={"waits": True})
+    with _COMPILATIONS.counted():
+        if not _lock_within(_TURN_S - _NOTICE_S, handle):
+            _IN_VAIN.set()
+
+
+def _lock_within(duration_s: float, handle: int) -> bool:
+    """Tries at least once to lock an open file; returns False if another process holds the lock all the time."""
+    end = time.monotonic() + duration_s
+    while True:
         try:
-            return fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
+            if time.monotonic() >= end:
+                return False
             time.sleep(_POLL_S)
         except OSError:  # a file system without locks
-            return None
-    return None
+            return True
+        else:
+            return True
 
 
 def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
@@ -242,7 +272,7 @@ class _Compilations(event.Listener):
 
     Attributes:
         depth: Number of running compilations in the current thread, one inside another.
-        num_running: Number of running compilations in all threads.
+        num_running: Number of running compilations in all threads, and of waits for those of other processes.
     """
 
     def __init__(self) -> None:
@@ -255,13 +285,24 @@ class _Compilations(event.Listener):
         if depth == 0 and function.__module__.startswith("splatwire."):
             LOG.info("compiling %s", function.__qualname__)
         self.depth.value = depth + 1
-        with _LOCK:
-            self.num_running += 1
+        self._count(1)
 
     def on_end(self, event: Any) -> None:
         self.depth.value -= 1
+        self._count(-1)
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Context that counts as a running compilation."""
+        self._count(1)
+        try:
+            yield
+        finally:
+            self._count(-1)
+
+    def _count(self, change: int) -> None:
         with _LOCK:
-            self.num_running -= 1
+            self.num_running += change
 
 
 _COMPILATIONS = _Compilations()
@@ -269,5 +310,5 @@ event.register("numba:compile", _COMPILATIONS)
 
 
 def is_compiling() -> bool:
-    """True if a thread of this process is compiling a kernel."""
+    """True if a thread of this process is compiling a kernel, or waits for another process that compiles it."""
     return _COMPILATIONS.num_running > 0
