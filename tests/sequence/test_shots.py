@@ -94,6 +94,19 @@ def test_tracks_move_on_through_shots_with_other_units(sizes):
     assert worst(frames, stream) < 0.3
 
 
+@pytest.mark.parametrize(("speed", "stands"), [(0.0, False), (100.0, True)])
+def test_tracks_too_fast_for_the_units_after_a_cut_stand_still_with_a_warning(caplog, speed, stands):
+    frames = lasting_frames(FRAMES, [1.0, 2e-6], lasting=40)
+    for number in range(FRAMES, 2 * FRAMES):
+        frames[number].means[:40, 0] += speed * (number - FRAMES)
+    shown = decode_frames(decode_stream(encode_sequence(frames, OPTIONS)[0]).scene)
+    after = [frame.scene.splats.means for frame in shown][FRAMES:]
+    first, *later = (means[np.abs(means).max(axis=1) > 1e-4] for means in after)  # the new scene is far smaller
+    assert all(len(means) >= 39 for means in [first, *later])  # one of them disappears
+    assert all(np.isin(means, first).all() for means in later) == stands
+    assert ("40 Gaussians of the scene before a cut stand still in the 4 frames" in caplog.text) == stands
+
+
 def test_units_change_without_loss_to_finer_ones_and_back():
     places = np.array([[5, -7, 1 << 40], [0, 1, -1]])
     shifts = np.full((2, NUM_CHANNELS), 4)
