@@ -100,6 +100,30 @@ def test_changes_are_coarse_until_all_have_been_sent() -> None:
     assert state.pushed(newest, 0.25).chain is state.chain
 
 
+def test_the_finest_class_returns_after_no_gaussian_had_it() -> None:
+    first, shell = some_splats(120), np.random.default_rng(4).normal(size=(120, 3)).astype(np.float32)
+    shell /= np.linalg.norm(shell, axis=1, keepdims=True)
+    newest = replace(
+        first, means=shell, scales=np.full((120, 3), 0.05, np.float32), opacities=np.full(120, 0.98, np.float32),
+    )  # fmt: skip
+    states = [PartialUpdates.start(newest)]
+    for push in range(14):
+        if push < 10:
+            newest = replace(newest, sh=newest.sh + np.float32(0.3))
+        states.append(states[-1].pushed(newest, 0.5))
+    classes = [decode_stream(state.chain.scene).scene.coding.classes for state in states]
+    finest = classes[0].max()
+    assert (classes[0] == finest).all()
+    assert (classes[10] == finest - 1).all()
+    assert (classes[12] == finest).all()
+    expected = apply_update(states[0].chain.scene, encode_update(states[0].chain.scene, newest))
+    assert stream_to_bytes(states[-1].chain.scene) == stream_to_bytes(expected)
+    for before, after in zip(states[:-1], states[1:], strict=True):
+        if after.chain is not before.chain:
+            update = after.chain.updates[-1]
+            assert stream_to_bytes(apply_update(before.chain.scene, update)) == stream_to_bytes(after.chain.scene)
+
+
 def test_a_scene_that_stays_makes_no_update() -> None:
     state = PartialUpdates.start(some_splats())
     for _ in range(2):

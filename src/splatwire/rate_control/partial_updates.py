@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int64
 
 from splatwire.bitstream import PRESETS
+from splatwire.codec.decoding import decode_stream
 from splatwire.codec.encoding import encode_scene
 from splatwire.codec.update.chain import UpdateChain
 from splatwire.errors import InvalidValueError
@@ -59,6 +60,7 @@ class PartialUpdates:
 
     Attributes:
         chain: Stream that the receivers got first, and its updates.
+        finest: Number of the finest precision class in that first stream; 0 is the coarsest.
         newest: Gaussians of the newest scene.
         held: Gaussians as the receivers have them, without rounding, in the order of `newest`.
         known: Mask of the Gaussians that the receivers have.
@@ -72,6 +74,7 @@ class PartialUpdates:
     # Rows of `held` outside of `known` are undefined. Sizes are from `_scene_size`.
 
     chain: UpdateChain
+    finest: int
     newest: Splats
     held: Splats
     known: Bool[np.ndarray, "G"]
@@ -96,7 +99,8 @@ class PartialUpdates:
         known = SplatScene(splats).drawable.copy()
         size = _scene_size(splats.select(known))
         chain, coarse = UpdateChain(stream, stream), np.zeros(len(known), bool)
-        return PartialUpdates(chain, splats, splats, known, coarse, int(known.sum()), size, antialiased=antialiased)
+        finest, count = int(decode_stream(stream).scene.coding.classes.max()), int(known.sum())
+        return PartialUpdates(chain, finest, splats, splats, known, coarse, count, size, antialiased=antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
         """Encodes the largest changes of the Gaussians as an update; the other changes remain for later calls.
@@ -141,7 +145,8 @@ class PartialUpdates:
         known[chosen], coarse[chosen] = True, in_motion
         classes = np.where(coarse[known], COARSE_CLASS, 0).astype(np.int8)
         try:
-            chain = self.chain.edited(SplatScene(mixed.select(known), antialiased=self.antialiased), classes)
+            sent = SplatScene(mixed.select(known), antialiased=self.antialiased)
+            chain = self.chain.edited(sent, self.finest, classes)
         except InvalidValueError as error:
             LOG.warning("update: %s; the whole scene is sent again", error)
             return PartialUpdates.start(splats, self.antialiased)

@@ -48,6 +48,23 @@ def test_receivers_of_every_state_reach_the_newest_one(packetization) -> None:
     assert chain.scene.manifest.num_elements == 500 - len(BALL)
 
 
+def test_gaussians_keep_their_classes_in_datagrams() -> None:
+    source, splats = encode_splats(some_splats(), SMALL), some_splats()
+    finest = int(decode_stream(source).scene.coding.classes.max())
+    chain, full = UpdateChain(source, into_datagrams(source)), UpdateChain(source, source)
+    # The second update has a class that no Gaussian has after the first one.
+    for level in (-1, 0):
+        classes = np.full(splats.num_gaussians, level, np.int8)
+        splats = recoloured(splats)
+        full = full.edited(SplatScene(replace(splats, sh=splats.sh + np.float32(0.2))), finest, classes)
+        update = full.updates[-1]
+        chain = chain.extended(update)
+        for stream in (full.scene, chain.source, chain.scene):
+            np.testing.assert_array_equal(decode_stream(stream).scene.coding.classes, finest + level)
+        rows = [sorted_rows(decode_stream(stream).scene.splats) for stream in (chain.source, chain.scene)]
+        np.testing.assert_array_equal(*rows)
+
+
 def test_updates_in_packets_larger_than_datagrams_are_split() -> None:
     source, splats = encode_splats(some_splats(), DATAGRAM), some_splats()
     update = encode_update(source, replace(splats, means=splats.means + np.float32(0.3)))

@@ -58,22 +58,26 @@ class UpdateChain:
             fits = own.hashed and own.packet_bytes <= most
             return self._with(source, source, update if fits else into_datagrams(update))
         scene = decode_stream(source).scene
-        finest = int(decode_stream(self.scene).scene.coding.classes.max())
-        change = encode_change(self.scene, scene, (scene.coding.classes.astype(int) - finest).astype("int8"))
+        # Each Gaussian keeps its class, also one that `self.scene` does not contain.
+        finest = int(scene.coding.classes.max())
+        classes = (scene.coding.classes.astype(int) - finest).astype("int8")
+        change = encode_change(self.scene, scene, classes, finest=finest)
         return self._with(source, change.result, change.update)
 
-    def edited(self, scene: SplatScene, classes: np.ndarray | None = None) -> "UpdateChain":
+    def edited(self, scene: SplatScene, finest: int, classes: np.ndarray | None = None) -> "UpdateChain":
         """Encodes a changed scene as an update; returns the chain with the new state.
 
         Args:
             scene: The changed scene.
-            classes: Precision class of each Gaussian, as for `encode_update`. A Gaussian of the stream with a coarser
-                class is replaced.
+            finest: Number of the finest precision class of the scene's first stream; 0 is the coarsest. The newest
+                stream may have no Gaussian of that class.
+            classes: Precision class of each Gaussian (M), 0 for `finest` and negative for coarser; None for `finest`. A
+                Gaussian of the stream with a coarser class is replaced.
 
         Raises:
             InvalidValueError: If an update cannot express the change, see `encode_update`.
         """
-        change = encode_change(self.scene, scene, classes, refine=True)
+        change = encode_change(self.scene, scene, classes, finest=finest)
         if manifest_digest(change.result.manifest) == manifest_digest(self.scene.manifest):
             return self
         return self._with(change.result, change.result, change.update)

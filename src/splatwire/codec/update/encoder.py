@@ -51,7 +51,7 @@ def encode_update(
         base: The stream of the scene before the change, complete.
         scene: The changed scene, in the same units and coordinates.
         classes: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M), 0 for the
-            finest and negative for coarser; None for the finest.
+            finest of those that `base` contains and negative for coarser; None for the finest.
         threads: Number of threads; None for one per processor.
 
     Returns:
@@ -78,7 +78,7 @@ class EncodedChange(NamedTuple):
 
 def encode_change(
     base: SceneStream, scene: SplatScene | ReceivedScene[SplatScene] | Splats, classes: np.ndarray | None = None,
-    threads: int | None = None, *, refine: bool = False,
+    threads: int | None = None, *, finest: int | None = None,
 ) -> EncodedChange:  # fmt: skip
     """Encodes the changes of a scene (see `encode_update`), and returns the update together with the changed stream.
 
@@ -87,7 +87,9 @@ def encode_change(
         scene: As for `encode_update`.
         classes: As for `encode_update`.
         threads: As for `encode_update`.
-        refine: True to replace Gaussians of the stream that have a coarser class than `classes` requests.
+        finest: Number of the finest precision class in the bitstream, from 0 (the coarsest) to `MAX_CLASSES - 1`.
+            Gaussians of the stream that have a coarser class than `classes` requests are then replaced. None for the
+            finest class that the stream contains, without such replacements.
     """
     info = check_base(base)
     found = as_scene(scene)
@@ -117,15 +119,16 @@ def encode_change(
         )  # fmt: skip
     after = within_reach(after, coding.size_log)
     least = None
-    if refine:
+    if finest is not None:
         wanted = None if classes is None else classes[kept]
-        least = coded_classes(wanted, after.num_gaussians, int(coding.classes.max()))
+        least = coded_classes(wanted, after.num_gaussians, finest)
     match = find_unchanged(before.splats, coding, after, least)
     fresh = np.flatnonzero(match < 0)
     removed = np.ones(before.num_elements, bool)
     removed[match[match >= 0]] = False
     chosen = None if classes is None else classes[kept][fresh]
-    new = _encode_new(base, info, coding, after.select(fresh), chosen, threads)
+    most = int(coding.classes.max()) if finest is None else finest
+    new = _encode_new(base, info, coding, after.select(fresh), chosen, most, threads)
     result = changed_stream(base, info, before, removed, _decoded(new), new.manifest.writer, threads)
     fields = UpdateFields(
         manifest_digest(base.manifest), manifest_digest(result.manifest), result.manifest.writer,
@@ -135,15 +138,24 @@ def encode_change(
 
 
 def _encode_new(
-    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None,
+    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None, most: int,
     threads: int | None,
 ) -> SceneStream:  # fmt: skip
-    """Encodes the new Gaussians of an update as a stream, with the quantisation steps of the old stream."""
+    """Encodes the new Gaussians of an update as a stream, with the quantisation steps of the old stream.
+
+    Args:
+        base: The old stream.
+        info: Its side information.
+        coding: Quantisation steps of the old stream.
+        new: The new Gaussians.
+        classes: Their precision classes, 0 for `most` and negative for coarser; None for `most`.
+        most: Number of the finest precision class in the bitstream.
+        threads: Number of threads; None for one per processor.
+    """
     packetization = base.manifest.packetization
     info = replace(info, sections={})
     if not new.num_gaussians:
         return _without_gaussians(base, info)
-    most = int(coding.classes.max())
     levels = raise_flat(new, coded_classes(classes, new.num_gaussians, most), most, info.bases, coding.size_log)
     scene = SplatScene(new, coding=replace(coding, classes=np.array(levels)))
     prepared = prepare_splats(scene, Options(packetization, threads=threads), info)
