@@ -1,6 +1,7 @@
 """Updates with a share of the changes lead to the scene that an update with all changes gives."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_the_finest_class_returns_after_no_gaussian_had_it() -> None:
     assert (classes[12] == finest).all()
     expected = apply_update(states[0].chain.scene, encode_update(states[0].chain.scene, newest))
     assert stream_to_bytes(states[-1].chain.scene) == stream_to_bytes(expected)
-    for before, after in zip(states[:-1], states[1:], strict=True):
+    for before, after in pairwise(states):
         if after.chain is not before.chain:
             update = after.chain.updates[-1]
             assert stream_to_bytes(apply_update(before.chain.scene, update)) == stream_to_bytes(after.chain.scene)
