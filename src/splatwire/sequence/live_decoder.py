@@ -1,7 +1,6 @@
 """Decoder of live sequences: yields the frames of a group of pictures (GOP) without waiting for later groups."""
 
 import itertools
-import queue
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -17,7 +16,8 @@ from splatwire.files.byte_io import ByteReader
 from splatwire.ops.threads import allowed_threads
 from splatwire.sequence.decoding import SequenceFrame, decode_group
 from splatwire.sequence.encoding import FIRST_FRAME
-from splatwire.transport.protocol.events import Event, PacketArrived, SideInfoArrived
+from splatwire.sequence.waiting_events import WaitingEvents
+from splatwire.transport.protocol.events import PacketArrived, SideInfoArrived
 
 
 class LiveDecoder:
@@ -169,12 +169,12 @@ class LiveDecoder:
         self._fresh -= keyframes
 
 
-def frames_of_events(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[SequenceFrame]:
+def frames_of_events(decoder: LiveDecoder, waiting: WaitingEvents) -> Iterator[SequenceFrame]:
     """Decodes a live sequence from the events of its receiver; yields each frame once it is decoded.
 
     Args:
         decoder: Decoder of the sequence.
-        waiting: Queue of the events; None in the queue marks the end of the transfer.
+        waiting: Queue of the events.
 
     Raises:
         BitstreamError: If the stream is invalid or needs too much memory.

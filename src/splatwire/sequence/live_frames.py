@@ -1,18 +1,16 @@
 """Writes the frames of a live sequence while it is received."""
 
 import logging
-import queue
 import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
 from splatwire.bitstream.stream import FILE_SUFFIX
-from splatwire.transport import Event, PacketArrived, Welcomed
+from splatwire.sequence.waiting_events import WaitingEvents
+from splatwire.transport import Event, Welcomed
 
 LOG = logging.getLogger(__name__)
-MAX_WAITING = 1 << 18
-"""Maximum number of received events that wait for decoding, about 0.5 GB: four minutes of packets at 10 Mbit/s."""
 
 
 class LiveFrames:
@@ -28,7 +26,7 @@ class LiveFrames:
 
     def __init__(self, path: Path, concealer: str | None, show: Callable[[str, float], None]) -> None:
         self._folder, self._concealer, self._show = path, concealer, show
-        self._waiting: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._waiting = WaitingEvents()
         self._thread: threading.Thread | None = None
         self._error: Exception | None = None
         self._drops = False
@@ -50,16 +48,9 @@ class LiveFrames:
             self._folder.mkdir(exist_ok=True)
             self._thread = threading.Thread(target=self._work, name="frames", daemon=True)
             self._thread.start()
-        if self.began and not (isinstance(event, PacketArrived) and self._is_behind()):
-            self._waiting.put(event)
-
-    def _is_behind(self) -> bool:
-        """True if too many events wait for decoding. Logs a warning the first time."""
-        behind = self._waiting.qsize() >= MAX_WAITING
-        if behind and not self._drops:
+        if self.began and not self._waiting.put(event) and not self._drops:
             LOG.warning("frames are written more slowly than they arrive: packets are dropped")
-        self._drops = self._drops or behind
-        return behind
+            self._drops = True
 
     def finish(self) -> None:
         """Waits until all received frames are written.
@@ -68,7 +59,7 @@ class LiveFrames:
             SplatwireError: If writing a frame failed.
         """
         if self._thread is not None:
-            self._waiting.put(None)
+            self._waiting.end()
             self._thread.join()
         if self._error is not None:
             raise self._error
@@ -79,7 +70,7 @@ class LiveFrames:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._waiting.put(None)
+        self._waiting.end()
 
     def _work(self) -> None:
         from splatwire.sequence.written_frames import write_live_frames  # takes a second, in which packets arrive

@@ -1,7 +1,6 @@
 """Writes the frames of a sequence to files."""
 
 import logging
-import queue
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.sequence.decoding import SequenceFrame, decode_frame, decode_frames
 from splatwire.sequence.frames import Sequence
 from splatwire.sequence.live_decoder import LiveDecoder, frames_of_events
-from splatwire.transport import Event
+from splatwire.sequence.waiting_events import WaitingEvents
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -116,13 +115,11 @@ def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Rep
     return written
 
 
-def write_live_frames(
-    waiting: "queue.SimpleQueue[Event | None]", folder: Path, concealer: str | None, written: Callable[[], None]
-) -> None:
+def write_live_frames(waiting: WaitingEvents, folder: Path, concealer: str | None, written: Callable[[], None]) -> None:
     """Writes a PLY for each frame of a live sequence as soon as it can be decoded.
 
     Args:
-        waiting: Queue of the events of the receiver; None marks the end of the transfer.
+        waiting: Queue of the events of the receiver.
         folder: Output folder.
         concealer: Concealer for tracks with lost motion; None for the default.
         written: Called after each frame.
