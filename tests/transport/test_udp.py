@@ -220,6 +220,21 @@ def test_transfer_continues_after_this_machine_gets_another_address(monkeypatch:
     run(work())
 
 
+def test_a_socket_that_cannot_be_connected_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = list[socket.socket]()
+
+    class Socket(socket.socket):
+        def connect(self, target: Any) -> None:
+            opened.append(self)
+            raise OSError(errno.EHOSTUNREACH, "No route to host")
+
+    monkeypatch.setattr(udp.socket, "socket", Socket)
+    with pytest.raises(OSError, match="No route to host") as caught:
+        connected_socket(socket.AF_INET, ("127.0.0.1", 1))
+    assert caught.value.errno in udp.NO_ROUTE
+    assert [each.fileno() for each in opened] == [-1]
+
+
 def test_a_port_in_use_is_named():
     async def work() -> None:
         server = served(OTHER)

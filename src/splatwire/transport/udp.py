@@ -26,8 +26,11 @@ BATCH = 256
 LARGEST_READ = 2048
 MOST_ANSWERS = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
-NO_ROUTE = (errno.EADDRNOTAVAIL, errno.ENETDOWN, errno.ENETUNREACH)
-"""Error codes of connecting and sending if this machine has no route to the server, or no address."""
+NO_ROUTE = (errno.EADDRNOTAVAIL, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENETUNREACH)
+"""Error codes of connecting and sending if this machine has no route to the server, or no address.
+
+On Windows, Python gives these names the values of its socket errors, such as WSAENETUNREACH.
+"""
 ADDRESS_GONE = errno.EINVAL
 """Error code of sending if this machine no longer has the address of the socket."""
 
@@ -178,12 +181,20 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
 
 
 def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
-    """Returns a UDP socket that receives datagrams from one server only."""
+    """Returns a UDP socket that receives datagrams from one server only.
+
+    Raises:
+        OSError: If there is no route to the server, or no further file descriptor.
+    """
     connection = socket.socket(family, socket.SOCK_DGRAM)
     connection.setblocking(False)
     with suppress(OSError):
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER)
-    connection.connect(target)
+    try:
+        connection.connect(target)
+    except OSError:
+        connection.close()
+        raise
     return connection
 
 
