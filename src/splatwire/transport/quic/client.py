@@ -85,7 +85,8 @@ async def receive_quic(
         The finished receiver; `Receiver.finished` has the reason.
 
     Raises:
-        InvalidValueError: If the host name cannot be resolved.
+        UnknownHostError: If the host name cannot be resolved.
+        OSError: If the first socket cannot be opened or connected, such as without a route to the server.
     """
     loop, trust = asyncio.get_running_loop(), trust or Trust()
     receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
@@ -108,7 +109,7 @@ async def receive_quic(
             if stop is not None and stop.done():
                 transfer_events = receiver.stop()[1]
             elif not receiver.may_resume(began):
-                transfer_events = receiver.stop(f"the server fell silent; {error.strerror}")[1]
+                transfer_events = receiver.stop(f"the server fell silent; {error.strerror or error}")[1]
         else:
             client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
             if stop is not None:
