@@ -72,9 +72,11 @@ export class Clip extends EventTarget {
    * forbids `worker-src blob:`.
    */
   static async open(url: string | URL, options: ClipOptions = {}): Promise<Clip> {
-    const { concealer = "motion", session = null, signal } = options,
-      source = await sourceOf(new URL(url, globalThis.location?.href), session),
-      worker = startReceiver();
+    const { concealer = "motion", session = null, signal } = options;
+    signal?.throwIfAborted();
+    const source = await sourceOf(new URL(url, globalThis.location?.href), session);
+    signal?.throwIfAborted();
+    const worker = startReceiver();
     try {
       worker.postMessage({ kind: "open", ...source, bytes: null } satisfies ToWorker);
       const facts = await firstFacts(worker, signal),
@@ -138,9 +140,11 @@ export class Clip extends EventTarget {
 
   /** Plays from the current time, from the start if the clip has ended, or at the live position. */
   play(): void {
+    const now = performance.now() / 1000;
+    this.#due(now); // it may have ended since the last picture
     if (this.ended && !this.live) this.#clock.seek(0);
     this.#paused = false;
-    this.#clock.play(performance.now() / 1000);
+    this.#clock.play(now);
   }
 
   pause(): void {
@@ -174,8 +178,9 @@ export class Clip extends EventTarget {
     return arrived;
   }
 
-  /** Ends the transfer and the worker. */
+  /** Ends the transfer and the worker. No event follows. */
   close(): void {
+    this.#paused = true; // before the pause, which would send `ended` after the last frame
     this.pause();
     this.worker.terminate();
   }
@@ -231,23 +236,19 @@ export class Clip extends EventTarget {
   }
 }
 
-/** Resolves with the properties of a stream. Rejects if it cannot be received, or if `given` is aborted. */
+/** Resolves with the properties of a stream. Rejects if it cannot be received, or when `given` is aborted. */
 function firstFacts(worker: Worker, given?: AbortSignal): Promise<Facts> {
-  return new Promise((resolve, reject) => {
-    const done = new AbortController(),
-      { signal } = done,
-      abort = (): void => reject(given!.reason);
-    if (given?.aborted) abort();
-    given?.addEventListener("abort", abort, { signal });
+  const done = new AbortController(),
+    { signal } = done;
+  return new Promise<Facts>((resolve, reject) => {
+    given?.addEventListener("abort", () => reject(given.reason), { signal });
     const listen = ({ data }: MessageEvent<FromWorker>): void => {
-      if (data.kind !== "facts" && data.kind !== "failed") return;
-      done.abort();
       if (data.kind === "facts") resolve(data.facts);
-      else reject(new Error(data.text));
+      else if (data.kind === "failed") reject(new Error(data.text));
     };
     worker.addEventListener("message", listen, { signal });
     worker.addEventListener("error", ({ message }) => reject(new Error(message || "the worker did not start")), {
       signal,
     });
-  });
+  }).finally(() => done.abort());
 }

@@ -1,6 +1,7 @@
 // `splatwire/clip`: what a clip does with the messages of its worker.
 
 import assert from "node:assert/strict";
+import { getEventListeners } from "node:events";
 import { type TestContext, test } from "node:test";
 
 import { Clip, type ClipOptions } from "../src/clip.ts";
@@ -88,6 +89,26 @@ test("a clip ends once, also if it is paused after its last frame and before the
   }
 });
 
+test("a clip that is played after its last frame has ended before, and a closed one does not end", async (t) => {
+  for (const [use, expected] of [
+    [(clip: Clip) => clip.play(), ["ended"]],
+    [(clip: Clip) => clip.close(), []],
+  ] as const) {
+    const [clip, worker, at] = await opened(t),
+      events = heard(clip);
+    clip.update();
+    frame(worker, 0);
+    clip.play();
+    at(5000);
+    assert.equal(clip.currentTime, 1.9);
+    use(clip);
+    clip.update();
+    assert.deepEqual(events, expected);
+    assert.deepEqual([clip.paused, worker.isTerminated], [!expected.length, !expected.length]);
+    t.mock.restoreAll();
+  }
+});
+
 test("a replaced file is an error, because its frames have another size and rate", async (t) => {
   const [clip, worker] = await opened(t),
     events = heard(clip);
@@ -111,6 +132,7 @@ test("opening fails for stills, unknown concealers, failures and aborted signals
     [{}, (worker) => worker.send({ kind: "facts", facts: factsOf(null) }), /not a clip/],
     [{ concealer: "grow" }, (worker) => worker.send({ kind: "facts", facts: factsOf(TIMING) }), /no concealer 'grow'/],
     [{}, (worker) => worker.send({ kind: "failed", text: "there is no such file" }), /no such file/],
+    [{}, (worker) => worker.dispatchEvent(Object.assign(new Event("error"), { message: "no memory" })), /no memory/],
     [{}, (_, stop) => stop.abort(new Error("too slow")), /too slow/],
   ];
   for (const [options, fail, reason] of cases) {
@@ -121,6 +143,16 @@ test("opening fails for stills, unknown concealers, failures and aborted signals
     fail(worker, stop);
     await assert.rejects(opening, reason);
     assert.equal(worker.isTerminated, true);
+    assert.deepEqual(getEventListeners(stop.signal, "abort"), []);
   }
-  await assert.rejects(Clip.open("https://scenes.example/a.swz", { signal: AbortSignal.abort() }), /aborted/);
+});
+
+test("a signal that is aborted before the worker starts prevents it", async () => {
+  FakeWorker.last = null;
+  const stop = new AbortController(),
+    opening = Clip.open("https://scenes.example/a.swz", { signal: stop.signal });
+  stop.abort();
+  await assert.rejects(opening, /aborted/);
+  await assert.rejects(Clip.open("https://scenes.example/a.swz", { signal: stop.signal }), /aborted/);
+  assert.equal(FakeWorker.last, null);
 });
