@@ -471,9 +471,11 @@ export class WorkerReceiver implements Receiver {
       await delay(Math.min(UPDATE_MS * 2 ** failures, MAX_UPDATE_MS));
       if (!this.#follows) continue;
       try {
-        const bytes = await readWhole(updateUrl(file, this.#updated.digest));
-        if (bytes) {
-          this.#applyUpdate(await readUpdate(bytes, periodicPause()));
+        const bytes = await readWhole(updateUrl(file, this.#updated.digest)),
+          update = bytes && (await readUpdate(bytes, periodicPause()));
+        if (!this.#follows) continue;
+        if (update) {
+          this.#applyUpdate(update);
           polls = 0;
         } else if (++polls % RELOAD_POLLS === 0) await this.#reload(file);
         failures = 0;

@@ -180,6 +180,27 @@ test("updates are requested only while the page wants them", async () => {
   await ended(reception);
 });
 
+test("an update that arrives after the page wants no more is not applied", async () => {
+  const file = bytesOf(CHAIN.states[0]),
+    server = new Server((asked) => part(file, asked)),
+    { reception, said, complete } = await visit();
+  assert.ok(complete && server.asked.length);
+  let answered = false;
+  mock.method(globalThis, "fetch", async () => {
+    if (!answered) await reception.follow("");
+    answered = true;
+    return new Response(readFileSync(CHAIN.updates[0]));
+  });
+  mock.timers.enable({ apis: ["setTimeout"] });
+  void reception.follow(URL_);
+  for (let n = 0; n < 50; n++) {
+    await new Promise((resolve) => setImmediate(resolve));
+    mock.timers.tick(500);
+  }
+  assert.ok(answered && !said.some(({ kind }) => kind === "update"));
+  await ended(reception);
+});
+
 test("a damaged update is requested again, and the whole scene after the third one", async () => {
   const damaged = (update: Uint8Array): Uint8Array => flipped(update, update.length - 9),
     [said, scenes] = await followed((update, n) => (n < 2 ? damaged(update) : update));
