@@ -3,8 +3,8 @@
 import numpy as np
 
 CHANNELS = ("x", "y", "z", "rx", "ry", "rz", "scale0", "scale1", "scale2", "opacity", "luma", "orange", "green")
-"""Channels of motion: position (in half lattice units); rotation (vector of length four times the tangent of a quarter
-of the angle, in fixed point with 14 fractional bits); logarithms of the scales in decreasing order, and of the opacity;
+"""Channels of motion: position (in units of motion); rotation (vector of length four times the tangent of a quarter of
+the angle, in fixed point with 14 fractional bits); logarithms of the scales in decreasing order, and of the opacity;
 base colour as Y Co Cg (12 fractional bits).
 """
 NUM_CHANNELS = 13

@@ -6,7 +6,7 @@ import { COLUMNS, LATTICE } from "../gaussians/layout.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { HEAD, MAX_PLACE, NUM_CHANNELS, TRACK } from "./layout.ts";
 import type { TrackBases } from "./motion_packets.ts";
-import { motionUnit, type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
+import { type SequenceInfo, type Shot, shotOf } from "./side_info.ts";
 import { limitShift, MotionSteps } from "./steps.ts";
 
 /** Largest number of tracks. Each announced track takes four bytes. */
@@ -81,14 +81,14 @@ export class KeyframeGaussians {
    */
   of(headers: Int32Array, group: number): TrackBases | null {
     const count = headers.length / HEAD,
-      unit = motionUnit(this.info, group),
+      unit = this.info.units[group],
       places = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
       const slot = this.slots[headers[HEAD * i + TRACK]] ?? -1;
       if (slot < 0) return null;
       for (let c = 0; c < NUM_CHANNELS; c++) shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * slot + c];
-      const octaves = motionUnit(this.info, this.birthGroups[slot]) - unit;
+      const octaves = this.info.units[this.birthGroups[slot]] - unit;
       for (let a = 0; a < 3; a++) {
         places[3 * i + a] = scaledPlace(this.places[3 * slot + a], 2 ** octaves);
         shifts[NUM_CHANNELS * i + a] = limitShift(shifts[NUM_CHANNELS * i + a] + octaves);

@@ -24,7 +24,7 @@ export interface DecodedMotion {
 
 /** Properties of the tracks' bases. */
 export interface TrackBases {
-  /** Positions in half lattice units, shape (tracks, 3). */
+  /** Positions in units of motion, shape (tracks, 3). */
   readonly places: Float64Array;
   /** log2 of the steps, shape (tracks, channels). */
   readonly shifts: Int32Array;

@@ -28,7 +28,7 @@ let buffer = new Float64Array(0);
 /**
  * Returns the coefficients, one row per track; 0 for tracks that do not move. The result is valid until the next call.
  *
- * @param places Positions of the bases, half lattice units, shape (n, 3).
+ * @param places Positions of the bases, units of motion, shape (n, 3).
  * @param moving Moving tracks (1), shape (n).
  * @param shifts log2 of the steps, shape (n, channels).
  * @param residuals Residuals in steps, shape (n, channels, F).

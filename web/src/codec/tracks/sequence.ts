@@ -13,7 +13,7 @@ import { type DecodedMotion, FastMotionPackets } from "./motion_packets.ts";
 import { Extrapolation, repeatLastOffset } from "./motion_prediction.ts";
 import type { PreviousState, TrackOffsets } from "./poses.ts";
 import { HELD, HIDDEN, MOVED, placesOf, select } from "./selection.ts";
-import { motionUnit, type SequenceInfo } from "./side_info.ts";
+import type { SequenceInfo } from "./side_info.ts";
 import type { Timeline } from "./timeline.ts";
 import { movedSplats } from "./trajectories.ts";
 
@@ -229,7 +229,7 @@ export class Sequence implements SequenceDecoder {
       { firstNew } = info.groups[group],
       decoded = this.#packets.decode({ payload, count, frames, firstNew }, (headers) => this.bases.of(headers, group));
     if (!decoded) return null;
-    scalePositions(decoded.offsets, 2 ** motionUnit(info, group));
+    scalePositions(decoded.offsets, 2 ** info.units[group]);
     this.#addToCache(packet, decoded);
     return decoded;
   }
@@ -367,8 +367,7 @@ export class Sequence implements SequenceDecoder {
       wasExtrapolated: before?.wasExtrapolated ?? null,
       isNew: (slot) => bases.birthGroups[slot] === group,
       hasUnknownBirth: (slot) => bases.birthGroups[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
-      positionStep: (slot) =>
-        unit * 2 ** (bases.shifts[NUM_CHANNELS * slot] + motionUnit(info, bases.birthGroups[slot])),
+      positionStep: (slot) => unit * 2 ** (bases.shifts[NUM_CHANNELS * slot] + info.units[bases.birthGroups[slot]]),
     };
   }
 

@@ -22,8 +22,6 @@ export interface Shot {
   readonly bases: SideInfo;
   /** Half the lattice spacing in units of motion, log2. */
   readonly spacing: number;
-  /** Unit of motion in half lattice units of the first shot, log2. */
-  readonly motion: number;
 }
 
 export interface SequenceInfo {
@@ -31,6 +29,8 @@ export interface SequenceInfo {
   readonly groups: readonly Group[];
   readonly numTracks: number;
   readonly shots: readonly Shot[];
+  /** Unit of motion in each group of frames, in half lattice units of the first shot, log2. */
+  readonly units: Int8Array;
   /** Side information of the bases of the first shot. */
   readonly bases: SideInfo;
   /** Ratio of motion steps to those of the base in octaves, per kind of channel. */
@@ -54,7 +54,8 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
   if (groups.length !== numGroups)
     throw new BitstreamError(`side information: ${numGroups} groups of frames, the manifest has ${groups.length}`);
   const size = manifest.packetization.blockSize,
-    shots = readShots(bases, version, groups, size),
+    units = new Int8Array(numGroups),
+    shots = readShots(bases, version, groups, size, units),
     numTracks = groups.reduce((sum, group) => sum + group.births, 0);
   const steps = readMotion(motion),
     sections = readSections(reader.rest());
@@ -66,6 +67,7 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
     sections,
     lifetimes: readLifetimes(sections, groups, timeline),
     shots,
+    units,
     bases: shots[0].bases,
   };
 }
@@ -77,18 +79,18 @@ export function shotOf({ shots }: SequenceInfo, block: number): Shot {
   return shots[at];
 }
 
-/** Returns the unit of motion in a group of frames, in half lattice units of the first shot, log2. */
-export function motionUnit({ shots }: SequenceInfo, group: number): number {
-  let at = shots.length - 1;
-  while (shots[at].firstGroup > group) at--;
-  return shots[at].motion;
-}
-
-function readShots(bytes: Uint8Array, version: number, groups: readonly Group[], size: number): Shot[] {
+/** Reads the shots. Writes the unit of motion in each group to `units`. */
+function readShots(
+  bytes: Uint8Array,
+  version: number,
+  groups: readonly Group[],
+  size: number,
+  units: Int8Array,
+): Shot[] {
   const blocks = [0];
   for (const { births } of groups) blocks.push(blocks[blocks.length - 1] + Math.ceil(births / size));
   if (version === VERSION)
-    return [{ firstBlock: 0, firstGroup: 0, bases: readSideInfo(bytes, blocks[groups.length]), spacing: 0, motion: 0 }];
+    return [{ firstBlock: 0, firstGroup: 0, bases: readSideInfo(bytes, blocks[groups.length]), spacing: 0 }];
   const reader = new ByteReader(bytes, "side information of shots"),
     firsts: number[] = [],
     motions: number[] = [],
@@ -113,7 +115,8 @@ function readShots(bytes: Uint8Array, version: number, groups: readonly Group[],
       spacing = apart - motion;
     if (bases.degree !== first.degree || [apart, motion, spacing].some((octaves) => Math.abs(octaves) > MAX_SPACING))
       throw new BitstreamError("side information: a shot does not match the first one");
-    shots.push({ firstBlock, firstGroup, bases, spacing, motion });
+    shots.push({ firstBlock, firstGroup, bases, spacing });
+    units.fill(motion, firstGroup, firsts[number + 1]);
   }
   return shots;
 }
