@@ -113,11 +113,11 @@ def test_requests_before_a_clip_arrives_take_effect_when_it_does(tmp_path: Path)
         assert page.evaluate(f"[{ELEMENT}.currentTime, {ELEMENT}.paused]") == [0.5, True]
         page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.duration")
         assert page.evaluate(f"[{ELEMENT}.currentTime, {ELEMENT}.paused]") == [0.5, True]
-        page.evaluate(
+        found = page.evaluate(  # at once: it may play to its end before another request
             f"(() => {{ const old = {ELEMENT}, fresh = old.cloneNode(); fresh.currentTime = 4 / 8; fresh.play();"
-            "old.replaceWith(fresh); })()"
+            "old.replaceWith(fresh); return [fresh.duration, fresh.paused]; })()"
         )
-        assert page.evaluate(f"[{ELEMENT}.duration, {ELEMENT}.paused]") == [0, False]
+        assert found == [0, False]
         page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.duration")
         assert page.evaluate(f"{ELEMENT}.paused") is False
 
