@@ -538,11 +538,13 @@ export class WorkerReceiver implements Receiver {
     this.#sendUpdate(null, received.splats, before, this.#updated.count);
   }
 
+  /** Conceals losses once all received packets are decoded: those that wait are not lost. */
   async conceal({ choice, requestId }: ToWorker & { kind: "conceal" }): Promise<void> {
-    const received = this.#received;
-    if (!received) return;
     const pause = periodicPause(() => this.#concealRequest === requestId);
     this.#concealRequest = requestId;
+    await this.#decoded();
+    const received = this.#received;
+    if (!received || !(await pause())) return;
     if (this.#isUpdated) return this.#concealUpdated(choice, requestId, pause);
     try {
       await received.prepare(choice, pause);

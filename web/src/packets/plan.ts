@@ -82,46 +82,32 @@ export class Plan {
 
   /** Returns the places of a packet's elements, in ascending order or in the order of their hashes. */
   members({ block, lane, count }: Pick<Packet, "block" | "lane" | "count">): Int32Array {
-    const { grouping } = this.manifest.packetization,
-      span = this.#span(block),
-      start = span.first + (block - span.firstBlock) * span.blockSize;
-    if (grouping === "hashed") return this.#hashOrder(block, start).subarray(lane, lane + count);
-    if (grouping === "contiguous") {
-      const before = this.#laneCounts(block)
-        .subarray(0, lane)
-        .reduce((sum, size) => sum + size, 0);
-      return Int32Array.from({ length: count }, (_, n) => start + before + n);
-    }
-    const [low, high] = this.manifest.packetization.seed,
-      size = this.blockCount(block),
-      found = new Int32Array(count);
-    for (let place = start, at = 0; place < start + size; place++) {
-      if (splitmixModulo((place ^ low) >>> 0, high, span.lanes) === lane) found[at++] = place;
-    }
-    return found;
+    const isHashed = this.manifest.packetization.grouping === "hashed",
+      first = isHashed ? lane : this.#laneCounts(block).reduce((sum, size, n) => (n < lane ? sum + size : sum), 0);
+    return this.order(block).subarray(first, first + count);
   }
 
-  /** Returns the places of a block's elements, packet by packet. */
+  /**
+   * Returns the places of a block's elements, packet by packet, or in the order of their hashes, so that any run of
+   * them is spread over the block. They are kept: each packet of a block would need another pass over the block.
+   */
   order(block: number): Int32Array {
-    const count = this.blockCount(block);
-    if (this.manifest.packetization.grouping === "hashed") return this.members({ block, lane: 0, count });
-    return Int32Array.from(
-      Array.from(this.#laneCounts(block), (size, lane) => [...this.members({ block, lane, count: size })]).flat(),
-    );
-  }
-
-  /** Returns the places of a block in the order of their hashes, so that any run of them is spread over the block. */
-  #hashOrder(block: number, start: number): Int32Array {
     const known = this.#orders.get(block);
     if (known) return known;
-    const [low, high] = this.manifest.packetization.seed,
-      size = this.blockCount(block),
-      lows = new Uint32Array(size),
-      highs = new Uint32Array(size);
-    for (let n = 0; n < size; n++) [lows[n], highs[n]] = splitmix(((start + n) ^ low) >>> 0, high);
-    const order = Int32Array.from({ length: size }, (_, n) => n)
-      .sort((a, b) => highs[a] - highs[b] || lows[a] - lows[b])
-      .map((n) => start + n);
+    const { grouping, seed } = this.manifest.packetization,
+      [low, high] = seed,
+      { first, firstBlock, blockSize, lanes } = this.#span(block),
+      start = first + (block - firstBlock) * blockSize,
+      order = Int32Array.from({ length: this.blockCount(block) }, (_, n) => start + n);
+    if (grouping === "hashed") {
+      const hashes = Array.from(order, (place) => splitmix((place ^ low) >>> 0, high));
+      order.sort((a, b) => hashes[a - start][1] - hashes[b - start][1] || hashes[a - start][0] - hashes[b - start][0]);
+    } else if (grouping === "stratified") {
+      let end = 0;
+      const next = this.#laneCounts(block).map((size) => (end += size) - size);
+      for (let n = 0; n < order.length; n++)
+        order[next[splitmixModulo(((start + n) ^ low) >>> 0, high, lanes)]++] = start + n;
+    }
     this.#orders.set(block, order);
     return order;
   }

@@ -17,6 +17,7 @@ import { AutoRotation } from "./auto_rotation.ts";
 import { Comparison } from "./comparison.ts";
 import { createElement } from "./elements.ts";
 import { type Dispatch, newStatus, type Status } from "./events.ts";
+import { GainsRequests } from "./gains_requests.ts";
 import { gaussianBudget } from "./gaussian_budget.ts";
 import { Hotspots } from "./hotspots.ts";
 import { EMBEDDED, embedCode, limitsOf, readLink, viewpointOf, writeLink } from "./links.ts";
@@ -29,12 +30,6 @@ import { SessionStatus } from "./session_status.ts";
 import { unlessAborted } from "./settled.ts";
 import { type PictureContent, Stage } from "./stage.ts";
 
-/**
- * While packets arrive: least time before new gains are requested, milliseconds, and in multiples of the time that the
- * last ones took.
- */
-const GAINS_INTERVAL_MS = 1000,
-  GAINS_MULTIPLE = 4;
 /** Memory that is reserved on the GPU for updates, in multiples of the scene. */
 const UPDATE_ROOM = 2;
 /** Time without input after which the controls fade, milliseconds. */
@@ -88,12 +83,7 @@ export class Controller {
   /** True once Gaussians of the scene, not of a preview, are drawn. */
   #started = false;
   #viewUpdates: ViewUpdates | null = null;
-  #requestedGains = 0;
-  #receivedGains = 0;
-  /** Time of the last request for gains, and the time that its answer took, milliseconds. */
-  #requestedAt = 0;
-  #gainsMs = 0;
-  #timer = 0;
+  readonly #gains = new GainsRequests(() => this.#conceal());
 
   /** `closed` is called when the window of the element's document is closed. Its elements stay connected. */
   constructor(
@@ -177,7 +167,7 @@ export class Controller {
     cancelAnimationFrame(this.#cameraFrame);
     this.#playback.destroy();
     this.#worker.terminate();
-    clearTimeout(this.#timer);
+    this.#gains.skip();
     this.panel.destroy();
     this.#comparison.destroy();
     this.stage.destroy();
@@ -237,8 +227,7 @@ export class Controller {
         { fixed } = view,
         width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1)),
         isPending = (): boolean =>
-          !this.#workerFailed.signal.aborted &&
-          (this.#receivedGains !== this.#requestedGains || this.#viewUpdates?.settled === false);
+          !this.#workerFailed.signal.aborted && (!this.#gains.settled || this.#viewUpdates?.settled === false);
       view.fix({ width, ...camera });
       try {
         await view.frame();
@@ -417,9 +406,7 @@ export class Controller {
       case "counts":
         return this.#onCounts(message);
       case "gains":
-        if (message.requestId !== this.#requestedGains) return;
-        this.#receivedGains = message.requestId;
-        this.#gainsMs = performance.now() - this.#requestedAt;
+        if (!this.#gains.onAnswer(message.requestId)) return;
         panel.setRow("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
         return this.#comparison.show(message.gains, message.gainsWithoutCopies);
       case "update":
@@ -576,7 +563,7 @@ export class Controller {
       this.#milestones.recordWhen("half", shown);
       stage.startWebGL();
     }
-    if (fresh && stage.view) this.#concealSoon();
+    if (fresh && stage.view) this.#gains.soon();
   }
 
   #onCounts(message: FromWorker & { kind: "counts" }): void {
@@ -598,22 +585,12 @@ export class Controller {
     if (this.stage.view) this.#conceal(); // painted pictures have no gains
   }
 
-  /** Requests new gains after a while, because packets arrived. */
-  #concealSoon(): void {
-    const delay = Math.max(GAINS_INTERVAL_MS, GAINS_MULTIPLE * this.#gainsMs);
-    this.#timer ||= window.setTimeout(() => this.#conceal(), delay);
-  }
-
   #conceal(): void {
     if (this.#playback.isSequence) return this.#playback.redraw();
-    clearTimeout(this.#timer);
-    this.#timer = 0;
-    this.#requestedAt = performance.now();
     const choice = this.#choice,
-      requestId = ++this.#requestedGains;
-    const isWhole = this.status.complete && !choice.dropped && choice.sent === 1 && !this.#copies;
-    if (!isWhole) return this.#send({ kind: "conceal", choice, requestId });
-    this.#receivedGains = requestId; // nothing is missing; a late answer to an earlier request is ignored
+      isWhole = this.status.complete && !choice.dropped && choice.sent === 1 && !this.#copies;
+    if (!isWhole) return this.#send({ kind: "conceal", choice, requestId: this.#gains.next() });
+    this.#gains.skip();
     this.panel.setRow("dropped on purpose", "0 packets");
     this.#comparison.show(null, null);
   }

@@ -183,11 +183,10 @@ export class DecodedStream {
       which = this.#copiesOfMissing(there);
     const drawn = copies ? [...there, copies.select(which)] : there,
       received = drawn.reduce((sum, part) => sum + part.count, 0);
-    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(
-      received,
-      () => schema.elements(drawn, pause),
-      pause,
-    );
+    const { concealers } = schema,
+      isWhole = received === this.decoder.head.manifest.count,
+      concealer = (!isWhole && concealers[choice.concealer]) || concealers["drop"],
+      found = await concealer(received, () => schema.elements(drawn, pause), pause);
     if (!found) return null;
     let at = 0;
     for (const { part, first } of parts) {
@@ -202,8 +201,9 @@ export class DecodedStream {
 
   /** Returns the indices of the redundant copies of elements that are not in these parts. */
   #copiesOfMissing(parts: readonly Part[]): Int32Array {
-    const there = new Uint8Array(this.decoder.head.manifest.count),
-      copied = this.#copies?.part.places ?? new Int32Array();
+    const copied = this.#copies?.part.places;
+    if (!copied) return new Int32Array();
+    const there = new Uint8Array(this.decoder.head.manifest.count);
     for (const { places } of parts) for (const place of places) there[place] = 1;
     return copied.map((_, n) => n).filter((n) => !there[copied[n]]);
   }

@@ -26,7 +26,8 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
     places = new Int32Array(count),
     state = new Uint8Array(count);
   const opacities = new Float32Array(count),
-    blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []);
+    blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []),
+    orders = blocks.map((_, block) => plan.order(block)); // before the members of any part are looked up
   let at = 0;
   for (const part of parts) {
     const { splats, packet } = part;
@@ -53,8 +54,7 @@ export function predictedElements(info: SideInfo, plan: Plan, parts: readonly Ga
       near.set(splats.means, end);
       end += 3 * splats.count;
     }
-    plan
-      .order(block)
+    orders[block]
       .filter((place) => state[place] !== RECEIVED)
       .forEach((place, gone, lost) => {
         if (state[place] === COPIED) return;
