@@ -1,5 +1,7 @@
 """Reference pictures are rendered once and stored in one file each."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,12 @@ def test_reference_renders_are_computed_once_and_yielded_singly(tmp_path):
     assert len(list((tmp_path / "store" / first.renders).glob("*.npy"))) == 2
     assert prepare(WHITE).digest != first.digest == prepare(scene.background, "other").digest
     assert len(calls) == 3
+    save_cameras(replace(cameras, near_depth=0.25), tmp_path / "cameras.json")
+    assert prepare(scene.background).digest != first.digest
+    assert len(calls) == 4
+    save_cameras(cameras, tmp_path / "cameras.json")
+    assert prepare(scene.background) == first
+    assert len(calls) == 4
     picture = sorted((tmp_path / "store" / first.renders).glob("*.npy"))[0]
     for damage in (b"", picture.read_bytes()[:90], picture.read_bytes()[:-1]):
         picture.write_bytes(damage)

@@ -24,6 +24,7 @@ from splatwire.files.read_limited import open_regular
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
+from splatwire.types.cameras import NEAR_DEPTH
 
 Progress = Callable[[str, float], None]
 RENDERS = "renders of the complete scene"
@@ -166,7 +167,9 @@ def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dat
 
 def _camera_content(cameras: Cameras) -> dict[str, Any]:
     poses, intrinsics = cameras.viewmats.tolist(), cameras.Ks.tolist()
-    return {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
+    found = {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
+    # The default is left out, so that stored references keep their digests.
+    return found if cameras.near_depth == NEAR_DEPTH else found | {"near": cameras.near_depth}
 
 
 def digest_of(*texts: str) -> str:
