@@ -30,6 +30,13 @@ def test_up_axis_is_the_brighter_side_or_minus_y(up: float, strength: float, fou
     assert estimate_up_axis(lit_ball(up, strength)) == found
 
 
+@pytest.mark.parametrize("factor", [2.0**-20, 2.0**-10, 2.0**10, 2.0**20])
+def test_up_axis_does_not_depend_on_the_unit_of_length(factor: float) -> None:
+    ball = lit_ball(1, 0.6).splats
+    size = np.float32(factor)
+    assert estimate_up_axis(SplatScene(replace(ball, means=ball.means * size, scales=ball.scales * size))) == "y"
+
+
 @pytest.mark.parametrize("up", ["y", "-y"])
 @pytest.mark.parametrize("strength", [0.6, -0.6])
 def test_up_axis_follows_objects_standing_on_a_ground(up: str, strength: float) -> None:

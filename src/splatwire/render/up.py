@@ -8,6 +8,7 @@ from splatwire.anchors.appearance import Scene, explicit_gaussians
 from splatwire.ops.arrays import lower_median
 from splatwire.render.render import render_scene
 from splatwire.types import Cameras, SplatScene
+from splatwire.types.cameras import NEAR_DEPTH
 
 SIDE = 96
 """Width and height of the rendered images, pixels."""
@@ -68,7 +69,7 @@ def _brightness(scene: Scene, middle: np.ndarray, radius: float, down: float) ->
     pose[2, 3] += AWAY * radius
     focal, half = SIDE * AWAY / 2.1, SIDE / 2
     lens = np.array([[[focal, 0.0, half], [0.0, focal, half], [0.0, 0.0, 1.0]]], np.float32)
-    cameras = Cameras(pose[None], lens, SIDE, SIDE, ("up",))
+    cameras = Cameras(pose[None], lens, SIDE, SIDE, ("up",), near_depth=min(NEAR_DEPTH, radius))
     grey = (np.full(3, level, np.float32) for level in (0, 1))
     dark, light = (render_scene(scene, cameras, background=behind)[0] for behind in grey)
     there = 1 - (light - dark).mean(axis=2)
