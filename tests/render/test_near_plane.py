@@ -29,6 +29,7 @@ def test_scenes_behind_the_near_plane_give_a_warning(factor, warned, caplog):
 def test_cameras_that_see_nothing_give_no_warning(caplog):
     scene = SplatScene(ball_of_gaussians())
     cameras = surrounding_cameras(scene, 2, 64)
+    warn_of_near_plane(scene, cameras.select([]))
     poses = cameras.viewmats.copy()
     poses[:, 2, 3] = -100
     warn_of_near_plane(scene, replace(cameras, viewmats=poses))
