@@ -112,5 +112,6 @@ def test_classes_do_not_depend_on_the_unit_of_length(factor: float) -> None:
     wanted = precision_classes(splats)[:200]  # the classes of the others, which no camera sees, are those of rounding
     assert len(np.unique(wanted)) > 2
     assert np.array_equal(precision_classes(_resized(splats, factor))[:200], wanted)
-    measured = measure_gaussians(SplatScene(_resized(splats, factor)))
-    assert np.array_equal(measured.classes[:200], measure_gaussians(SplatScene(splats)).classes[:200])
+    measured, expected = (measure_gaussians(SplatScene(some)) for some in (_resized(splats, factor), splats))
+    assert np.array_equal(measured.classes[:200], expected.classes[:200])
+    np.testing.assert_allclose(measured.removal, expected.removal, rtol=1e-4, atol=1e-12)

@@ -16,6 +16,9 @@ CLOSER = 0.4
 """Ratio of the distances of a close camera and of the camera around the scene from the same surface point."""
 _MOST = 50_000
 """Maximum number of Gaussians among which surface points are searched; larger scenes are sampled evenly."""
+_NEAR_SHARE = 0.2
+"""Near plane of close cameras, as a fraction of their smallest distance from a surface point. It does not depend on
+the unit of length, unlike `NEAR_DEPTH`."""
 _RAY = 1 / 40
 """Radius of the circle around a surface point in which nearer Gaussians may hide it, relative to the image's width."""
 _OPAQUE = 1.0
@@ -41,12 +44,14 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     if splats is None:
         return cameras
     splats = splats.select(np.arange(0, splats.num_gaussians, -(-splats.num_gaussians // _MOST)))
-    poses = cameras.viewmats.copy()
+    poses, distances = cameras.viewmats.copy(), []
     for view in range(num_views):
         target = _surface_point(splats, cameras, view, (view * _GOLDEN + 0.5) % 1)
         if target is not None:
             poses[view] = _moved_towards(poses[view].astype(np.float64), target)
-    return replace(cameras, viewmats=poses, origin=origin_of(scene))
+            distances.append(CLOSER * float(np.linalg.norm(target - cameras.centers[view])))
+    near = _NEAR_SHARE * min(distances) if distances else cameras.near_depth
+    return replace(cameras, viewmats=poses, origin=origin_of(scene), near_depth=near)
 
 
 def _surface_point(splats: Splats, cameras: Cameras, view: int, share: float) -> Float[np.ndarray, "3"] | None:
@@ -84,10 +89,10 @@ def _surface_point(splats: Splats, cameras: Cameras, view: int, share: float) ->
 def _moved_towards(pose: Float[np.ndarray, "4 4"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
     """Turns a camera to a point, and moves it towards this point."""
     eye = -pose[:3, :3].T @ pose[:3, 3]
-    forward = target - eye
+    forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(pose[1, :3], forward)
+    right /= np.linalg.norm(right)  # above 0, as the point is in the image
     axes = np.stack([right, np.cross(forward, right), forward])
-    axes /= np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-12)
     moved = np.eye(4)
-    moved[:3, :3], moved[:3, 3] = axes, -axes @ (target - CLOSER * forward)
+    moved[:3, :3], moved[:3, 3] = axes, -axes @ (target - CLOSER * (target - eye))
     return moved.astype(np.float32)
