@@ -7,7 +7,7 @@ import numpy as np
 from random_numbers import Numbers
 from splatwire.render.closeups import CLOSER, closeup_cameras
 from splatwire.render.importance import surrounding_cameras
-from splatwire.types import SplatScene
+from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
 
 
@@ -21,22 +21,42 @@ def sphere(count: int, radius: float) -> Splats:
     return Splats(places, quats, scales, np.full(count, 0.95, np.float32), 0.3 * rng.randn(count, 1, 3))
 
 
-def test_most_cameras_keep_a_share_of_their_distance_from_the_nearest_surface():
-    scene = SplatScene(sphere(3000, 2.0))
-    around, close = surrounding_cameras(scene, 24, 224), closeup_cameras(scene, 24, 224)
-    good = 0
+def covered(count: int, radius: float, coverage: float) -> Splats:
+    """A sphere whose Gaussians have `coverage` times its area."""
+    size = radius * np.sqrt(4 * coverage / (0.95 * count))
+    return replace(sphere(count, radius), scales=np.full((count, 3), size, np.float32))
+
+
+def joined(outer: Splats, inner: Splats) -> SplatScene:
+    return SplatScene(Splats(**{name: np.concatenate([v, getattr(inner, name)]) for name, v in vars(outer).items()}))
+
+
+def shares_of_paths(around: Cameras, close: Cameras) -> np.ndarray:
+    """Length of each camera's path to its close pose, divided by the distance of a sphere of radius 2."""
+    shares = []
     for eye, before, axis in zip(close.centers, around.centers, close.viewmats[:, 2, :3], strict=True):
         path = eye - before
         assert np.allclose(path / np.linalg.norm(path), axis, atol=1e-4)  # it looks where it moved
         front = -before @ axis - np.sqrt(max(4.0 - (before @ before - (before @ axis) ** 2), 0))
-        good += abs(np.linalg.norm(path) / front - (1 - CLOSER)) < 0.1
-    assert good >= 20
+        shares.append(np.linalg.norm(path) / front)
+    return np.array(shares)
+
+
+def test_most_cameras_keep_a_share_of_their_distance_from_the_nearest_surface():
+    scene = SplatScene(sphere(3000, 2.0))
+    shares = shares_of_paths(surrounding_cameras(scene, 24, 224), closeup_cameras(scene, 24, 224))
+    assert (abs(shares - (1 - CLOSER)) < 0.1).sum() >= 20
+
+
+def test_large_scenes_of_which_a_sample_is_searched_keep_their_surfaces():
+    scene = joined(covered(60_000, 2.0, 1.5), covered(60_000, 1.0, 6.0))
+    shares = shares_of_paths(surrounding_cameras(scene, 16, 224), closeup_cameras(scene, 16, 224))
+    assert (abs(shares[1::2] - (1 - CLOSER)) < 0.1).sum() >= 7  # the others look outwards
 
 
 def test_surfaces_are_found_in_front_of_what_they_hide():
-    outer, inner = sphere(3000, 2.0), sphere(300, 0.7)
-    both = Splats(**{name: np.concatenate([v, getattr(inner, name)]) for name, v in vars(outer).items()})
-    outside = np.linalg.norm(closeup_cameras(SplatScene(both), 24, 224).centers, axis=1) > 2.0
+    both = joined(sphere(3000, 2.0), sphere(300, 0.7))
+    outside = np.linalg.norm(closeup_cameras(both, 24, 224).centers, axis=1) > 2.0
     assert outside.sum() >= 20
 
 

@@ -43,10 +43,11 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     cameras, splats = surrounding_cameras(scene, num_views, size), explicit_gaussians(scene)
     if splats is None:
         return cameras
-    splats = splats.select(np.arange(0, splats.num_gaussians, -(-splats.num_gaussians // _MOST)))
+    step = -(-splats.num_gaussians // _MOST)
+    splats = splats.select(np.arange(0, splats.num_gaussians, step))
     poses, distances = cameras.viewmats.copy(), []
     for view in range(num_views):
-        target = _surface_point(splats, cameras, view, (view * _GOLDEN + 0.5) % 1)
+        target = _surface_point(splats, cameras, view, (view * _GOLDEN + 0.5) % 1, step)
         if target is not None:
             poses[view] = _moved_towards(poses[view].astype(np.float64), target)
             distances.append(CLOSER * float(np.linalg.norm(target - cameras.centers[view])))
@@ -54,14 +55,17 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     return replace(cameras, viewmats=poses, origin=origin_of(scene), near_depth=near)
 
 
-def _surface_point(splats: Splats, cameras: Cameras, view: int, share: float) -> Float[np.ndarray, "3"] | None:
+def _surface_point(
+    splats: Splats, cameras: Cameras, view: int, share: float, step: int
+) -> Float[np.ndarray, "3"] | None:
     """Chooses a visible point of a surface in a view.
 
     Args:
-        splats: The Gaussians.
+        splats: Every `step`-th Gaussian of the scene.
         cameras: The cameras.
         view: Index of the camera.
         share: Number that selects a point, 0 to 1: share of the areas of all Gaussians, from left to right.
+        step: Number of the scene's Gaussians for which each given one stands.
 
     Returns:
         World coordinates; None if the view shows nothing.
@@ -79,7 +83,7 @@ def _surface_point(splats: Splats, cameras: Cameras, view: int, share: float) ->
     radius = _RAY * cameras.width
     beside = np.flatnonzero((np.hypot(x - x[chosen], y - y[chosen]) < radius) & (weights > 0))
     beside = beside[np.argsort(projected.depths[beside], kind="stable")]
-    covered = np.cumsum(np.minimum(weights[beside] / (np.pi * radius**2), 1), dtype=np.float64)
+    covered = np.cumsum(np.minimum(step * weights[beside] / (np.pi * radius**2), 1), dtype=np.float64)
     first = beside[min(int(np.searchsorted(covered, min(_OPAQUE, covered[-1] / 2))), len(beside) - 1)]
     eye = cameras.centers[view].astype(np.float64)
     ray = splats.means[chosen].astype(np.float64) - eye
