@@ -45,7 +45,8 @@ def closeup_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
         return cameras
     step = -(-splats.num_gaussians // _MOST)
     splats = splats.select(np.arange(0, splats.num_gaussians, step))
-    poses, distances = cameras.viewmats.copy(), []
+    poses = cameras.viewmats.copy()
+    distances: list[float] = []
     for view in range(num_views):
         target = _surface_point(splats, cameras, view, (view * _GOLDEN + 0.5) % 1, step)
         if target is not None:
