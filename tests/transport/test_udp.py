@@ -220,6 +220,37 @@ def test_transfer_continues_after_this_machine_gets_another_address(monkeypatch:
     run(work())
 
 
+def test_a_host_that_a_router_reports_as_unreachable_leaves_the_socket(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = list[socket.socket]()
+
+    class Socket(socket.socket):
+        failures = 3
+
+        def send(self, *given: Any) -> int:
+            if self.failures:
+                self.failures -= 1
+                raise OSError(errno.EHOSTUNREACH, "No route to host")
+            return super().send(*given)
+
+    def open_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
+        opened.append(Socket(fileno=connected_socket(family, target).detach()))
+        opened[-1].setblocking(False)
+        return opened[-1]
+
+    monkeypatch.setattr(udp, "connected_socket", open_socket)
+
+    async def work() -> None:
+        server = served(STREAM)
+        try:
+            receiver = await fetch(server.port)
+        finally:
+            server.close()
+        assert receiver.stream() == STREAM
+        assert len(opened) == 1
+
+    run(work())
+
+
 def test_a_socket_that_cannot_be_connected_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
     opened = list[socket.socket]()
 

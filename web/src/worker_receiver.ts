@@ -480,7 +480,7 @@ export class WorkerReceiver implements Receiver {
         } else if (++polls % RELOAD_POLLS === 0) await this.#reload(file);
         failures = 0;
       } catch (error) {
-        if (!failures) post({ kind: "updatemissed", reason: (error as Error).message });
+        if (!failures && this.#follows) post({ kind: "updatemissed", reason: (error as Error).message });
         failures++;
         if (error instanceof BitstreamError && failures % MAX_DAMAGED === 0)
           await this.#reload(file).catch(() => undefined);
@@ -532,6 +532,7 @@ export class WorkerReceiver implements Receiver {
       throw new Error("another scene: reload the page");
     if (!intake.complete || (await received.decoder.digest(pause)) !== head.manifest.symbolsDigest)
       throw new Error("the scene is incomplete");
+    if (!this.#follows) return; // the page wants no updates any more
     const before = this.#updated!.count;
     this.#updated = sceneOf(received, fileManifest(bytes));
     this.#updatedFrom = received;

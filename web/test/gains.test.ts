@@ -28,7 +28,7 @@ test("requests for arriving packets wait longer for answers each time, so that a
   };
   arrive(90);
   assert.ok(!gains.settled);
-  assert.deepEqual(times, [1000, 2000, 6000, 22_000, 86_000]);
+  assert.deepEqual(times, [1000, 2000, 6000, 22_000, 42_000, 62_000, 82_000]);
   assert.equal(gains.onAnswer(times.length - 1), false);
   assert.equal(gains.onAnswer(times.length), true);
   assert.ok(gains.settled);
@@ -36,7 +36,7 @@ test("requests for arriving packets wait longer for answers each time, so that a
   now += 10;
   gains.onAnswer(times.length + 1); // a fast answer ends the long intervals, once the timer that runs has ended
   arrive(400);
-  assert.ok(times.length > 5);
+  assert.ok(times.length > 20);
   gains.skip();
   assert.ok(gains.settled);
   mock.restoreAll();

@@ -323,7 +323,9 @@ class _Client:
             try:
                 self._socket.send(data)
             except OSError as error:  # a datagram that cannot be sent counts as lost
-                self._is_unusable = self._is_unusable or error.errno in (*NO_ROUTE, ADDRESS_GONE)
+                # A router may report an unreachable host though the socket is good.
+                is_lost = error.errno in (*NO_ROUTE, ADDRESS_GONE) and error.errno != errno.EHOSTUNREACH
+                self._is_unusable = self._is_unusable or is_lost
         if self._on_event:
             for event in events:
                 self._on_event(event)

@@ -587,6 +587,7 @@ export class Controller {
 
   #conceal(): void {
     if (this.#playback.isSequence) return this.#playback.redraw();
+    if (!this.#gaussians) return; // the worker has no scene yet, and would not answer
     const choice = this.#choice,
       isWhole = this.status.complete && !choice.dropped && choice.sent === 1 && !this.#copies;
     if (!isWhole) return this.#send({ kind: "conceal", choice, requestId: this.#gains.next() });

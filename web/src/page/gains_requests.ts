@@ -1,10 +1,11 @@
 // Requests for gains, which conceal losses. Those for arriving packets leave most of the worker's time to decoding.
 
 /**
- * While packets arrive: least time before new gains are requested, milliseconds, and in multiples of the time that the
- * last ones took.
+ * While packets arrive: least and most time before new gains are requested, milliseconds, and the time in between in
+ * multiples of the time that the last ones took.
  */
 const INTERVAL_MS = 1000,
+  LONGEST_MS = 20000,
   MULTIPLE = 4;
 
 export class GainsRequests {
@@ -25,7 +26,7 @@ export class GainsRequests {
 
   /** Requests gains after a while, because packets arrived. */
   soon(): void {
-    this.#timer ??= setTimeout(this.request, Math.max(INTERVAL_MS, MULTIPLE * this.#tookMs));
+    this.#timer ??= setTimeout(this.request, Math.min(Math.max(INTERVAL_MS, MULTIPLE * this.#tookMs), LONGEST_MS));
   }
 
   /**
