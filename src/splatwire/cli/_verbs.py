@@ -58,7 +58,7 @@ VERBS = {
     "apply": Verb(
         "apply",
         "Apply",
-        "Apply an update to the stream that it changes; the result has the bytes of the changed stream.",
+        "Apply an update to a stream; the result is identical, byte by byte, to the new version of the stream.",
     ),
     "convert": Verb(
         "convert",
