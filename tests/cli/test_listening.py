@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
@@ -199,9 +200,14 @@ main(["live", sys.argv[1], "--port", "0"])
 """
 
 
+def run_script(script: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Runs a Python script, with a folder as its argument, and returns its exit status and output."""
+    words = [sys.executable, "-c", script, str(folder)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+
+
 def test_ctrl_c_ends_live_while_kernels_are_compiled(tmp_path):
-    words = [sys.executable, "-c", COMPILES, str(tmp_path)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    done = run_script(COMPILES, tmp_path)
     assert done.returncode == 0, done.stderr
     assert "stopped while kernels were compiled" in done.stderr
     assert "0 frames, 0 skipped, 0 dropped" in done.stderr
@@ -228,8 +234,7 @@ main(["live", sys.argv[1], "--port", "0"])
 
 
 def test_ctrl_c_ends_live_while_another_process_compiles(tmp_path):
-    words = [sys.executable, "-c", WAITS, str(tmp_path)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=240, check=False)
+    done = run_script(WAITS, tmp_path)
     assert done.returncode == 0, done.stderr
     assert "waiting for another process that compiles kernel" in done.stderr
     assert "stopped while kernels were compiled" in done.stderr

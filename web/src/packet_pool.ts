@@ -5,7 +5,7 @@ import type { FromHelper, PacketBody, ToHelper } from "./packet_helper.ts";
 
 /** Largest number of helpers. */
 const MAX_HELPERS = 4;
-/** Number of Gaussians from which on helpers pay for their start. */
+/** Minimum number of Gaussians for which helpers save more time than their start takes. */
 const MIN_COUNT = 20_000;
 /** Largest number of packets in a batch, and number of batches that a helper has at once. */
 const MAX_BATCH = 8,

@@ -12,7 +12,7 @@ from splatwire.errors import UnknownNameError
 from splatwire.types import AnchorScene
 
 GROUP = "splatwire.importers"
-"""Entry-point group in which packages announce importers."""
+"""Entry-point group of importers in other packages."""
 
 
 def import_model(kind: str, folder: Path, **options: Any) -> AnchorScene:

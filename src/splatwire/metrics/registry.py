@@ -13,7 +13,7 @@ from splatwire.metrics.ssim import ssim
 from splatwire.plugins import Registry, source_of
 
 GROUP = "splatwire.metrics"
-"""Entry-point group in which packages announce metrics."""
+"""Entry-point group of metrics in other packages."""
 Measure = TypeVar("Measure", bound=Callable[..., Any])
 
 

@@ -12,7 +12,7 @@ from splatwire.render.base import Renderer
 from splatwire.render.cpu import render_cpu
 
 GROUP = "splatwire.renderers"
-"""Entry-point group in which packages announce renderers."""
+"""Entry-point group of renderers in other packages."""
 _OWN = "cpu"
 
 

@@ -73,7 +73,7 @@ class LiveFrames:
         self._waiting.end()
 
     def _work(self) -> None:
-        from splatwire.sequence.written_frames import write_live_frames  # takes a second, in which packets arrive
+        from splatwire.sequence.written_frames import write_live_frames  # takes a second; packets arrive meanwhile
 
         try:
             write_live_frames(self._waiting, self._folder, self._concealer, self._show_progress)

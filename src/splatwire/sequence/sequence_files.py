@@ -59,7 +59,7 @@ SEQUENCE_FORMATS = (
     SequenceFormat("4dgs", (".4dgs",), FOURDGS, "fourdgs_file", "write_fourdgs"),
     SequenceFormat("splat4d", (".splat4d",), SPLAT4D, "splat4d_file", "write_splat4d"),
 )
-"""Formats of sequences that can be written, besides streams."""
+"""Formats of written sequences, except streams."""
 
 
 def sequence_format_for(path: str) -> SequenceFormat | None:

@@ -6,7 +6,7 @@ import { GpuGaussians } from "./gpu_gaussians.ts";
 import type { Packed } from "./packed.ts";
 
 const MIN_CAPACITY = 4096;
-/** Largest number of Gaussians that memory is reserved for before they arrive. */
+/** Maximum number of Gaussians for which memory is reserved before they arrive. */
 const MAX_RESERVED = 1 << 18;
 
 export class SingleMesh {

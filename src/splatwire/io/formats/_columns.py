@@ -22,7 +22,7 @@ harmonics of degree 3 takes 236 bytes of memory, so memory is at most about 120 
 MAX_LOG_SCALE = 60.0
 """Limit of log scales: smaller sizes are raised to `exp(-60)`, larger ones than `exp(60)` are invalid."""
 SMALLEST_SIZE = np.float32(np.exp(-MAX_LOG_SCALE))
-"""Size to which smaller ones are raised."""
+"""Minimum size; smaller sizes are raised to it."""
 _ROUNDING = 1e-3
 """Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
 _MIN_LENGTH = 1e-12

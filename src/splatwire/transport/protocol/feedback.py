@@ -6,7 +6,7 @@ from typing import NamedTuple
 from splatwire.transport.protocol.datagrams import Feedback
 
 RECENT = 8192
-"""Number of latest datagrams whose sending times are stored."""
+"""Number of sending times that are stored, those of the latest datagrams."""
 
 
 class FeedbackSample(NamedTuple):
