@@ -84,13 +84,13 @@ class Variant:
         outline, load = model_transfer(self.offer.load, protection), self.offer.load
         traces = draw_losses(parse_loss(loss_name), COUNTED, len(outline.kind), REPORTED_SEED)
         arrival = arrival_within(outline, traces, self.offer.budget_after_preview(budget))
-        everything = arrival.head & arrival.packets.all(axis=1)
-        parts = np.flatnonzero(arrival.head & ~everything)
+        everything = arrival.side_info & arrival.packets.all(axis=1)
+        parts = np.flatnonzero(arrival.side_info & ~everything)
         ranked = parts[np.argsort((~arrival.packets[parts]) @ load.elements, kind="stable")]
         count = min(pictures, len(ranked))
         chosen = ranked[((np.arange(count) + 0.5) / max(count, 1) * len(ranked)).astype(np.int64)]
         drawn = [self.psnr(True, arrival.packets[trial]) for trial in chosen]
-        black, whole, part = (~arrival.head).mean(), everything.mean(), len(parts) / COUNTED
+        black, whole, part = (~arrival.side_info).mean(), everything.mean(), len(parts) / COUNTED
         psnr = black * self.blank + part * float(np.mean(drawn or [0.0]))
         psnr += whole * self.psnr(True, np.ones(len(self.members), dtype=np.bool_))
         return {"psnr": float(psnr), "nothing": float(black), "everything": float(whole), "drawn": drawn}

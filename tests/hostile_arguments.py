@@ -49,7 +49,7 @@ NAMES = {
         "measure.packet_members", "measure.variant_of_stream",
         "plan_file.plan_content", "plan_file.read_plan", "planner.draw_transfer_losses", "planner.expected_result",
         "planner.plan_protection", "transfer_model.SimulatedTransfers", "transfer_model.StreamLoad",
-        "transfer_model.draw_losses", "transfer_model.head_arrives", "transfer_model.model_transfer",
+        "transfer_model.draw_losses", "transfer_model.side_info_arrivals", "transfer_model.model_transfer",
         "transfer_model.simulate",
     ),
     "calibration": (
@@ -293,7 +293,7 @@ class Pool:
             "SimulatedTransfers.packets": lambda: self._arrival.packets,
             **{f"StreamLoad.{name}": (lambda name=name: getattr(self._load, name)) for name in
                ("head_bytes", "packet_bytes", "elements", "tiers")},
-            "num_datagrams": 3, "head_arrives.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
+            "num_datagrams": 3, "side_info_arrivals.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
             "simulate.received": lambda: np.ones((2, len(self._transfer.kind)), np.bool_),
             "preview_for_scene.config": lambda: importlib.import_module("splatwire.calibration.preview").PreviewConfig(
                 steps=1, rounds=1, views=1, width=8, scored_views=1, scored_width=8),

@@ -38,7 +38,7 @@ def _budget(load: StreamLoad, factor: float) -> float:
 def test_lossless_transfer_delivers_everything(load: StreamLoad) -> None:
     model = model_transfer(load, Protection(side_repair=0.0))
     arrival = simulate(model, draw_losses(NoLoss(), 3, len(model.kind), 0))
-    assert arrival.head.all()
+    assert arrival.side_info.all()
     assert arrival.packets.all()
 
 
@@ -46,7 +46,7 @@ def test_transfer_model_contains_each_datagram_once(load: StreamLoad) -> None:
     model = model_transfer(load, Protection(side_repair=0.5, tier_repair=(0.5, 0.25)))
     assert sorted(model.symbol[model.kind == DATA]) == list(range(300))
     assert (model.kind == PARITY).sum() == 15 + 18
-    source = sum(model.head)
+    source = sum(model.segment_sizes)
     assert (model.kind == SIDE).sum() == source + round(0.5 * source)
     assert sum(model.bytes_by_kind().values()) == model.num_bytes.sum()
 
@@ -72,7 +72,7 @@ def _arrivals_by_hand(model: TransferModel, received: np.ndarray) -> tuple[bool,
             recovered |= members
     complete = all(
         set(range(size)) <= head.get(segment, set()) or len(head.get(segment, set())) > size
-        for segment, size in enumerate(model.head)
+        for segment, size in enumerate(model.segment_sizes)
     )
     return complete, [place in recovered for place in range(model.num_packets)]
 
@@ -84,7 +84,7 @@ def test_simulation_equals_explicit_counting(load: StreamLoad, loss: str, share:
     received = draw_losses(parse_loss(loss), 40, len(model.kind), 1)
     arrival = simulate(model, received)
     outcomes = [_arrivals_by_hand(model, row) for row in received]
-    assert arrival.head.tolist() == [head for head, _ in outcomes]
+    assert arrival.side_info.tolist() == [head for head, _ in outcomes]
     assert arrival.packets.tolist() == [packets for _, packets in outcomes]
     assert len({head for head, _ in outcomes}) == 2  # both outcomes occurred
 
@@ -235,10 +235,10 @@ def test_baselines_are_compared_with_the_planned_allocations(load: StreamLoad, d
     model = model_transfer(flat, plain["whole"])
     assert 0.97 * budget < model.num_bytes.sum() <= budget
     assert plain["conceal"].tier_repair == ()
-    assert arrival_within(model_transfer(flat, plain["conceal"]), traces, budget).head.all()
+    assert arrival_within(model_transfer(flat, plain["conceal"]), traces, budget).side_info.all()
     plan = plan_protection([StreamVariant(flat, alike)], Bernoulli(0.2), budget_bytes=budget, trials=40)
     whole = arrival_within(model, traces, budget)
-    psnr = np.where(whole.head, alike.psnr(lost_fractions(flat, whole.packets)), BLANK_PSNR).mean()
+    psnr = np.where(whole.side_info, alike.psnr(lost_fractions(flat, whole.packets)), BLANK_PSNR).mean()
     assert plan.psnr >= psnr - 0.05
 
 

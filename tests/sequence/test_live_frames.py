@@ -51,8 +51,8 @@ def test_packets_are_dropped_with_a_warning_if_frames_are_written_too_slowly(
     monkeypatch.setattr(waiting_events, "MAX_WAITING_BYTES", 10 * SIZE)
     with LiveFrames(tmp_path / "frames", None, lambda *_: None) as live:
         for event in (Welcomed(1, 1, is_live=True), *[PACKET] * 1000):
-            live.note(event)
-        live.note(HEAD)
+            live.on_event(event)
+        live.on_event(HEAD)
         going_on.set()
         live.finish()
     assert [type(event) for event in written] == [*[PacketArrived] * 10, SideInfoArrived]

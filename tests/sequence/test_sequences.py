@@ -12,7 +12,7 @@ from splatwire.bitstream import PRESETS, SceneStream, make_packet, read_stream, 
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.codec import decode_stream, encode_scene, memory
-from splatwire.concealment.temporal.extrapolation import begun_share
+from splatwire.concealment.temporal.extrapolation import started_share
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
 from splatwire.evaluation.sequence.evaluation import SequenceRow, SequenceScore
 from splatwire.io.formats import write_splats
@@ -271,6 +271,6 @@ def test_missing_or_invalid_frame_is_reported(tmp_path, caplog):
 
 
 def test_opacity_of_lost_tracks_follows_the_birth_probability():
-    assert begun_share(np.array([0, 0, 2, 3]), 5).tolist() == [0.5, 0.5, 0.75, 1, 1]
-    assert begun_share(np.zeros(0, np.int64), 3).tolist() == [1, 1, 1]
-    assert begun_share(np.array([2]), 3)[0] > 0, "its logarithm is added to that of the opacity"
+    assert started_share(np.array([0, 0, 2, 3]), 5).tolist() == [0.5, 0.5, 0.75, 1, 1]
+    assert started_share(np.zeros(0, np.int64), 3).tolist() == [1, 1, 1]
+    assert started_share(np.array([2]), 3)[0] > 0, "its logarithm is added to that of the opacity"

@@ -209,7 +209,7 @@ def test_memory_of_start_records_is_bounded():
     for n in range(3 * MAX_NETWORKS):
         if n == 2 * MAX_NETWORKS:
             tracemalloc.start()
-        starts.note((n,), n, 0.0)
+        starts.record((n,), n, 0.0)
     assert tracemalloc.get_traced_memory()[0] < 1_000 * MAX_NETWORKS
     tracemalloc.stop()
     assert [starts.seen((n,), n) for n in (0, 3 * MAX_NETWORKS - 1)] == [False, True]
@@ -270,13 +270,13 @@ def test_starts_are_forgotten_after_the_window() -> None:
     """Each of many networks would otherwise keep its starts for ever."""
     starts = StartRateLimiter(3)
     for number in range(100):
-        starts.note((number,), number, number / 100)
+        starts.record((number,), number, number / 100)
     assert len(starts) == 100
-    starts.note((5,), 4711, WINDOW_S + 0.505)
+    starts.record((5,), 4711, WINDOW_S + 0.505)
     assert len(starts) == 100 - 51 + 1
     assert not starts.seen((4,), 4)
     assert starts.seen((99,), 99)
-    starts.note((5,), 4711, 3 * WINDOW_S)
+    starts.record((5,), 4711, 3 * WINDOW_S)
     assert len(starts) == 1
     assert starts.allowed((5,), 4 * WINDOW_S)
     assert len(starts) == 0
@@ -286,11 +286,11 @@ def test_a_nonce_that_starts_again_counts_each_time() -> None:
     starts = StartRateLimiter(3)
     for now in range(3):
         assert starts.allowed(("client",), float(now))
-        starts.note(("client",), 7, float(now))
+        starts.record(("client",), 7, float(now))
     assert not starts.allowed(("client",), 3.0)
-    starts.note(("client",), 8, 3.0)
+    starts.record(("client",), 8, 3.0)
     assert starts.seen(("client",), 7)
     for now in range(4, 6):
-        starts.note(("client",), 8, float(now))
+        starts.record(("client",), 8, float(now))
     assert not starts.seen(("client",), 7)
     assert len(starts) == 3

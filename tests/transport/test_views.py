@@ -228,7 +228,7 @@ def test_opening_is_counted_in_the_sent_schedule(opening_bytes, reliable, late):
         left.append(order.pop())
         if order.head_left:
             assert sum(item[0] == SIDE for item in left) == sum(
-                item[0] == SIDE for item in (served.reliable_schedule if reliable else served.send_schedule).items
+                item[0] == SIDE for item in (served.reliable_schedule if reliable else served.send_schedule).datagrams
             )
     packets = [item[2] for item in left if item[0] == DATA]
     assert sorted(packets) == list(range(served.bundled, len(served.packets)))  # each one, once

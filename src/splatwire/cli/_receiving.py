@@ -35,12 +35,12 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
     if address.scheme == "udp":
         if trusted.given:
             raise InvalidValueError("--fingerprint, --authority and --insecure are for quic:// and moq://")
-        return lambda options, note, **more: receive_udp(address, options, note, **more)
+        return lambda options, on_event, **more: receive_udp(address, options, on_event, **more)
     if address.scheme == "moq":
         return _relayed(trusted, address)
     quic = _quic_functions()
     trust = quic.trust_of(trusted)
-    return lambda options, note, **more: quic.receive_quic(address, options, trust, note, **more)
+    return lambda options, on_event, **more: quic.receive_quic(address, options, trust, on_event, **more)
 
 
 def _quic_functions() -> ModuleType:
@@ -59,10 +59,10 @@ def _relayed(trusted: TrustOptions, address: Address) -> Transfer:
     need_moq()
     trust = relay_trust(trusted)
 
-    def transfer(options: Any, note: Any, tap: Any = None, stop: Any = None) -> Any:
+    def transfer(options: Any, on_event: Any, tap: Any = None, stop: Any = None) -> Any:
         if tap is not None:
             raise InvalidValueError("--pcap is for udp:// and quic://")
-        return receive_relayed(address, options, trust, note, stop)
+        return receive_relayed(address, options, trust, on_event, stop)
 
     return transfer
 

@@ -53,13 +53,13 @@ def run(command: Receive) -> None:
     moments, periods = TransferTimes(), itertools.count()
     with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
 
-        def note(event: Event) -> None:
-            moments.note(event, show)
-            live.note(event)
+        def on_event(event: Event) -> None:
+            moments.on_event(event, show)
+            live.on_event(event)
             if isinstance(event, StreamReplaced) and not live.began:
                 _write_period(command, event.stream, next(periods))
 
-        receiver, stopped = _transfer(command, address, options, note)
+        receiver, stopped = _transfer(command, address, options, on_event)
         stream, over = receiver.stream(), receiver.finished
         reason = over.reason if over else "stopped"
         if stream is None:
@@ -136,7 +136,7 @@ def _decoding_module() -> ModuleType:
 
 
 def _transfer(
-    command: Receive, address: Address, options: ReceiverOptions, note: Callable[[Event], None]
+    command: Receive, address: Address, options: ReceiverOptions, on_event: Callable[[Event], None]
 ) -> tuple[Receiver, bool]:
     """Receives the stream, and writes all datagrams to a capture file (pcap) if requested.
 
@@ -144,7 +144,7 @@ def _transfer(
         command: Options of `splatwire receive`.
         address: Address of the server.
         options: Options of the receiver.
-        note: Called with each event of the transfer.
+        on_event: Called with each event of the transfer.
 
     Returns:
         The receiver, and True if the user stopped the transfer.
@@ -155,7 +155,7 @@ def _transfer(
         if command.pcap is not None:
             capture = Capture(stack.enter_context(command.pcap.open("wb")).write)
             tap = lambda source, target, data: capture.add(source, target, data, time.time())  # noqa: E731
-        return asyncio.run(_stoppable(lambda stop: transfer(options, note, tap=tap, stop=stop)))
+        return asyncio.run(_stoppable(lambda stop: transfer(options, on_event, tap=tap, stop=stop)))
 
 
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
@@ -227,7 +227,7 @@ class TransferTimes:
         """Returns the duration of the transfer, seconds."""
         return time.perf_counter() - self._began if self.end is None else self.end
 
-    def note(self, event: Event, show: Reporter) -> None:
+    def on_event(self, event: Event, show: Reporter) -> None:
         """Records the time of an event of the receiver, and reports the progress.
 
         Args:

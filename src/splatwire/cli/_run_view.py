@@ -159,7 +159,7 @@ def _create_relay(command: View) -> Relay:
     address = parse_url(command.stream)
     transfer = transfer_of(command.trust, address)
     options = ReceiverOptions(name=address.name, scene_token=address.token)
-    return Relay(without_token(command.stream), lambda note: transfer(options, note))
+    return Relay(without_token(command.stream), lambda on_event: transfer(options, on_event))
 
 
 def _warn_of_missing(url: str, relay: Relay) -> None:

@@ -70,7 +70,7 @@ class Grow:
         """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
         known, coverage = partial.known, partial.scene.COVERAGE
         left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes, self.nearest)
-        left = np.where(known, self.limited(left, known, partial.tier_sizes), np.ones_like(left))
+        left = np.where(known, self.clamp_received_share(left, known, partial.tier_sizes), np.ones_like(left))
         size = left ** -(self.exponent * coverage.size)
         if not coverage.opacity:
             return Concealed(size, ~known)
@@ -83,23 +83,23 @@ class Grow:
         self,
         received: Float[np.ndarray, "M"],
         known: Bool[np.ndarray, "N"],
-        tier_sizes: Float[np.ndarray, "N"] | None = None,
+        weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
         """Returns the factor by which each of M received anchors is enlarged to cover its lost neighbours.
 
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weight of each anchor when the received share of the whole scene is computed: the typical size
+            weights: Weight of each anchor when the received share of the whole scene is computed: the typical size
                 of the anchors in its importance tier. None for equal weights.
         """
-        return self.limited(received, known, tier_sizes) ** -self.exponent
+        return self.clamp_received_share(received, known, weights) ** -self.exponent
 
-    def limited(
+    def clamp_received_share(
         self,
         received: Float[np.ndarray, "M"],
         known: Bool[np.ndarray, "N"],
-        tier_sizes: Float[np.ndarray, "N"] | None = None,
+        weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
         """Raises small received shares, so that the enlargement of anchors stays within `max_gain` and `max_excess`.
 
@@ -108,14 +108,14 @@ class Grow:
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            tier_sizes: Weight of each anchor when the received share of the whole scene is computed: the typical size
+            weights: Weight of each anchor when the received share of the whole scene is computed: the typical size
                 of the anchors in its importance tier. None for equal weights.
 
         Returns:
             The shares `received`, with a lower bound.
         """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
-        overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
+        overall = max(received_share(known, weights), 1e-9) if len(known) else 1.0
         # Without limits, a few elements next to large holes would cover intact regions, and the gain would be infinite
         # if all neighbours are lost.
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
@@ -123,11 +123,11 @@ class Grow:
         return np.maximum(received, received.dtype.type(least))
 
 
-def received_share(known: Bool[np.ndarray, "N"], tier_sizes: Float[np.ndarray, "N"] | None = None) -> float:
-    """Returns the received fraction of a scene's elements, weighted by `tier_sizes` if given."""
-    if tier_sizes is None:
+def received_share(known: Bool[np.ndarray, "N"], weights: Float[np.ndarray, "N"] | None = None) -> float:
+    """Returns the received fraction of a scene's elements, weighted by `weights` if given."""
+    if weights is None:
         return float(known.mean())
-    sizes = tier_sizes.astype(np.float64)
+    sizes = weights.astype(np.float64)
     return float((sizes * known).sum() / sizes.sum())
 
 

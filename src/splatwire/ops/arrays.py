@@ -50,10 +50,10 @@ def to_arrays(value: Noun) -> Noun:
     Args:
         value: A tensor, or a tuple, dictionary or dataclass of them at any depth; gradients are dropped.
     """
-    return to_numpy(value) if hasattr(value, "detach") else mapped(value, to_arrays)  # type: ignore[return-value]
+    return to_numpy(value) if hasattr(value, "detach") else map_items(value, to_arrays)  # type: ignore[return-value]
 
 
-def mapped(value: Any, convert: Callable[[Any], Any]) -> Any:
+def map_items(value: Any, convert: Callable[[Any], Any]) -> Any:
     """Applies `convert` to each item of a tuple, dictionary or dataclass; returns any other value unchanged."""
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
         return tuple(convert(part) for part in value)

@@ -14,7 +14,7 @@ from splatwire.planning.transfer_model import (
     SimulatedTransfers,
     StreamLoad,
     TransferModel,
-    head_arrives,
+    side_info_arrivals,
     model_transfer,
     simulate,
     transfer_masks,
@@ -196,7 +196,7 @@ def _init_segment_candidates(
     for start in starts:
         side = _least_repair(load, traces, rate, constraints, start)
         model = model_transfer(load, side)
-        share = float(head_arrives(model, _received_within(model, traces, constraints.budget_bytes)).mean())
+        share = float(side_info_arrivals(model, _received_within(model, traces, constraints.budget_bytes)).mean())
         found.append((-min(share, constraints.head_target), int(model.num_bytes.sum()), side))
     best = [side for _, _, side in sorted(found, key=lambda entry: entry[:2])[:BEST_SIDES]]
     return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MOST_REPAIR))]
@@ -242,7 +242,7 @@ def _least_repair(
     def often_enough(number: int) -> bool:
         model = model_transfer(load, with_repair(number))
         received = _received_within(model, traces, constraints.budget_bytes)
-        return float(head_arrives(model, received).mean()) >= constraints.head_target
+        return float(side_info_arrivals(model, received).mean()) >= constraints.head_target
 
     allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=exceeds_limit), 1))
     return with_repair(min(bisect.bisect_left(allowed, True, key=often_enough), len(allowed) - 1))

@@ -210,11 +210,11 @@ def _predict_plan(
     model, budget = model_transfer(variant.load, protection), variant.budget_after_preview(budget_bytes)
     arrival = arrival_within(model, traces, budget)
     lost = lost_fractions(variant.load, arrival.packets)
-    psnr = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
+    psnr = np.where(arrival.side_info, variant.distortion.psnr(lost), variant.blank_psnr)
     sent = int(model.num_bytes[: model.sent_within(budget)].sum()) + variant.preview_bytes
     mean_lost = tuple(float(share) for share in lost.mean(axis=0))
     return ScenePlan(
-        protection, number, float(psnr.mean()), mean_lost, sent, float(arrival.head.mean()), model.bytes_by_kind(),
+        protection, number, float(psnr.mean()), mean_lost, sent, float(arrival.side_info.mean()), model.bytes_by_kind(),
         variant.concealment_bytes + variant.preview_bytes,
     )  # fmt: skip
 
@@ -266,7 +266,7 @@ def _evaluate_plan(
         model_transfer(variant.load, plan.protection), traces, variant.budget_after_preview(budget_bytes)
     )
     found = expected_result(variant, arrival, rendered_trials)
-    judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.head.mean()), lost=found.lost)
+    judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.side_info.mean()), lost=found.lost)
     return _EvaluatedPlan(judged, found.partly, found.error)
 
 
@@ -296,9 +296,9 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
         arrival: Received packets of each simulated transfer.
         rendered_trials: Number of transfers whose pictures are rendered; the distortion model predicts the others.
     """
-    everything, lost = arrival.head & arrival.packets.all(axis=1), lost_fractions(variant.load, arrival.packets)
-    curves = np.where(arrival.head, variant.distortion.psnr(lost), variant.blank_psnr)
-    parts, error = np.flatnonzero(arrival.head & ~everything), 0.0
+    everything, lost = arrival.side_info & arrival.packets.all(axis=1), lost_fractions(variant.load, arrival.packets)
+    curves = np.where(arrival.side_info, variant.distortion.psnr(lost), variant.blank_psnr)
+    parts, error = np.flatnonzero(arrival.side_info & ~everything), 0.0
     partly = len(parts) / len(curves)
     if variant.picture is not None and everything.any():
         curves[everything] = variant.picture(np.ones_like(arrival.packets[0]))

@@ -65,7 +65,7 @@ class TransferModel:
         group: Source block of an init segment symbol, or parity group of a repair symbol; int64 (n).
         symbol: Index of a symbol in its block or group; for a packet, its index in sending order; int64 (n).
         num_bytes: Size of each datagram with headers, bytes, int64 (n).
-        head: Number of source symbols of each source block of the init segment.
+        segment_sizes: Number of source symbols of each source block of the init segment.
         groups: Parity groups: packets that share repair symbols.
         num_packets: Number of packets.
         num_bundled: Number of packets at the start of the sending order that are part of the init segment.
@@ -75,14 +75,14 @@ class TransferModel:
     group: np.ndarray
     symbol: np.ndarray
     num_bytes: np.ndarray
-    head: tuple[int, ...]
+    segment_sizes: tuple[int, ...]
     groups: tuple[Group, ...]
     num_packets: int
     num_bundled: int = 0
 
     def bytes_by_kind(self) -> dict[str, int]:
         """Returns the bytes of a complete transfer by purpose: side information, packets, and parity of each."""
-        repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.head, 0), dtype=np.int64)[self._segment()])
+        repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.segment_sizes, 0), dtype=np.int64)[self._segment()])
         masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
                  "packet_protection": self.kind == PARITY}  # fmt: skip
         return {name: int(self.num_bytes[mask].sum()) for name, mask in masks.items()}
@@ -131,11 +131,11 @@ class SimulatedTransfers(CheckedFields):
     """Side information and packets that arrive in each of T simulated transfers.
 
     Attributes:
-        head: Mask of the transfers in which the side information is complete, bool (T).
+        side_info: Mask of the transfers in which the side information is complete, bool (T).
         packets: Mask of packets that are received, recovered, or part of the init segment, bool (T, P).
     """
 
-    head: np.ndarray
+    side_info: np.ndarray
     packets: np.ndarray
 
 
@@ -148,7 +148,7 @@ def simulate(model: TransferModel, received: np.ndarray) -> SimulatedTransfers:
         received: Mask of received datagrams in each of T transfers, bool (T, n).
     """
     received = transfer_masks(received, "received", len(model.kind))
-    head, trials = head_arrives(model, received), len(received)
+    side_info, trials = side_info_arrivals(model, received), len(received)
     packets = np.zeros((trials, model.num_packets), dtype=np.bool_)
     data = model.kind == DATA
     packets[:, model.symbol[data]] = received[:, data]
@@ -158,11 +158,11 @@ def simulate(model: TransferModel, received: np.ndarray) -> SimulatedTransfers:
         parity = received[:, (model.kind == PARITY) & (model.group == number)].sum(axis=1)
         enough = packets[:, members].sum(axis=1) + parity >= group.size + SYMBOLS_TO_SPARE * (group.size > 1)
         packets[np.ix_(enough, members)] = True
-    return SimulatedTransfers(head, packets)
+    return SimulatedTransfers(side_info, packets)
 
 
 @checked
-def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
+def side_info_arrivals(model: TransferModel, received: np.ndarray) -> np.ndarray:
     """Returns in which simulated transfers the side information is complete, bool (T).
 
     Args:
@@ -170,13 +170,13 @@ def head_arrives(model: TransferModel, received: np.ndarray) -> np.ndarray:
         received: Mask of received datagrams in each of T transfers, bool (T, n).
     """
     received = transfer_masks(received, "received", len(model.kind))
-    head = np.ones(len(received), dtype=np.bool_)
-    for segment, size in enumerate(model.head):
+    complete = np.ones(len(received), dtype=np.bool_)
+    for segment, size in enumerate(model.segment_sizes):
         mine = (model.kind == SIDE) & (model.group == segment)
         here = received[:, mine]
         all_sources = here[:, model.symbol[mine] < size].all(axis=1)
-        head &= all_sources | (here.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
-    return head
+        complete &= all_sources | (here.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
+    return complete
 
 
 def transfer_masks(masks: Any, name: str, num_datagrams: int) -> np.ndarray:

@@ -128,7 +128,7 @@ class PartialUpdates:
         ratios = drawable.sum() / self.num_at_first, _scene_size(splats.select(drawable)) / self.size_at_first
         if splats.degree != self.newest.degree or any(not 1 / MAX_GROWTH <= ratio <= MAX_GROWTH for ratio in ratios):
             return PartialUpdates.start(splats, self.antialiased)
-        held, known, coarse = self._held_rows(splats)
+        held, known, coarse = self._receiver_versions(splats)
         known &= drawable
         most = max(1, round(share * count))
         chosen = _changed(held, known, splats, drawable)
@@ -153,7 +153,7 @@ class PartialUpdates:
         count = self.num_pushed + 1
         return replace(self, chain=chain, newest=splats, held=mixed, known=known, coarse=coarse, num_pushed=count)
 
-    def _held_rows(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"], Bool[np.ndarray, "G"]]:
+    def _receiver_versions(self, splats: Splats) -> tuple[Splats, Bool[np.ndarray, "G"], Bool[np.ndarray, "G"]]:
         """Finds, for each Gaussian of a new scene, the version of this Gaussian that the receivers have.
 
         Args:

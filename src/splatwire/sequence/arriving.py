@@ -220,7 +220,7 @@ class Patience:
         """True if reading the file failed before and the file has not changed since."""
         return (self._path, self._signature) == (path, signature)
 
-    def note(self, path: Path, signature: Signature | None, now: float) -> None:
+    def record_failure(self, path: Path, signature: Signature | None, now: float) -> None:
         """Records that a file could not be read in its current state."""
         self._first = self._first if self._path == path else now
         self._path, self._signature, self._changed = path, signature, now

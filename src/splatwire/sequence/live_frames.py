@@ -36,7 +36,7 @@ class LiveFrames:
         """True if the received stream is live and its frames are written."""
         return self._thread is not None
 
-    def note(self, event: Event) -> None:
+    def on_event(self, event: Event) -> None:
         """Passes an event of the receiver to the thread that writes frames.
 
         Raises:
@@ -77,7 +77,7 @@ class LiveFrames:
 
         try:
             write_live_frames(self._waiting, self._folder, self._concealer, self._show_progress)
-        except Exception as error:  # raised again by `note` and `finish`
+        except Exception as error:  # raised again by `on_event` and `finish`
             self._error = error
 
     def _show_progress(self) -> None:

@@ -128,7 +128,7 @@ class LiveIngest:
                 frame = next(read_frames([path]))
             except UNUSABLE as error:
                 self._reason = _reason(error)
-                self._patience.note(path, signature, now)
+                self._patience.record_failure(path, signature, now)
             else:
                 self._remove_first(signature)
                 return self._checked(path, frame)

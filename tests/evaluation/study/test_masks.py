@@ -12,7 +12,7 @@ from splatwire.channel.transmit import datagrams_of, draw_in_order
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import UnknownNameError
 from splatwire.evaluation.study.definition import Loss
-from splatwire.evaluation.study.masks import anchor_bytes, equivalence, mask_bytes
+from splatwire.evaluation.study.masks import anchor_bytes, mask_bytes, measure_packet_loss
 
 LOSSES = ["bernoulli:0.3", "gilbert:0.2,3", "none"]
 
@@ -68,9 +68,9 @@ def test_loss_rate_converted_between_units_equals_theory():
     stream = encode_scene(tiny_scene(seed=2, num_anchors=600), Packetization(block_size=600, lanes=2))
     sizes = datagrams_of(np.array([packet.num_bytes for packet in stream.packets]))
     assert sizes.min() > 2
-    found = equivalence(stream, "bernoulli:0.1", tuple(range(1000)), "interleaved")
+    found = measure_packet_loss(stream, "bernoulli:0.1", tuple(range(1000)), "interleaved")
     assert found.datagram_rate == pytest.approx(0.1, abs=0.01)
-    assert found.pak_rate == pytest.approx((1 - 0.9**sizes).mean(), abs=0.03)
+    assert found.packet_rate == pytest.approx((1 - 0.9**sizes).mean(), abs=0.03)
 
 
 def test_saved_masks_hold_order_model_and_seed(stream):

@@ -67,7 +67,7 @@ class Coder(NamedTuple):
 
 @njit(error_model="numpy")
 @no_type_check
-def copies_before(levels, n):
+def copy_flag_context(levels, n):
     """Returns the entropy coder's context for the bit that is 1 if anchor `n` has a copy.
 
     The context, 0 to 3, is the number of copies among the four preceding anchors, at most 3.
@@ -140,7 +140,7 @@ def code_levels(coder, models, levels, buckets, num_levels):
     first_unary = len(models) - num_levels
     count = 0
     for n in range(len(levels)):
-        context = buckets[n] * HISTORY + copies_before(levels, n)
+        context = buckets[n] * HISTORY + copy_flag_context(levels, n)
         wanted, level = levels[n], 0
         if code_bit(coder, models, context, np.int64(wanted > 0)):
             level, count = 1, count + 1

@@ -62,7 +62,7 @@ def extrapolate(
     own = start[mine] - same_start.interpolate(before.offsets[arrived.tracks[peers]])
     own *= _kept_deviation(own, sequence.tracks.rounding[lost_tracks[mine]], before.concealed[lost_tracks[mine]])
     starts_unknown = fresh & (sequence.tracks.begins == 0)
-    begun = np.log(begun_share(arrived.begins[starts_unknown[arrived.tracks]], frames))
+    begun = np.log(started_share(arrived.begins[starts_unknown[arrived.tracks]], frames))
 
     def at(frame: int, offsets: np.ndarray) -> np.ndarray:
         found = start.copy()
@@ -100,7 +100,7 @@ def _query_neighbors(
     return Neighbors.of(places, colours, tracks, observed, lost_tracks, count, smooth=smooth)
 
 
-def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
+def started_share(begins: np.ndarray, frames: int) -> np.ndarray:
     """Returns, for each frame of a group of pictures, the share of the received tracks whose first frame is not later.
 
     Args:

@@ -12,7 +12,7 @@ from splatwire.evaluation.study.definition import Loss
 
 
 @dataclass(frozen=True)
-class Equivalence:
+class PacketLossRates:
     """Loss of a stream's packets that results from a loss of datagrams.
 
     A packet is lost if any of its datagrams is lost.
@@ -20,15 +20,15 @@ class Equivalence:
     Attributes:
         model: The loss model of datagrams.
         datagram_rate: Lost share of the datagrams, mean over seeds.
-        pak_rate: Lost share of the stream's packets, mean over seeds.
+        packet_rate: Lost share of the stream's packets, mean over seeds.
     """
 
     model: str
     datagram_rate: float
-    pak_rate: float
+    packet_rate: float
 
 
-def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> Equivalence:
+def measure_packet_loss(stream: SceneStream, model: str, seeds: tuple[int, ...], send_order: str) -> PacketLossRates:
     """Measures which share of a stream's packets is lost if datagrams are lost by a given model.
 
     Args:
@@ -39,7 +39,7 @@ def equivalence(stream: SceneStream, model: str, seeds: tuple[int, ...], send_or
     """
     loss = parse_loss(model, "datagram")
     masks = [draw_mask(stream, loss, seed=seed, send_order=send_order) for seed in seeds]
-    return Equivalence(
+    return PacketLossRates(
         model,
         statistics.fmean(mask.num_lost_datagrams / max(1, mask.num_datagrams) for mask in masks),
         statistics.fmean(mask.num_lost / max(1, len(mask.received)) for mask in masks),

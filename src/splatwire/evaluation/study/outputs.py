@@ -9,7 +9,7 @@ from splatwire.evaluation.study.charts import rate_chart
 from splatwire.evaluation.study.curves import bd_table, curves_csv, curves_of, panels, title_of
 from splatwire.evaluation.study.definition import Study
 from splatwire.evaluation.study.lead import make_lead
-from splatwire.evaluation.study.masks import Equivalence, equivalence, mask_bytes
+from splatwire.evaluation.study.masks import PacketLossRates, mask_bytes, measure_packet_loss
 from splatwire.evaluation.study.pictures import save_pictures, take_pictures
 from splatwire.evaluation.study.records import PLACE, table_to_bytes
 from splatwire.evaluation.study.report import render_sizes_report, render_study_report
@@ -20,7 +20,7 @@ from splatwire.evaluation.study.summary import INTERVALS, Summary, dataset_means
 from splatwire.evaluation.study.tables import (
     Table,
     bytes_table,
-    equivalence_table,
+    packet_loss_table,
     leaderboard_csv,
     ordering_table,
     result_tables,
@@ -127,7 +127,7 @@ def _tables(
     names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))
     deltas = [bd_table(panel) for panel in panels(curves_of(result.study, everything))]
-    means = [equivalence_table(name, _equivalences(result, store, name)) for name in names]
+    means = [packet_loss_table(name, _packet_loss_rates(result, store, name)) for name in names]
     sizes = [bytes_table(name, streams_of(summaries, name)) for name in names]
     return {
         "results": result_tables(result, everything),
@@ -198,7 +198,7 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
     }
 
 
-def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
+def _packet_loss_rates(result: StudyResult, store: Store, scene: str) -> dict[str, list[PacketLossRates]]:
     """Measures which share of each stream's packets is lost at several loss rates of datagrams.
 
     Returns:
@@ -211,7 +211,7 @@ def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, li
         if not stream.num_packets:
             continue
         opened = store.files.stream(store.root / stream.path)
-        found[variant] = [equivalence(opened, model, result.study.seeds, "interleaved") for model in models]
+        found[variant] = [measure_packet_loss(opened, model, result.study.seeds, "interleaved") for model in models]
     return found
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from splatwire.evaluation.study.definition import DEFAULT_METRICS, SIZE_METRICS, Loss, Published, Row, common_word
-from splatwire.evaluation.study.masks import Equivalence
+from splatwire.evaluation.study.masks import PacketLossRates
 from splatwire.evaluation.study.run import StudyResult
 from splatwire.evaluation.study.summary import Estimate, Ordering, Summary
 from splatwire.metrics.registry import METRICS, PUBLISHED_LPIPS
@@ -172,7 +172,7 @@ def _where(scene: str, loss: Loss | None) -> str:
     return scene if loss is None else f"{scene}, {loss.label}"
 
 
-def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]]) -> Table | None:
+def packet_loss_table(scene: str, by_variant: Mapping[str, Sequence[PacketLossRates]]) -> Table | None:
     """Returns a table of the share of a stream's packets that is lost because datagrams are lost.
 
     A packet is lost if any of its datagrams is lost. The streams of one scene differ in how it is split into packets.
@@ -190,7 +190,7 @@ def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]
     rows = []
     for i, model in enumerate(models):
         column = [entries[i] for entries in by_variant.values()]
-        rows.append((model, f"{100 * column[0].datagram_rate:.1f} %", *(f"{100 * e.pak_rate:.1f} %" for e in column)))
+        rows.append((model, f"{100 * column[0].datagram_rate:.1f} %", *(f"{100 * e.packet_rate:.1f} %" for e in column)))
     columns = ("process over datagrams of 1200 bytes", "datagrams lost", *(f"packets lost: {v}" for v in by_variant))
     return Table(f"{scene}: what lost datagrams mean in lost packets", columns, tuple(rows))
 

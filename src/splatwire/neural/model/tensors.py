@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from splatwire.errors import BitstreamError
-from splatwire.ops.arrays import mapped
+from splatwire.ops.arrays import map_items
 from splatwire.types.networks import Mlp
 
 
@@ -27,7 +27,7 @@ def to_tensors(value: Any, device: torch.device | str | None = None) -> Any:
         return tensor if device is None else tensor.to(device)
     if isinstance(value, Tensor):
         return value if device is None else value.to(device)
-    return mapped(value, lambda part: to_tensors(part, device))
+    return map_items(value, lambda part: to_tensors(part, device))
 
 
 def run_network(network: Mlp, x: Float[Tensor, "N in"]) -> Float[Tensor, "N out"]:

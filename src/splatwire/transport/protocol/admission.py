@@ -199,7 +199,7 @@ class StartRateLimiter:
         starts.drop_expired(now)
         return len(starts.recent) < self._most
 
-    def note(self, network: Network, nonce: int, now: float) -> None:
+    def record(self, network: Network, nonce: int, now: float) -> None:
         """Counts a transfer that a client of the given network has started.
 
         Args:

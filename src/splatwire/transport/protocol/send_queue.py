@@ -63,7 +63,7 @@ class SentLog:
     def __init__(self, noted: bool) -> None:
         self._indices = array("I", bytes(4 * RECENT)) if noted else None
 
-    def note(self, sequence: int, packet_index: int) -> None:
+    def record(self, sequence: int, packet_index: int) -> None:
         """Records a sent datagram.
 
         Args:
@@ -90,7 +90,7 @@ class SentLog:
             number: Sequence number of the datagram; None has no effect.
         """
         if number is not None:
-            self.note(number, -1)
+            self.record(number, -1)
 
 
 class SendQueue:
@@ -127,12 +127,12 @@ class SendQueue:
     @property
     def _num_scheduled(self) -> int:
         """Number of datagrams that are sent in the stream's fixed order."""
-        return self._schedule.opening_end if self.viewed else len(self._schedule.items)
+        return self._schedule.opening_end if self.viewed else len(self._schedule.datagrams)
 
     def pop(self) -> Item:
-        """Removes the next datagram from the queue and returns it as in `SendSchedule.items`."""
+        """Removes the next datagram from the queue and returns it as in `SendSchedule.datagrams`."""
         if self._next < self._num_scheduled:
-            item = self._schedule.items[self._next]
+            item = self._schedule.datagrams[self._next]
             self._next += 1
             self._passed = item[2] + 1 if item[0] == DATA else self._passed
             self.head_left = self._next == self._schedule.head_end
@@ -187,9 +187,9 @@ class SendQueue:
             known: Number of packets before the stream has grown.
         """
         self._stream = stream
-        source = (stream.reliable_schedule if reliable else stream.send_schedule).items
+        source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule.items[self._next :] if known and stream.wants(*item)]
+        left = [item for item in self._schedule.datagrams[self._next :] if known and stream.wants(*item)]
         new = [] if known == len(stream.packets) else [
             item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
         ]  # fmt: skip

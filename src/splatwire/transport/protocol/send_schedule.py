@@ -25,7 +25,7 @@ def build_send_schedule(
             segment.
 
     Returns:
-        Three integers for each datagram, as in `SendSchedule.items`.
+        Three integers for each datagram, as in `SendSchedule.datagrams`.
     """
     num_packets = sum(some.num_packets for some in parity_ranges)
     head_items = sorted(((n / size, k, n) for k, size in enumerate(head) for n in range(size)))

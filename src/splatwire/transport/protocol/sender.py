@@ -299,7 +299,7 @@ class Server:
         # A network with too many refused requests is not logged any more.
         if not self._refusals.allowed(network, now):
             return TOO_MANY if refusal in (UNKNOWN_STREAM, NEEDS_TOKEN) else refusal
-        self._refusals.note(network, request.nonce, now)
+        self._refusals.record(network, request.nonce, now)
         client, reason = network_text(network), REFUSALS[refusal]
         log_event(LOG, logging.INFO, "transfer refused", client=client, stream=request.name, reason=reason)
         return refusal
@@ -334,7 +334,7 @@ class Server:
         session = self._new_session(key[0])
         self._transfers[key] = ServerTransfer(stream, session, self._limits, now, reliable_head=reliable, nonce=key[1])
         self._sessions[(key[0], session)], self._networks[key] = key, network
-        starts.note(network, key[1], now)
+        starts.record(network, key[1], now)
         self.num_served += 1
         log_event(LOG, logging.INFO, "transfer started", client=network_text(network), stream=name, session=session)
         self._schedule(key)

@@ -49,7 +49,7 @@ class SendSchedule(NamedTuple):
     """Datagrams of a stream in sending order.
 
     Attributes:
-        items: Three integers for each datagram. The first is the kind of its content, which determines the other two:
+        datagrams: Three integers for each datagram. The first is the kind of its content, which determines the other two:
 
             * `DATA` (a packet): 0, and the index of the packet in sending order.
             * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.
@@ -58,7 +58,7 @@ class SendSchedule(NamedTuple):
         opening_end: Number of datagrams that are sent before the order depends on the viewpoint; 0 without tiles.
     """
 
-    items: Sequence[tuple[int, int, int]]
+    datagrams: Sequence[tuple[int, int, int]]
     head_end: int
     opening_end: int
 
@@ -79,7 +79,7 @@ class ServedStream:
         bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
-        schedule: Datagrams in sending order, as in `SendSchedule.items`.
+        schedule: Datagrams in sending order, as in `SendSchedule.datagrams`.
         preview: Encoded preview, which clients get first; empty without a preview.
         resend: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
         resendable: Number of packets at the start of the sending order that may be retransmitted; None for all.
@@ -118,25 +118,25 @@ class ServedStream:
         head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
         return self.schedule_of((*head, *(item for item in self.schedule if item[0] != SIDE)))
 
-    def schedule_of(self, items: Sequence[tuple[int, int, int]]) -> SendSchedule:
+    def schedule_of(self, datagrams: Sequence[tuple[int, int, int]]) -> SendSchedule:
         """Builds a schedule from datagrams in sending order.
 
         Args:
-            items: Three integers for each datagram, as in `SendSchedule.items`.
+            datagrams: Three integers for each datagram, as in `SendSchedule.datagrams`.
         """
         last_of_head = last_of_opening = -1
-        for number, item in enumerate(items):
+        for number, item in enumerate(datagrams):
             if item[0] == SIDE:
                 last_of_head = number
             if self.tiles is not None and self.in_opening(item):
                 last_of_opening = number
-        return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
+        return SendSchedule(datagrams, last_of_head + 1, last_of_opening + 1)
 
     def in_opening(self, item: tuple[int, int, int]) -> bool:
         """True if a datagram belongs to the start of a transfer, which is the same for every viewpoint.
 
         Args:
-            item: The datagram as three integers, as in `SendSchedule.items`.
+            item: The datagram as three integers, as in `SendSchedule.datagrams`.
         """
         kind, group, symbol = item
         if kind == PARITY:

@@ -196,7 +196,7 @@ class ServerTransfer:
         else:
             waits = self._order.viewed and self._ends > OFTEN
             self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
-            self._left.note(self._feedback_tracker.sequence, -1)
+            self._left.record(self._feedback_tracker.sequence, -1)
             if self._ends % 2 or not self.stream.is_live:
                 return self._leave(encode(End(self.session, self._feedback_tracker.sequence)), now)
             item = (WELCOME, 0, 0)
@@ -247,7 +247,7 @@ class ServerTransfer:
             self._sent_again[item] = now
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
-        self._left.note(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
+        self._left.record(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
         if kind == DATA:
             return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.stream.packets[symbol])
         source = self.stream.head if kind == SIDE else self.stream.parity
@@ -309,7 +309,7 @@ class ServerTransfer:
             missing: Number of symbols that the client still needs.
 
         Returns:
-            The symbols, as in `SendSchedule.items`.
+            The symbols, as in `SendSchedule.datagrams`.
         """
         head = self.stream.head
         longest = max(map(len, head))
