@@ -119,14 +119,14 @@ def test_interrupted_receive_writes_the_arrived_packets(stream_file: Path, tmp_p
     from splatwire.codec import decode_stream
     from splatwire.transport import PacketArrived
 
-    note = TransferTimes.note
+    on_event = TransferTimes.on_event
 
     def interrupted(self, event, show):
-        note(self, event, show)
+        on_event(self, event, show)
         if isinstance(event, PacketArrived):
             signal.raise_signal(number)
 
-    monkeypatch.setattr(TransferTimes, "note", interrupted)
+    monkeypatch.setattr(TransferTimes, "on_event", interrupted)
     with serving(str(stream_file), "--rate", "0.3") as facts:
         target = tmp_path / "part.swz"
         assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(target)) == 130

@@ -262,7 +262,7 @@ def test_repacked_gaussians_keep_their_copies() -> None:
     assert isinstance(decoded, SplatScene)
     info = open_side_info(first.manifest, first.side_info)
     chosen = np.arange(0, 400, 9)
-    section = write_copies(decoded.splats, chosen, info, level=2, growth=(1.0, 0.5, 0.25))
+    section = write_copies(decoded.splats, chosen, info, precision_class=2, growth=(1.0, 0.5, 0.25))
     first = add_concealment(first, "sketch", section)
     packed = repack(first, PRESETS["datagram"])
     partials = decode_stream(first), decode_stream(packed)

@@ -16,7 +16,7 @@ def with_copies(stream: SceneStream, growth: tuple[float, float, float] = (0.25,
     """The Gaussians with copies of every seventh."""
     info, whole = open_side_info(stream.manifest, stream.side_info), decode_stream(stream).scene.splats
     places = np.arange(0, stream.manifest.num_elements, 7)
-    return add_concealment(stream, SECTION, write_copies(whole, places, info, level=7, growth=growth))
+    return add_concealment(stream, SECTION, write_copies(whole, places, info, precision_class=7, growth=growth))
 
 
 def with_sketch(stream: SceneStream, trust: float = 0.75) -> SceneStream:

@@ -11,7 +11,7 @@ CHUNK = 1 << 17
 """Number of ranks hashed at a time, so that temporary arrays stay in the CPU cache."""
 
 
-def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray:
+def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) -> np.ndarray:
     """Assigns elements to packets of a block by a hash of their index.
 
     This is the "Hash Interleaving" of Section 3.2.2 of the paper that this project implements (docs/paper-map.md).
@@ -19,7 +19,7 @@ def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray
     Args:
         start: Index of the first element in coding order.
         stop: Index after the last element.
-        lanes: Number of packets per block, M.
+        interleave_depth: Number of packets per block, M.
         seed: Seed of the hash, ξ.
 
     Returns:
@@ -29,7 +29,7 @@ def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray
     for first in range(start, stop, CHUNK):
         last = min(first + CHUNK, stop)
         ranks = np.arange(first, last, dtype=np.uint64)
-        out[first - start : last - start] = splitmix64(ranks ^ np.uint64(seed)) % np.uint64(lanes)
+        out[first - start : last - start] = splitmix64(ranks ^ np.uint64(seed)) % np.uint64(interleave_depth)
     return out
 
 
@@ -45,28 +45,28 @@ def hash_order(start: int, stop: int, seed: int) -> np.ndarray:
     return start + np.argsort(splitmix64(ranks ^ np.uint64(seed)), kind="stable")
 
 
-def contiguous_bounds(size: int, lanes: int) -> np.ndarray:
+def contiguous_bounds(size: int, num_ranges: int) -> np.ndarray:
     """Divides the elements of a block into ranges of nearly equal length, one for each packet of the block.
 
     Args:
         size: Number of elements.
-        lanes: Number of ranges.
+        num_ranges: Number of ranges.
 
     Returns:
         Start of each range and the end of the last one, int64 (`lanes + 1`).
     """
-    lane = np.arange(lanes + 1, dtype=np.int64)
-    return lane * (size // lanes) + np.minimum(lane, size % lanes)
+    lane = np.arange(num_ranges + 1, dtype=np.int64)
+    return lane * (size // num_ranges) + np.minimum(lane, size % num_ranges)
 
 
-def contiguous_lanes(size: int, lanes: int) -> np.ndarray:
+def contiguous_lanes(size: int, num_packets: int) -> np.ndarray:
     """Assigns the elements of a block to packets; each packet gets consecutive elements.
 
     Args:
         size: Number of elements of the block.
-        lanes: Number of packets.
+        num_packets: Number of packets.
 
     Returns:
         Packet of each element, uint8 (`size`).
     """
-    return np.repeat(np.arange(lanes), np.diff(contiguous_bounds(size, lanes))).astype(np.uint8)
+    return np.repeat(np.arange(num_packets), np.diff(contiguous_bounds(size, num_packets))).astype(np.uint8)

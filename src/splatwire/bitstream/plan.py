@@ -225,16 +225,16 @@ class PacketPlan:
         """Number of elements of a block."""
         return self._span(block).block_elements(block)
 
-    def name_hashed(self, place: int) -> PacketId:
+    def name_hashed(self, first_rank: int) -> PacketId:
         """Returns the id of the packet that starts with a given element, for packets filled up to a size limit.
 
         This requires the grouping `hashed`.
 
         Args:
-            place: Index of the packet's first element in `groups().ranks`.
+            first_rank: Index of the packet's first element in `groups().ranks`.
         """
-        span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
-        block, position = divmod(place - span.first, span.block_size)
+        span = self.spans[bisect.bisect_right(self._first_places, first_rank) - 1]
+        block, position = divmod(first_rank - span.first, span.block_size)
         return PacketId(span.first_block + block, position)
 
     def _span(self, block: int) -> Span:

@@ -246,9 +246,14 @@ class _Plan:
 
     @staticmethod
     def of(
-        material: SketchMaterial, basis: SketchBasis, step: float, level: int, price: float, options: SketchFit
+        material: SketchMaterial,
+        basis: SketchBasis,
+        step: float,
+        precision_level: int,
+        price: float,
+        options: SketchFit,
     ) -> "_Plan":
-        columns, half = basis.directions.shape[1], 0.5 ** (level - 1)
+        columns, half = basis.directions.shape[1], 0.5 ** (precision_level - 1)
         target = (material.channels - material.mean) @ material.forward.T
         values = _rounded(target[:, :columns] / (step * half))
         left = (target[:, columns:] ** 2).sum(axis=1)

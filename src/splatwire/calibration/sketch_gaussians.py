@@ -112,7 +112,7 @@ class GaussianSketch:
     def section(self) -> bytes:
         """Returns the bytes of the section `sketch` of the side information."""
         size, opacity, trust = self.growth
-        return write_copies(self.splats, self.places, self.info, level=LEVEL, growth=(size, opacity, trust))
+        return write_copies(self.splats, self.places, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
 
     def around(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
         """Replaces lost Gaussians of a received scene by the coarse copies of this sketch.

@@ -80,11 +80,11 @@ class MadeDownloads:
         """File formats offered for download: suffixes without their dot, such as `spz`, or names of folder formats."""
         return self._formats
 
-    async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
+    async def file(self, stream_bytes: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
         """Returns the file of a stream in another format, which is made at the first request.
 
         Args:
-            stream: Content of the stream's `.swz` file.
+            stream_bytes: Content of the stream's `.swz` file.
             tag: Entity tag of the stream.
             form: One of `formats`.
             part: For a folder, path of the file in it.
@@ -98,7 +98,7 @@ class MadeDownloads:
         # Requests for the same file wait for one process.
         key = (tag, form)
         if key not in self._files:
-            self._files[key] = asyncio.get_running_loop().create_task(self._make(stream, tag, form))
+            self._files[key] = asyncio.get_running_loop().create_task(self._make(stream_bytes, tag, form))
         found = await asyncio.shield(self._files[key])
         await self._evict(key)
         if found.file is not None or part not in found.tags:
@@ -114,9 +114,9 @@ class MadeDownloads:
     def _target(self, tag: str, form: str) -> Path:
         return self._folder / f"{tag}.{form}"
 
-    async def _make(self, stream: bytes, tag: str, form: str) -> _FinishedConversion:
+    async def _make(self, stream_bytes: bytes, tag: str, form: str) -> _FinishedConversion:
         try:
-            return await self._convert(stream, tag, form)
+            return await self._convert(stream_bytes, tag, form)
         except OSError as error:  # such as a full disk: the next request tries again
             del self._files[tag, form]
             log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
@@ -125,13 +125,13 @@ class MadeDownloads:
             asyncio.get_running_loop().call_later(self._retry_s, self._files.pop, (tag, form), None)
             raise
 
-    async def _convert(self, stream: bytes, tag: str, form: str) -> _FinishedConversion:
+    async def _convert(self, stream_bytes: bytes, tag: str, form: str) -> _FinishedConversion:
         target = self._target(tag, form)
         async with self._turn:
             place = Path(tempfile.mkdtemp(dir=self._folder))
             try:
                 source, made = place / f"{tag}.swz", place / f"{tag}.{form}"
-                await asyncio.to_thread(source.write_bytes, stream)  # files may be large: other responses go on
+                await asyncio.to_thread(source.write_bytes, stream_bytes)  # files may be large: other responses go on
                 try:
                     await self._run("convert", str(source), str(made), "--to", form, "--json")
                 except SplatwireError as error:

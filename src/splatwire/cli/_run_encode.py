@@ -178,13 +178,13 @@ def _encode_scene(command: Encode, source: Path) -> None:
             scene, lost = left.scene, left.psnr
         up = _up(command, scene, cameras)
 
-        def encode(some: Any, classes: Any, quality: str | int | float | Quality | None) -> SceneStream:
-            packetization = packetization_of(command, schema.name, int(some.drawable.sum()))
+        def encode(kept: Any, classes: Any, quality: str | int | float | Quality | None) -> SceneStream:
+            packetization = packetization_of(command, schema.name, int(kept.drawable.sum()))
             options: Any = {"classes": classes, "quality": quality, "progress": lambda share: report("encoding", share)}
             if levels:
-                stream = encode_levels(some, packetization, **options)
+                stream = encode_levels(kept, packetization, **options)
             else:
-                stream = encode_scene(some, packetization, tiers=_tiers(command, some, cameras), **options)
+                stream = encode_scene(kept, packetization, tiers=_tiers(command, kept, cameras), **options)
             if cameras is not None:
                 stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
             if up:

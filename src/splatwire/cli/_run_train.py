@@ -81,21 +81,22 @@ def run(command: Train) -> None:
     _report(command, result, config)
 
 
-def _initial_training(command: Train, place: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
+def _initial_training(command: Train, device_name: str) -> tuple[TrainState, TrainConfig, Dataset, Dataset | None]:
     """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None.
 
     Args:
         command: Options of `splatwire train`.
-        place: Name of the training device, for messages.
+        device_name: Name of the training device, for messages.
     """
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     start = None if command.init is None else open_scene(command.init)
     if start is not None and (model := model_of(start)) is not None:
-        return _continued_training(command, start, model, f"{chosen}, on the {place}")
+        return _continued_training(command, start, model, f"{chosen}, on the {device_name}")
     config = _config(command)
     train, test = _datasets(command, config)
     more = f" and {config.milestones.tuning:,} more for losses" if config.milestones.tuning else ""
-    summary = f"recipe {config.preset}{chosen}, {config.milestones.fine_tuning_start:,} iterations{more} on the {place}"
+    iterations = f"{config.milestones.fine_tuning_start:,} iterations{more}"
+    summary = f"recipe {config.preset}{chosen}, {iterations} on the {device_name}"
     print(summary, file=sys.stderr)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))

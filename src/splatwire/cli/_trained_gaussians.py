@@ -72,13 +72,13 @@ def check_gaussian_options(command: Train) -> None:
     _config(command)
 
 
-def run_gaussians(command: Train, device: str, place: str) -> None:
+def run_gaussians(command: Train, device: str, device_name: str) -> None:
     """Trains explicit Gaussians, writes them, and prints the result.
 
     Args:
         command: Options of `splatwire train`.
         device: Name of the training device.
-        place: Name of the device in messages.
+        device_name: Name of the device in messages.
     """
     output = prepared_output(Path(command.output))
     checkpoint = output.with_name(output.name + ".checkpoint")
@@ -87,7 +87,7 @@ def run_gaussians(command: Train, device: str, place: str) -> None:
         check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE)
         train, test = training_data(command, config.test_views, config.background)
     else:
-        state, config, train, test = _initial_training(command, place)
+        state, config, train, test = _initial_training(command, device_name)
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once
     options = RunOptions(checkpoint, command.checkpoint_interval)
     with served_training(command) as served:
@@ -113,12 +113,14 @@ def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
     return stream.num_bytes
 
 
-def _initial_training(command: Train, place: str) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:
+def _initial_training(
+    command: Train, device_name: str
+) -> tuple[GaussianState, GaussianConfig, Dataset, Dataset | None]:
     """Prepares a new training: returns initial state, configuration, training dataset, and test dataset or None.
 
     Args:
         command: Options of `splatwire train`.
-        place: Name of the training device, for messages.
+        device_name: Name of the training device, for messages.
     """
     config = _config(command)
     start = None if command.init is None else open_scene(command.init)
@@ -128,7 +130,7 @@ def _initial_training(command: Train, place: str) -> tuple[GaussianState, Gaussi
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     print(
         f"recipe {config.preset}{chosen}, {config.gaussians:,} Gaussians, {config.iterations:,} iterations and "
-        f"{config.tuning:,} more with the rounding of the codec, on the {place}",
+        f"{config.tuning:,} more with the rounding of the codec, on the {device_name}",
         file=sys.stderr,
     )
     if train.points is None or not train.points.num_points:

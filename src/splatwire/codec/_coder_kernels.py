@@ -163,15 +163,16 @@ def code_escape(coder, excess):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_value(coder, stream, spread, second, mean, value, shift, absolute):
+def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift, absolute):
     """Encodes or decodes a quantised integer, given its prediction.
 
     Args:
         coder: Entropy coder.
-        stream: Kind of value, part of the context.
-        spread: Part of the context: class of the deviation of values of nearby coded Gaussians from their mean.
-        second: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For other
-            kinds of value: class of the mean magnitude of the preceding residuals.
+        kind: Kind of value, part of the context.
+        deviation_class: Part of the context: class of the deviation of values of nearby coded Gaussians from their
+            mean.
+        magnitude_class: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For
+            other kinds of value: class of the mean magnitude of the preceding residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -183,34 +184,35 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
     """
     half = (1 << shift) >> 1
     if not absolute:
-        steps = _code_steps(coder, stream, spread, second, (value - mean + half) >> shift, ZERO)
+        steps = _code_steps(coder, kind, deviation_class, magnitude_class, (value - mean + half) >> shift, ZERO)
         return mean + (steps << shift), steps
     eighths = ((mean << EIGHTHS) + half) >> shift
     near = (eighths + (1 << (EIGHTHS - 1))) >> EIGHTHS
     steps = _code_steps(
-        coder, stream, spread, second, ((value + half) >> shift) - near, eighths - (near << EIGHTHS)
+        coder, kind, deviation_class, magnitude_class, ((value + half) >> shift) - near, eighths - (near << EIGHTHS)
     )  # fmt: skip
     return (near + steps) << shift, steps
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_steps(coder, stream, spread, second, q, eighths):
+def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
     """Encodes or decodes a residual in quantisation steps, with the probability distribution of its context.
 
     Args:
         coder: Entropy coder.
-        stream: Kind of value, part of the context.
-        spread: Part of the context: class of the deviation of values of nearby coded Gaussians from their mean.
-        second: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For other
-            kinds of value: class of the mean magnitude of the preceding residuals.
+        kind: Kind of value, part of the context.
+        deviation_class: Part of the context: class of the deviation of values of nearby coded Gaussians from their
+            mean.
+        magnitude_class: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For
+            other kinds of value: class of the mean magnitude of the preceding residuals.
         q: The residual; only used by an encoder.
         eighths: Mean of the distribution, in eighths of a step, -4 to 3.
 
     Returns:
         The residual.
     """
-    scale = np.int64(coder.scales[(stream * SPREADS + spread) * SECONDS + second])
+    scale = np.int64(coder.scales[(kind * SPREADS + deviation_class) * SECONDS + magnitude_class])
     window, mixture = coder.windows[scale], eighths + (NUM_MEANS >> 1)
     half, first = window[HALF], window[AT] + mixture * window[STRIDE]
     if coder.decoding:
@@ -237,8 +239,8 @@ def _code_steps(coder, stream, spread, second, q, eighths):
     else:
         q = _encode_wide(coder, scale, q, eighths)
     if not coder.decoding:
-        coder.residuals[stream, spread, second, 0] += 1
-        coder.residuals[stream, spread, second, 1] += abs(q)
+        coder.residuals[kind, deviation_class, magnitude_class, 0] += 1
+        coder.residuals[kind, deviation_class, magnitude_class, 1] += abs(q)
     return q
 
 
@@ -264,13 +266,13 @@ def _decode_outside(words, state, half):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_between(coder, scale, place, start, after, target, eighths):
+def _decode_between(coder, scale, index, start, after, target, eighths):
     """Decodes a residual of a wide distribution, of which the tables contain only some starts of probability intervals.
 
     Args:
         coder: Entropy coder.
         scale: Index of the probability distribution.
-        place: Index of the last tabulated start that is at most `target`.
+        index: Index of the last tabulated start that is at most `target`.
         start: This tabulated start.
         after: The next tabulated start.
         target: Value read by the range decoder, from `start` to `after` (exclusive).
@@ -284,7 +286,7 @@ def _decode_between(coder, scale, place, start, after, target, eighths):
     half, shift, mean = coder.windows[scale, HALF], coder.windows[scale, SHIFT], eighths << (MEAN_BITS - EIGHTHS)
     narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
-    symbol = (place << shift) + steps - half
+    symbol = (index << shift) + steps - half
     low = _bound(coder, symbol, half, mean, narrow, wide)
     while low > target:
         symbol -= 1

@@ -8,15 +8,15 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def step_exponent(bases, which, level, area, long, thin, opacity):
+def step_exponent(bases, attribute, precision_class, area, long, thin, opacity):
     """Computes `-log2` of the quantisation step of one attribute of a Gaussian, as an integer.
 
     Args:
         bases: `-log2` of each attribute's quantisation step in precision class 0, for a Gaussian with scales and
             opacity 1; `STEP_BITS` fractional bits.
-        which: Index of the attribute in `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large
-            as in the class before it.
+        attribute: Index of the attribute in `gaussians.layout.STEPS`.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
+            large as in the class before it.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -24,22 +24,22 @@ def step_exponent(bases, which, level, area, long, thin, opacity):
     """
     # The result grows by one from each precision class to the next higher one. It also depends linearly on the
     # logarithms of the scales and of the opacity.
-    c = COEFFICIENTS[which]
+    c = COEFFICIENTS[attribute]
     sums = c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity
-    sums += (bases[which] + (level << STEP_BITS)) << BITS
+    sums += (bases[attribute] + (precision_class << STEP_BITS)) << BITS
     return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def step_shift(bases, which, level, area, long, thin, opacity, most):
+def step_shift(bases, attribute, precision_class, area, long, thin, opacity, most):
     """Returns log2 of the quantisation step of one attribute of a Gaussian; it depends on size, shape and opacity.
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        which: The attribute, as an index into `gaussians.layout.STEPS`.
-        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large
-            as in the class before it.
+        attribute: The attribute, as an index into `gaussians.layout.STEPS`.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
+            large as in the class before it.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -49,18 +49,18 @@ def step_shift(bases, which, level, area, long, thin, opacity, most):
     Returns:
         log2 of the step in units of `2**-BITS`, 0 to `most`.
     """
-    return min(max(BITS - step_exponent(bases, which, level, area, long, thin, opacity), 0), most)
+    return min(max(BITS - step_exponent(bases, attribute, precision_class, area, long, thin, opacity), 0), most)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def position_shift(bases, level, s0, long, thin, opacity, unit, most):
+def position_shift(bases, precision_class, s0, long, thin, opacity, unit, most):
     """Returns log2 of the quantisation step of a Gaussian's position, which depends on size, shape and precision class.
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        level: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as large
-            as in the class before it.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
+            large as in the class before it.
         s0: log2 of the largest of the three scales, `BITS` fractional bits.
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -72,5 +72,6 @@ def position_shift(bases, level, s0, long, thin, opacity, unit, most):
         log2 of the step in lattice spacings, 0 to `most`.
     """
     # The step is at most half the second scale.
-    e = max(step_exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
+    exponent = step_exponent(bases, S_POSITION, precision_class, 2 * s0 - long, long, thin, opacity)
+    e = max(exponent, 1 - ((s0 - long) >> BITS))
     return min(max(unit - e, 0), most)

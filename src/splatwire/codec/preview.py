@@ -76,12 +76,14 @@ class PreviewFrame:
         return None
 
     @staticmethod
-    def fitting(middle: Sequence[float], spread: float, low: Sequence[float], high: Sequence[float]) -> "PreviewFrame":
+    def fitting(
+        middle: Sequence[float], linear_range: float, low: Sequence[float], high: Sequence[float]
+    ) -> "PreviewFrame":
         """Creates the quantisation parameters of a preview (`PreviewFrame`) from the ranges of the values to quantise.
 
         Args:
             middle: Centre of the scene, world units.
-            spread: Distance up to which positions have nearly uniform precision, world units.
+            linear_range: Distance up to which positions have nearly uniform precision, world units.
             low: Minima of four values: the three coordinates, transformed by `asinh((x - middle) / spread)`, and
                 `log(size / spread)`, a natural logarithm.
             high: Maxima of these four values.
@@ -96,12 +98,12 @@ class PreviewFrame:
         )
         return PreviewFrame(
             (x, y, z),
-            _sent([spread])[0],
+            _sent([linear_range])[0],
             (least[0], least[1], least[2], least[3]),
             (most[0], most[1], most[2], most[3]),
         )
 
-    def values(self, levels: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
+    def values(self, codes: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
         """Dequantises the numbers that describe the G Gaussians of a preview.
 
         Returns:
@@ -109,7 +111,7 @@ class PreviewFrame:
             each axis (3); colour (3); opacity (1).
         """
         low, step = self.scale()
-        return low + levels * step
+        return low + codes * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
         """Converts the ten numbers of each Gaussian (see `values`) to quantisation levels, without rounding."""

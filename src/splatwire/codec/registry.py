@@ -91,17 +91,17 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
     return best[0] if best else None
 
 
-def _load_codec(stream: StreamSchema) -> Schema:
+def _load_codec(stream_schema: StreamSchema) -> Schema:
     """Imports the codec of a kind of stream: its encoder and decoder in addition to the properties of the streams.
 
     Args:
-        stream: Properties of the streams, with the module and name of the codec. A complete codec (`Schema`) is
+        stream_schema: Properties of the streams, with the module and name of the codec. A complete codec (`Schema`) is
             returned unchanged.
     """
     # Stream readers register only the properties of streams, to avoid importing the codec.
-    if isinstance(stream, Schema):
-        return stream
-    module, _, name = stream.codec.partition(":")
+    if isinstance(stream_schema, Schema):
+        return stream_schema
+    module, _, name = stream_schema.codec.partition(":")
     try:
         found: Schema = getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as error:

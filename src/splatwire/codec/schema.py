@@ -168,11 +168,11 @@ class Schema(StreamSchema):
     remap_sections: Callable[[SceneStream, SceneStream], SceneStream] = lambda stream, packed: packed
 
 
-def schema_for(stream: StreamSchema, **codec: Any) -> Schema:
+def schema_for(stream_schema: StreamSchema, **codec: Any) -> Schema:
     """Creates the definition of a codec (`Schema`): adds encoder, decoder and other parts to the properties of streams.
 
     Args:
-        stream: Properties of the codec's streams, such as name and format version.
+        stream_schema: Properties of the codec's streams, such as name and format version.
         **codec: The other attributes of `Schema` as keyword arguments, such as the encoder and the decoder.
     """
-    return Schema(**{**vars(stream), "codec": "", "scene": ""}, **codec)
+    return Schema(**{**vars(stream_schema), "codec": "", "scene": ""}, **codec)

@@ -156,16 +156,16 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     return QuantisedLinear(symbols.astype(np.int32), steps, shifts, base.astype(np.int32))
 
 
-def _common_trailing_zeros(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
+def _common_trailing_zeros(twos: np.ndarray, nonzero: np.ndarray, axis: int) -> np.ndarray:
     """Returns, for each row or column of weights, the largest power of two that divides all of them, as log2.
 
     Args:
         twos: log2 of the largest power of two that divides each weight.
-        some: Mask of non-zero weights; the others are ignored.
+        nonzero: Mask of non-zero weights; the others are ignored.
         axis: 0 for a result by column, 1 for a result by row.
     """
-    least = np.where(some, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
-    return np.maximum(np.where(some.any(axis=axis), least, 0), 0)
+    least = np.where(nonzero, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
+    return np.maximum(np.where(nonzero.any(axis=axis), least, 0), 0)
 
 
 def _is_whole(values: np.ndarray, most: float) -> bool:

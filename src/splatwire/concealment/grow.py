@@ -161,20 +161,20 @@ def lost_share(
 
 
 def _neighbors_of(
-    positions: Float[np.ndarray, "N 3"], which: Bool[np.ndarray, "N"], neighbors: int
+    positions: Float[np.ndarray, "N 3"], selected: Bool[np.ndarray, "N"], neighbors: int
 ) -> Iterator[tuple[Int64[np.ndarray, "m"], Int64[np.ndarray, "m k"]]]:
     """Yields the nearest neighbours of selected elements in batches, to limit memory.
 
     Args:
         positions: Positions of all elements.
-        which: Mask of the selected elements.
+        selected: Mask of the selected elements.
         neighbors: Number of neighbours per element.
 
     Yields:
         Indices of the m elements of a batch, (m), and of the nearest other elements of each, (m, neighbors).
     """
     tree = NeighborTree(positions)
-    chosen = np.flatnonzero(which)
+    chosen = np.flatnonzero(selected)
     for first in range(0, len(chosen), _CHUNK):
         own = chosen[first : first + _CHUNK]
         yield own, nearest_others(tree, positions[own], own, neighbors)[0]

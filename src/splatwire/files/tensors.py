@@ -237,14 +237,14 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
     return stack[-1]
 
 
-def _storage(word: str, kind: _Name, key: str, place: str, count: int, *views: Any) -> _Storage:
+def _storage(word: str, kind: _Name, key: str, device: str, count: int, *views: Any) -> _Storage:
     """Parses the reference to a tensor's data in a PyTorch file. The arguments are the items of the pickled reference.
 
     Args:
         word: Always `storage`.
         kind: Class of the data, which determines the dtype.
         key: Name of the data in the archive.
-        place: Device; ignored.
+        device: Device; ignored.
         count: Number of elements.
         *views: Further items, which current releases of PyTorch do not write.
 

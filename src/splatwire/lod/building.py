@@ -93,7 +93,7 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     return bounds[::-1]
 
 
-def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
+def _replacements(splats: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
     """Chooses for each tile of a level the number of Gaussians that represent it in the next coarser level.
 
     Yields:
@@ -103,7 +103,7 @@ def _replacements(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterat
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
         children = np.flatnonzero(parents == parent)
-        runs = [level.run(*finer.edges[child : child + 2].tolist()) for child in children]
+        runs = [splats.run(*finer.edges[child : child + 2].tolist()) for child in children]
         found = [footprints(run) for run in runs]
         extents = np.array([np.sqrt(mass).sum() for mass in found])
         shares = distribute(shape.size, extents, np.array([run.num_gaussians for run in runs]))
@@ -129,6 +129,6 @@ def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray
     return shares
 
 
-def _reduced(level: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
-    some = level.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
+def _reduced(splats: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
+    some = splats.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
     return reduce_gaussians(some, count, mass) if count else (some, 0, 0.0)

@@ -85,13 +85,13 @@ class MahalanobisSearch:
         return np.asarray(squared * (1 + 1e-9))
 
 
-def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
+def _local_order(positions: np.ndarray, extents: np.ndarray) -> np.ndarray:
     """Sorts points so that consecutive ones are close in space and of similar size; returns their indices."""
     # The nearest-neighbour search divides the points into blocks in this order. The points of a block are similar,
     # so that it can skip most blocks as a whole.
     # Sorted by the largest extent, rounded down to a power of two, then along the Z-order curve.
-    low = places.min(axis=0, initial=np.inf)
-    width = max(float((places - low).max(initial=0.0)), np.finfo(np.float64).tiny)
-    cells = np.floor((places - low) / width * (2**MAX_AXIS_BITS - 1)).astype(np.int64)
+    low = positions.min(axis=0, initial=np.inf)
+    width = max(float((positions - low).max(initial=0.0)), np.finfo(np.float64).tiny)
+    cells = np.floor((positions - low) / width * (2**MAX_AXIS_BITS - 1)).astype(np.int64)
     octave = np.floor(np.log2(extents.max(axis=1, initial=np.finfo(np.float64).tiny)))
     return np.lexsort((morton_encode(cells), -octave))

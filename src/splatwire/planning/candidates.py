@@ -14,8 +14,8 @@ from splatwire.planning.transfer_model import (
     SimulatedTransfers,
     StreamLoad,
     TransferModel,
-    side_info_arrivals,
     model_transfer,
+    side_info_arrivals,
     simulate,
     transfer_masks,
 )

@@ -82,7 +82,8 @@ class TransferModel:
 
     def bytes_by_kind(self) -> dict[str, int]:
         """Returns the bytes of a complete transfer by purpose: side information, packets, and parity of each."""
-        repair = (self.kind == SIDE) & (self.symbol >= np.array((*self.segment_sizes, 0), dtype=np.int64)[self._segment()])
+        sizes = np.array((*self.segment_sizes, 0), dtype=np.int64)[self._segment()]
+        repair = (self.kind == SIDE) & (self.symbol >= sizes)
         masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
                  "packet_protection": self.kind == PARITY}  # fmt: skip
         return {name: int(self.num_bytes[mask].sum()) for name, mask in masks.items()}

@@ -301,9 +301,9 @@ class _Plan:
         )
         return cls(source, views.measured, search, held_out, measured.classes, curve, source, precision)
 
-    def quality(self, level: float) -> Quality:
+    def quality(self, quality_level: float) -> Quality:
         """Returns the quality setting of this scene at a quantisation level."""
-        return Quality(level, precision=self.precision)
+        return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
         """Returns a plan for fine-tuning, with a precision of attributes between those of `quality` and this plan.
@@ -590,16 +590,16 @@ class _Trials:
         )
 
     def _encode_and_measure(
-        self, measure: Callable[[EncodedScene], float], level: float, share: float | None = None
+        self, measure: Callable[[EncodedScene], float], quality_level: float, share: float | None = None
     ) -> float:
         """Encodes a share of the Gaussians at a quantisation level; returns the measured value of the result.
 
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
-            level: Quantisation level; a higher level has smaller quantisation steps.
+            quality_level: Quantisation level; a higher level has smaller quantisation steps.
             share: Share of the Gaussians to keep, 0 to 1; None for the best share at this level.
         """
-        encoded = self._plan.encoded(self._plan.quality(level), self._encode, share)
+        encoded = self._plan.encoded(self._plan.quality(quality_level), self._encode, share)
         self._found.append((measure(encoded), encoded))
         self._progress("searching", 1 - 1 / (1 + len(self._found) / 2))
         return self._found[-1][0]

@@ -92,13 +92,13 @@ class PruningCurve:
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))
 
-    def best_share(self, level: float) -> float:
+    def best_share(self, quality_level: float) -> float:
         """Returns the best share of Gaussians to keep at a quantisation level.
 
         With this share, saving a byte by pruning costs the same error as saving it by coarser quantisation.
 
         Args:
-            level: Quantisation level (`Quality.level`).
+            quality_level: Quantisation level (`Quality.level`).
         """
         # The share never decreases with the level.
         quantised = 10 ** (-(QUANTISED_PSNR + OCTAVE_DB * (LEVELS - QUANTISED_LEVEL)) / 10)
@@ -107,7 +107,7 @@ class PruningCurve:
         best = self.shares[np.argmin(costs, axis=1)]
         around = np.concatenate([best[:1], best, best[-1:]])
         smooth = (around[:-2] + around[1:-1] + around[2:]) / 3
-        return float(np.interp(level, LEVELS, np.maximum.accumulate(smooth)))
+        return float(np.interp(quality_level, LEVELS, np.maximum.accumulate(smooth)))
 
     def kept(self, share: float) -> Int64[np.ndarray, "M"]:
         """Returns the indices of the Gaussians to keep, ascending, given their share."""

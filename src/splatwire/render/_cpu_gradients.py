@@ -52,7 +52,7 @@ _AHEAD_ROWS = 16
 
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
-def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
+def _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, out, row):
     """Computes the gradient of the loss with respect to one Gaussian, from some pixel rows of one tile of the image.
 
     Args:
@@ -64,7 +64,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
         A: Coefficient of dx ** 2 in the exponent of alpha (base 2).
         B: Coefficient of dx * dy.
         C: Coefficient of dy ** 2.
-        level: log2 of the opacity.
+        log_opacity: log2 of the opacity.
         red: Colour of the Gaussian.
         green: Colour of the Gaussian.
         blue: Colour of the Gaussian.
@@ -75,9 +75,9 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
     # The colour behind a Gaussian is the finished image minus everything blended so far. Sums are accumulated per pixel
     # column, and multiplied at the end by dx, the column's distance from the centre.
     dx = load(buf, COLUMN) - x
-    still, slope = dx * dx * A + level, dx * B
+    still, slope = dx * dx * A + log_opacity, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(level, MAX_LEVEL)), spread(ZERO)
+    most, zero = spread(min(log_opacity, MAX_LEVEL)), spread(ZERO)
     h0 = h1 = h2 = sum_r = sum_g = sum_b = zero
     for i in range(low * TILE, high * TILE, TILE):
         power = still + (slope + dy * C) * dy
@@ -160,23 +160,23 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def add_rows(rows_of_sums, members, places, place_starts, sums):
+def add_rows(rows_of_sums, members, pair_rows, pair_starts, sums):
     """Sums the gradients of each Gaussian over all its tiles, and adds the results to `sums`.
 
     Args:
         rows_of_sums: Gradient of each pair of Gaussian and tile.
         members: Indices of the Gaussians.
-        places: Rows of `rows_of_sums` that belong to each Gaussian, Gaussian after Gaussian.
-        place_starts: Start of each Gaussian's entries in `places`, and the end of the last.
+        pair_rows: Rows of `rows_of_sums` that belong to each Gaussian, Gaussian after Gaussian.
+        pair_starts: Start of each Gaussian's entries in `pair_rows`, and the end of the last.
         sums: Gradient of each Gaussian, changed in place.
     """
-    # The sums are from `draw_tiles_back`, `places` and `place_starts` from `fill_tiles`. The order of addition is
+    # The sums are from `draw_tiles_back`, `pair_rows` and `pair_starts` from `fill_tiles`. The order of addition is
     # that of the tiles.
     for k in range(members.shape[0]):
         first = np.int64(members[k]) * SUMS
         added = load(sums, first)
-        for place in range(place_starts[k], place_starts[k + 1]):
-            if place + _AHEAD_ROWS < places.shape[0]:
-                prefetch(rows_of_sums, np.int64(places[place + _AHEAD_ROWS]) * SUMS)
-            added += load(rows_of_sums, np.int64(places[place]) * SUMS)
+        for place in range(pair_starts[k], pair_starts[k + 1]):
+            if place + _AHEAD_ROWS < pair_rows.shape[0]:
+                prefetch(rows_of_sums, np.int64(pair_rows[place + _AHEAD_ROWS]) * SUMS)
+            added += load(rows_of_sums, np.int64(pair_rows[place]) * SUMS)
         store_first(sums, first, added, SUMS)

@@ -26,7 +26,7 @@ ZERO, ONE = np.float32(0), np.float32(1)
 
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
-def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
+def _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue):
     """Blends one Gaussian over some pixel rows of a tile.
 
     Args:
@@ -38,7 +38,7 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
         A: Coefficient of dx ** 2 in the exponent of alpha (base 2).
         B: Coefficient of dx * dy.
         C: Coefficient of dy ** 2.
-        level: log2 of the opacity.
+        log_opacity: log2 of the opacity.
         red: Colour of the Gaussian.
         green: Colour of the Gaussian.
         blue: Colour of the Gaussian.
@@ -46,9 +46,9 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
     # If the Gaussian would reduce the transmittance of a pixel below the minimum, the pixel is finished. The
     # transmittance of a finished pixel is stored with a negative sign, and later Gaussians do not change the pixel.
     dx = load(buf, COLUMN) - x
-    still, slope = dx * dx * A + level, dx * B
+    still, slope = dx * dx * A + log_opacity, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(level, MAX_LEVEL)), spread(ZERO)
+    most, zero = spread(min(log_opacity, MAX_LEVEL)), spread(ZERO)
     for i in range(low * TILE, high * TILE, TILE):
         power = still + (slope + dy * C) * dy
         dy += ONE

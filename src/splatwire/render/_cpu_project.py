@@ -244,19 +244,19 @@ def _project_back_one(
 
 @njit(inline="always")
 @no_type_check
-def _coordinate_gradient(pose, axis, by, slope):
+def _coordinate_gradient(pose, axis, scale, slope):
     """Returns the gradient of one image coordinate of a point with respect to the point's world coordinates.
 
     Args:
         pose: World-to-camera transform of the view.
         axis: Image axis, 0 or 1.
-        by: Focal length divided by the depth of the point.
+        scale: Focal length divided by the depth of the point.
         slope: x / z of the point for axis 0, y / z for axis 1, in camera coordinates.
     """
     return (
-        by * (pose[axis, 0] - slope * pose[2, 0]),
-        by * (pose[axis, 1] - slope * pose[2, 1]),
-        by * (pose[axis, 2] - slope * pose[2, 2]),
+        scale * (pose[axis, 0] - slope * pose[2, 0]),
+        scale * (pose[axis, 1] - slope * pose[2, 1]),
+        scale * (pose[axis, 2] - slope * pose[2, 2]),
     )
 
 

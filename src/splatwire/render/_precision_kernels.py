@@ -13,7 +13,7 @@ POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_squared(
-    means, rotations, scales, opacities, colors, splat_scales, quats, levels, order, spun, sums, first, last
+    means, rotations, scales, opacities, colors, splat_scales, quats, splat_opacities, order, spun, sums, first, last
 ):
     """Adds the squared gradient with respect to each attribute of each Gaussian to `sums`.
 
@@ -25,7 +25,7 @@ def add_squared(
         colors: Gradients with respect to the colours.
         splat_scales: Standard deviations of the Gaussians.
         quats: Unit quaternions of the Gaussians, (w, x, y, z).
-        levels: Opacities of the Gaussians.
+        splat_opacities: Opacities of the Gaussians.
         order: Axes of each Gaussian sorted by length, longest first.
         spun: Axis of symmetry of each Gaussian, as index in `order`: 2 (shortest axis) for flat Gaussians, 0 (longest
             axis) for long ones.
@@ -62,5 +62,5 @@ def add_squared(
         sums[i, POSITION] += away / 3
         sums[i, DIRECTION] += (turns - spin) / 2
         sums[i, SPIN] += spin
-        sums[i, OPACITY] += (np.float64(opacities[i]) * np.float64(levels[i])) ** 2
+        sums[i, OPACITY] += (np.float64(opacities[i]) * np.float64(splat_opacities[i])) ** 2
         sums[i, COLOUR] += bright

@@ -39,12 +39,12 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
         old, new = (_limited(splats.seen_from(centre)) for splats in (before, after))
         differences = [getattr(new, name) - values for name, values in vars(old).items()]
 
-        def add(some: slice, *gradients: np.ndarray, differences: list[np.ndarray] = differences) -> None:
+        def add(rows: slice, *gradients: np.ndarray, differences: list[np.ndarray] = differences) -> None:
             products = (
-                (each * values[some]).reshape(len(each), -1).sum(axis=1, dtype=np.float64)
+                (each * values[rows]).reshape(len(each), -1).sum(axis=1, dtype=np.float64)
                 for each, values in zip(gradients, differences, strict=True)
             )
-            found[some] += sum(products) ** 2
+            found[rows] += sum(products) ** 2
 
         each_gradient_cpu(new, cameras.select([view]), signs, add)
     return found

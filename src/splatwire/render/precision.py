@@ -115,10 +115,10 @@ def precision_classes(
     # around each part. At most the 2 % most sensitive Gaussians have classes above 0.
     classes = np.empty(splats.num_gaussians, np.int8)
 
-    def look(members: slice | np.ndarray, some: Splats, *, whole: bool) -> None:
+    def look(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = VIEWS if whole else VIEWS_OF_PART
-        around = cameras_around_splats(some, count, SIZE) if cameras is None else cameras
-        classes[members] = _classes(some, _sensitivities(some, around, probes, seed))
+        around = cameras_around_splats(splats, count, SIZE) if cameras is None else cameras
+        classes[members] = _classes(splats, _sensitivities(splats, around, probes, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, look)
     return classes
@@ -155,14 +155,14 @@ def measure_gaussians(
     splats = scene.splats
     measured = MeasuredGaussians(np.empty(splats.num_gaussians, np.int8), np.empty(splats.num_gaussians))
 
-    def look(members: slice | np.ndarray, some: Splats, *, whole: bool) -> None:
+    def look(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
-        around = surrounding_cameras(SplatScene(some), count, SIZE) if cameras is None else cameras
-        found = _sensitivities(some, around, 1, seed)
-        measured.classes[members] = _classes(some, found)
+        around = surrounding_cameras(SplatScene(splats), count, SIZE) if cameras is None else cameras
+        found = _sensitivities(splats, around, 1, seed)
+        measured.classes[members] = _classes(splats, found)
         measured.removal[members] = _removal(found)
         if whole and cameras is None:  # views around a part are close to its surfaces
-            close = _sensitivities(some, closeup_cameras(SplatScene(some), MEASURED_CLOSEUPS, SIZE), 1, seed)
+            close = _sensitivities(splats, closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE), 1, seed)
             measured.removal[members] += CLOSEUP_WEIGHT * _removal(close)
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, look)
@@ -256,9 +256,9 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
         for _ in range(probes):
             yield rng.signs(shape)
 
-    def add(some: slice, *gradients: np.ndarray) -> None:
+    def add(rows: slice, *gradients: np.ndarray) -> None:
         size = len(gradients[0])
-        add_squared(*gradients, *(values[some] for values in known), sums[some], 0, size)
+        add_squared(*gradients, *(values[rows] for values in known), sums[rows], 0, size)
 
     for view in range(cameras.num_views):
         if view == 0 or splats.degree:  # without harmonics all views see the same colours

@@ -97,8 +97,8 @@ def removal_errors(
         opacities = spawned.gaussians.opacities
         slopes = np.zeros(len(opacities))
 
-        def add(some: slice, *gradients: np.ndarray, slopes: np.ndarray = slopes, at: np.ndarray = opacities) -> None:
-            slopes[some] = gradients[3].astype(np.float64) * at[some]
+        def add(rows: slice, *gradients: np.ndarray, slopes: np.ndarray = slopes, at: np.ndarray = opacities) -> None:
+            slopes[rows] = gradients[3].astype(np.float64) * at[rows]
 
         def signs(
             shape: tuple[int, ...], slopes: np.ndarray = slopes, own: np.ndarray = spawned.anchor_index

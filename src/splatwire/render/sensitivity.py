@@ -107,10 +107,10 @@ class GatheredGradients:
         self._opacities = gaussians.opacities
         self.fields = [np.zeros(values.shape, np.float32) for values in vars(gaussians).values()]
 
-    def add(self, some: slice, *gradients: np.ndarray) -> None:
-        """Stores the gradients of means, quats, scales, opacities and colors for the Gaussians in the range `some`."""
+    def add(self, rows: slice, *gradients: np.ndarray) -> None:
+        """Stores the gradients of means, quats, scales, opacities and colors for the Gaussians in the range `rows`."""
         for whole, part in zip(self.fields, gradients, strict=True):
-            whole[some] = part
+            whole[rows] = part
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
@@ -122,7 +122,7 @@ class GatheredGradients:
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
-def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, probes: int) -> None:
+def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, probes: int) -> None:
     """Adds to `total` the picture errors of one view that removing each anchor, or each single Gaussian, would cause.
 
     A probe is the sum of all pixel values, each multiplied by a random sign. The squared change of a probe estimates
@@ -130,14 +130,14 @@ def _add_removal(total: Sensitivity, place: np.ndarray, presence: np.ndarray, pr
 
     Args:
         total: Errors summed over views; changed in place.
-        place: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
+        indices: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
         presence: Change of a probe if a Gaussian is removed, float64 (G).
         probes: Number of probes per view, each with other signs; the error of a view is the mean over its probes.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.
     shape = total.offset_removal.shape
-    each = np.bincount(place, presence, shape[0] * shape[1]).reshape(shape)
+    each = np.bincount(indices, presence, shape[0] * shape[1]).reshape(shape)
     total.removal[:] += each.sum(axis=1) ** 2 / probes
     total.offset_removal[:] += each**2 / probes
 

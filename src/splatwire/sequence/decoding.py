@@ -185,8 +185,8 @@ def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Spl
     found = Splats.empty(len(tracks), splats.degree)
     bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(found)
 
-    def move(some: slice) -> None:
-        kernels.move(bases, tracks[some], offsets[some], tuple(values[some] for values in whole))
+    def move(rows: slice) -> None:
+        kernels.move(bases, tracks[rows], offsets[rows], tuple(values[rows] for values in whole))
 
     share(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
     return found

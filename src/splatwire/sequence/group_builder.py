@@ -122,9 +122,9 @@ class GroupBuilder:
             values = {name: some[self._by] for name, some in values.items()}
         values = {name: np.ascontiguousarray(some) for name, some in values.items()}
 
-        def first(some: np.ndarray) -> Splats:
-            own = first_gaussians(frames, keys[some], begins[some])
-            return replace(own, means=values["means"][some, 0])
+        def first(rows: np.ndarray) -> Splats:
+            own = first_gaussians(frames, keys[rows], begins[rows])
+            return replace(own, means=values["means"][rows, 0])
 
         return TrackGroup(keys, begins, ends, Trajectories(**values), first)
 

@@ -92,13 +92,15 @@ class NeighborSet:
             NeighborSet.with_weights(means, self.tracks[other], self.frames[other], neighbors),
         ])  # fmt: skip
 
-    def part(self, some: np.ndarray | slice) -> "NeighborSet":
+    def part(self, selection: np.ndarray | slice) -> "NeighborSet":
         """Returns the neighbours of some of the tracks.
 
         Args:
-            some: Indices of these tracks in `tracks`, or a mask or slice.
+            selection: Indices of these tracks in `tracks`, or a mask or slice.
         """
-        return NeighborSet(self.tracks[some], self.frames[some], self.neighbors[some], self.weights[some])
+        return NeighborSet(
+            self.tracks[selection], self.frames[selection], self.neighbors[selection], self.weights[selection]
+        )
 
     def interpolated_motion(self, means: np.ndarray) -> np.ndarray:
         """Predicts the positions of the tracks in all frames, (n, F, 3), as if they moved like their neighbours.

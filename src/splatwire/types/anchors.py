@@ -70,19 +70,19 @@ class Anchors:
         """Logarithm of the geometric mean of each anchor's three base Gaussian sizes (world units)."""
         return mean_log_size(self.scalings)
 
-    def with_losses(self, known: Bool[Any, "N"], places: Float[Any, "N 3"]) -> "Anchors":
+    def with_losses(self, known: Bool[Any, "N"], positions: Float[Any, "N 3"]) -> "Anchors":
         """Simulates losses: returns the anchors with all attributes of lost ones set to 0.
 
         Args:
             known: Mask of received anchors.
-            places: Positions for the lost anchors, world coordinates; other rows are ignored.
+            positions: Positions for the lost anchors, world coordinates; other rows are ignored.
         """
 
         def gap(values: Any, instead: Any = 0) -> Any:
             return where(known.reshape(-1, *[1] * (values.ndim - 1)), values, instead)
 
-        places = gap(self.positions, places)
-        return Anchors(places, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
+        positions = gap(self.positions, positions)
+        return Anchors(positions, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
     def with_estimates(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
         """Returns the anchors with lost attributes replaced by estimates.

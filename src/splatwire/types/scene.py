@@ -62,12 +62,12 @@ class Elements(Protocol):
     def select(self: Own, index: np.ndarray) -> Own:
         """Returns the elements at `index`."""
 
-    def with_losses(self: Own, known: Bool[np.ndarray, "N"], places: Float[np.ndarray, "N 3"]) -> Own:
+    def with_losses(self: Own, known: Bool[np.ndarray, "N"], positions: Float[np.ndarray, "N 3"]) -> Own:
         """Simulates losses: returns the elements with placeholder values for lost ones.
 
         Args:
             known: Mask of received elements.
-            places: Positions for the lost elements; other rows are ignored.
+            positions: Positions for the lost elements; other rows are ignored.
         """
 
     def with_estimates(self: Own, loss_mask: LossMask, proposed: Own) -> Own:

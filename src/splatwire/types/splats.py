@@ -81,10 +81,10 @@ class Splats:
             found.fill(begin, self.select(places[begin : begin + ROWS]))
         return found
 
-    def fill(self, begin: int, some: "Splats") -> None:
+    def fill(self, begin: int, source: "Splats") -> None:
         """Overwrites the Gaussians from index `begin` on with those of another object, in place."""
-        for name, values in vars(self.run(begin, begin + some.num_gaussians)).items():
-            values[:] = getattr(some, name)
+        for name, values in vars(self.run(begin, begin + source.num_gaussians)).items():
+            values[:] = getattr(source, name)
 
     def select(self, index: np.ndarray) -> "Splats":
         """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
@@ -121,15 +121,15 @@ class Splats:
         """Logarithm of each Gaussian's size, the geometric mean of its axes."""
         return self.log_axes.mean(axis=1)
 
-    def with_losses(self, known: Bool[np.ndarray, "G"], places: Float[np.ndarray, "G 3"]) -> "Splats":
-        """Simulates losses: returns the Gaussians with lost ones at `places` and with opacity 0.
+    def with_losses(self, known: Bool[np.ndarray, "G"], positions: Float[np.ndarray, "G 3"]) -> "Splats":
+        """Simulates losses: returns the Gaussians with lost ones at `positions` and with opacity 0.
 
         Args:
             known: Mask of received Gaussians.
-            places: Positions for the lost Gaussians; other rows are ignored.
+            positions: Positions for the lost Gaussians; other rows are ignored.
         """
         opacities = np.where(known, self.opacities, np.float32(0))
-        return dataclasses.replace(self, means=np.where(known[:, None], self.means, places), opacities=opacities)
+        return dataclasses.replace(self, means=np.where(known[:, None], self.means, positions), opacities=opacities)
 
     def with_estimates(self, loss_mask: LossMask, proposed: "Splats") -> "Splats":
         """Returns the Gaussians with lost ones replaced by estimates.

@@ -65,20 +65,20 @@ def validity_of_splats(splats: Splats) -> ElementValidity:
     return _rows([good & drawn for good, drawn in found], [good for good, _ in found])
 
 
-def _valid_and_visible(some: Splats) -> tuple[np.ndarray, np.ndarray]:
+def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Returns the mask of Gaussians with valid values, and the mask of visible Gaussians (opacity above 0)."""
     # Each attribute column is checked separately, which is seven times as fast as checking row by row.
     # Upper bound of a colour in any viewing direction.
-    sizes, turns = some.scales.T, some.quats.T
+    sizes, turns = splats.scales.T, splats.quats.T
     with np.errstate(invalid="ignore", over="ignore"):
-        colours = 2 * (np.abs(some.sh).reshape(len(some.sh), -1) @ np.ones(3 * some.sh.shape[1], np.float32))
+        colours = 2 * (np.abs(splats.sh).reshape(len(splats.sh), -1) @ np.ones(3 * splats.sh.shape[1], np.float32))
         odd = colours - colours  # 0 if finite, else NaN
-        for values in (*some.means.T, *sizes, *turns, some.opacities):
+        for values in (*splats.means.T, *sizes, *turns, splats.opacities):
             odd += values - values
-    good = (odd == 0) & (some.opacities <= 1)
+    good = (odd == 0) & (splats.opacities <= 1)
     for size in sizes:
         good &= size > 0
-    return good & (sum(np.abs(turn) for turn in turns) != 0), some.opacities > 0
+    return good & (sum(np.abs(turn) for turn in turns) != 0), splats.opacities > 0
 
 
 def invalid_fields(splats: Splats) -> list[str]:

@@ -35,7 +35,7 @@ def stream(request):
 @pytest.fixture(scope="module")
 def section(stream):
     info = open_side_info(stream.manifest, stream.side_info)
-    return write_copies(decode_stream(stream).scene.splats, PLACES, info, level=7, growth=GROWTH)
+    return write_copies(decode_stream(stream).scene.splats, PLACES, info, precision_class=7, growth=GROWTH)
 
 
 def read(stream, section):
@@ -62,7 +62,7 @@ def test_streams_of_version_2_take_copies_too() -> None:
     old = stream_from_bytes(base64.b64decode(pinned["swz"]))[0]
     info, whole = open_side_info(old.manifest, old.side_info), decode_stream(old).scene.splats
     places = np.array([3, 17, 42, 89, 0])
-    richer = add_concealment(old, SECTION, write_copies(whole, places, info, level=7, growth=GROWTH))
+    richer = add_concealment(old, SECTION, write_copies(whole, places, info, precision_class=7, growth=GROWTH))
     partial = decode_stream(richer.with_packets(richer.packets[1:]))
     copies, known = partial[Copies], partial.loss_mask.known
     assert sorted(copies.places.tolist()) == sorted(places.tolist())
@@ -119,7 +119,7 @@ def test_inconsistent_sections_are_refused(stream, section) -> None:
             read(stream, section[:size])
     info, whole = open_side_info(stream.manifest, stream.side_info), decode_stream(stream).scene.splats
     with pytest.raises(InvalidValueError, match="class of precision 8"):
-        write_copies(whole, PLACES, info, level=8, growth=GROWTH)
+        write_copies(whole, PLACES, info, precision_class=8, growth=GROWTH)
 
 
 def test_any_bytes_give_finite_copies_or_an_error(stream, section) -> None:

@@ -158,7 +158,9 @@ def test_copies_of_gaussians_that_stay_are_kept() -> None:
     plain = encode_splats(some_splats(), DATAGRAM)
     info, splats = open_side_info(plain.manifest, plain.side_info), decode_stream(plain).scene.splats
     places = np.arange(0, COUNT, 9)
-    base = add_concealment(plain, SKETCH, write_copies(splats, places, info, level=2, growth=(0.25, 0.75, 0.5)))
+    base = add_concealment(
+        plain, SKETCH, write_copies(splats, places, info, precision_class=2, growth=(0.25, 0.75, 0.5))
+    )
     at = find_unchanged(splats, decode_stream(base).scene.coding, some_splats())
     result = apply_update(base, encode_update(base, some_splats().select(outside())))
     copies = read_copies(open_side_info(result.manifest, result.side_info), result.manifest.num_elements)

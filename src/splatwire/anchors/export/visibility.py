@@ -102,8 +102,8 @@ def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients
     def ones(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
         yield np.ones(shape, np.float32)
 
-    def add(some: slice, *gradients: np.ndarray) -> None:
-        weights[some] = gradients[4][:, 0]
+    def add(rows: slice, *gradients: np.ndarray) -> None:
+        weights[rows] = gradients[4][:, 0]
 
     find(gaussians, camera, ones, add)
     return weights

@@ -104,7 +104,7 @@ def compand_thinness(ratio, thinness):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_logs(coder, row, source, bases, level, near, count, thinness, absolute):
+def code_logs(coder, row, source, bases, precision_class, near, count, thinness, absolute):
     """Encodes or decodes opacity and scales of a Gaussian, predicted from its neighbours.
 
     Args:
@@ -112,7 +112,8 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
         row: Decoded integers of the Gaussian, int64 (columns); opacity and scales are written.
         source: Logarithms of opacity and scales, int64 (4); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
+        precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
+            c.
         near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
         count: Number of neighbours.
         thinness: Table for decoding the ratio of two scales, from `thinness_table`.
@@ -141,7 +142,7 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
             area = 2 * s0 - long
             value = ZERO if coder.decoding else compand_thinness(max(s0 - long - value, 0), thinness)
         # The quantisation step of each value depends on the values decoded before.
-        shift = step_shift(bases, stream, level, area, long, ZERO, opacity, most)
+        shift = step_shift(bases, stream, precision_class, area, long, ZERO, opacity, most)
         spread = deviation_context(count, near.deviations[stream], shift)
         second = shift if stream < R_SCALE1 else magnitude_context(running)
         value, steps = code_value(coder, stream, spread, second, mean, value, shift, absolute)
@@ -163,7 +164,7 @@ def code_logs(coder, row, source, bases, level, near, count, thinness, absolute)
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_colour(coder, row, source, bases, level, near, count, running, absolute):
+def code_colour(coder, row, source, bases, precision_class, near, count, running, absolute):
     """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from its neighbours.
 
     Args:
@@ -171,13 +172,14 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
         row: Decoded integers of the Gaussian, int64 (columns); the colour is written.
         source: The exact colour, int64 (3); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
+        precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
+            c.
         near: Working arrays of the packet (`Near`), with means and deviations of the neighbours' attributes.
         count: Number of neighbours.
         running: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         absolute: True to quantise the value; False (stream version 2) to quantise its difference from the prediction.
     """
-    shift = step_shift(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
+    shift = step_shift(bases, S_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
         spread, mean = deviation_context(count, near.deviations[P_LUMA + c], shift), near.means[P_LUMA + c]
         value, steps = code_value(
@@ -189,12 +191,12 @@ def code_colour(coder, row, source, bases, level, near, count, running, absolute
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
+def position_shifts(logs, precision_classes, bases, unit, coarsest, thinness, shifts):
     """Computes the quantisation step of each Gaussian's position from its opacity and scales, which are rounded first.
 
     Args:
         logs: Logarithms of opacity and scales, int64 (n, 4).
-        levels: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
+        precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
@@ -202,7 +204,7 @@ def position_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
         shifts: Output: log2 of the steps, in lattice spacings, int64 (n).
     """
     for i in range(len(logs)):
-        level, source = levels[i], logs[i]
+        level, source = precision_classes[i], logs[i]
         shift = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
         opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
         opacity = min(max(rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)

@@ -25,7 +25,7 @@ sixteenths of a quantisation step.
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_harmonics(coder, values, i, source, bases, level):
+def code_harmonics(coder, values, i, source, bases, precision_class):
     """Encodes or decodes the spherical harmonics of a Gaussian, in the colour space Y Co Cg.
 
     Args:
@@ -34,18 +34,19 @@ def code_harmonics(coder, values, i, source, bases, level):
         i: Index of the Gaussian in the packet.
         source: Harmonics before quantisation, int64 (n, harmonics); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        level: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class c.
+        precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
+            c.
     """
     # The order is by coefficient: Y, Co, Cg of the first, then of the second, and so on. The context of a harmonic is
     # the magnitude of the harmonics coded before it for the same Gaussian.
-    shift = min(max(BITS - step_exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+    shift = min(max(BITS - step_exponent(bases, S_HARMONICS, precision_class, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     half = (1 << shift) >> 1
     some = 0
     if not coder.decoding:
         for j in range(values.shape[1]):
             values[i, j] = (source[i, j] + half) >> shift
             some |= values[i, j] != 0
-    some = code_bit(coder, FIRST_HARMONIC + level, np.int64(some))
+    some = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(some))
     running = np.int64(0)
     for j in range(values.shape[1]):
         magnitude = np.int64(0)

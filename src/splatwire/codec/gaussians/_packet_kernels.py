@@ -86,21 +86,21 @@ def slot_of(code, bits):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_cell_codes(coder, codes, bits, spread, slots, stack):
+def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
     Args:
         coder: Entropy coder.
         codes: int64 (n), the Morton codes; filled by a decoder.
         bits: Number of bits of a code.
-        spread: 1 if each packet has Gaussians from all over its block, otherwise 0; only used by an encoder.
+        interleaved: 1 if each packet has Gaussians from all over its block, otherwise 0; only used by an encoder.
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """
     # If the Gaussians of a packet are spread over a block, the lowest bits of their codes are similar, and are coded
     # separately.
-    spread = code_raw(coder, spread, ONE)
-    size = min(bits, SLOT_BITS) if spread else 0
+    interleaved = code_raw(coder, interleaved, ONE)
+    size = min(bits, SLOT_BITS) if interleaved else 0
     first, last = np.int64(1 << size), np.int64(0)
     if not coder.decoding:
         for i in range(len(codes)):
@@ -111,29 +111,29 @@ def _code_cell_codes(coder, codes, bits, spread, slots, stack):
     count = code_raw(coder, last - first, size) + 1
     code_cells(coder, codes, bits - size, stack)
     for i in range(len(codes)):
-        slot = code_below(coder, slots[i] - first, count) if spread else 0
+        slot = code_below(coder, slots[i] - first, count) if interleaved else 0
         codes[i] = (codes[i] << size) | slot_of((first + slot) & ((1 << size) - 1), size)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_position(coder, row, cell, place, cells_at, shift, absolute):
+def _code_position(coder, row, cell, position, cells_at, shift, absolute):
     """Encodes or decodes the position of a Gaussian within its grid cell, as plain bits.
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in half units of `place`.
+        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in half units of `position`.
         cell: Grid cell of the Gaussian, int64 (3).
-        place: Position relative to the corner of the block's bounding box, as integers; only used by an encoder.
-        cells_at: log2 of the side of a grid cell, in the units of `place`.
-        shift: log2 of the quantisation step, in the units of `place`.
+        position: Position relative to the corner of the block's bounding box, as integers; only used by an encoder.
+        cells_at: log2 of the side of a grid cell, in the units of `position`.
+        shift: log2 of the quantisation step, in the units of `position`.
         absolute: True if a quantisation step may be larger than a grid cell; False for streams of version 2, where it
             is at most a cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.
     low = min(cells_at, shift)
     for a in range(3):
-        fine = (cell[a] << (cells_at - low)) | code_raw(coder, place[a] >> low, cells_at - low)
+        fine = (cell[a] << (cells_at - low)) | code_raw(coder, position[a] >> low, cells_at - low)
         if absolute:
             fine, row[LATTICE + a] = fine >> (shift - low), 1 << shift
             row[LATTICE + a] |= fine << (shift + 1)
@@ -192,12 +192,12 @@ def spin_angle(row, axes, primary):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scratch):
+def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmonics, scratch):
     """Encodes or decodes one packet of n Gaussians.
 
     Args:
         coder: Entropy coder.
-        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: The packet's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
@@ -205,7 +205,7 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
-    bases, unit, coarsest, thinness = stream
+    bases, unit, coarsest, thinness = stream_params
     absolute = coarsest >= 0
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
     near, packed, stack, axis, other = scratch
@@ -256,10 +256,10 @@ def new_scratch(n):
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
+def _encode_packet(tables, stream_params, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
     coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, tables)
     encoder_start(coder.state)
-    _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, new_scratch(len(rows)))
+    _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmonics, new_scratch(len(rows)))
     return encoder_finish(buffer, coder.state)
 
 
@@ -284,12 +284,14 @@ def _packet_source(source, begin, n):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends):
+def encode_fixed(
+    tables, stream_params, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends
+):
     """Encodes a block of n Gaussians in packets with given numbers of Gaussians.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
@@ -305,7 +307,7 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
     for p in range(len(sizes)):
         end = begin + sizes[p]
         at += _encode_packet(
-            tables, stream, models, statistics, box_bits, defaults, _packet_source(source, begin, sizes[p]),
+            tables, stream_params, models, statistics, box_bits, defaults, _packet_source(source, begin, sizes[p]),
             buffer[at:], rows[begin:end], harmonics[begin:end],
         )  # fmt: skip
         ends[p] = at
@@ -315,13 +317,13 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_cut(
-    tables, stream, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
+    tables, stream_params, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
 ):
     """Encodes a block of n Gaussians in packets of limited size, each with as many Gaussians as fit.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
@@ -346,7 +348,7 @@ def encode_cut(
         n = min(guess, left)
         while high - low > 1:
             length = _encode_packet(
-                tables, stream, models, statistics, box_bits, defaults, _packet_source(source, begin, n),
+                tables, stream_params, models, statistics, box_bits, defaults, _packet_source(source, begin, n),
                 buffer[at:], rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
             tries, last = tries + 1, n
@@ -359,7 +361,7 @@ def encode_cut(
             n = min(max(n * aim // max(length, 1), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
-                tables, stream, models, statistics, box_bits, defaults, _packet_source(source, begin, low),
+                tables, stream_params, models, statistics, box_bits, defaults, _packet_source(source, begin, low),
                 buffer[at:], rows[begin : begin + low], harmonics[begin : begin + low],
             )  # fmt: skip
         at += length
@@ -372,12 +374,12 @@ def encode_cut(
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def decode_packets(tables, stream, models, data, ends, starts, box_bits, defaults, rows, harmonics):
+def decode_packets(tables, stream_params, models, data, ends, starts, box_bits, defaults, rows, harmonics):
     """Decodes P packets with n Gaussians in total to integers.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
-        stream: Parameters of the stream, from `SideInfo.kernel_stream`.
+        stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).
         data: Payloads of P packets, one after another, uint8.
         ends: int64 (P + 1); packet p has the bytes `data[ends[p]:ends[p + 1]]`.
@@ -397,7 +399,7 @@ def decode_packets(tables, stream, models, data, ends, starts, box_bits, default
         decoder_start(payload, ZERO, len(payload), coder.state)
         _code_packet(
             coder,
-            stream,
+            stream_params,
             box_bits[p],
             defaults[p],
             source,

@@ -43,15 +43,15 @@ from splatwire.ops.compiled import njit
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinness, harmonics, rows):
+def round_rows(positions, logs, axes, colours, precision_classes, bases, unit, coarsest, thinness, harmonics, rows):
     """Quantises n Gaussians to the integers that a decoder would obtain, without encoding them.
 
     Args:
-        places: Positions in lattice spacings, int64 (n, 3).
+        positions: Positions in lattice spacings, int64 (n, 3).
         logs: Logarithms of opacity and scales, in fixed point, int64 (n, 4).
         axes: Principal axes, float64 (n, 3, 3).
         colours: Base colours (Y Co Cg), in fixed point, int64 (n, 3).
-        levels: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
+        precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings.
@@ -62,7 +62,7 @@ def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinn
     """
     axis = np.zeros(3, np.int64)
     for i in range(len(rows)):
-        row, level = rows[i], levels[i]
+        row, level = rows[i], precision_classes[i]
         row[CLASS] = level
         value = logs[i, 0] + 1 if logs[i, 0] == MAX_OPACITY else logs[i, 0]
         shift = step_shift(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
@@ -79,7 +79,7 @@ def round_rows(places, logs, axes, colours, levels, bases, unit, coarsest, thinn
         row[OPACITY], row[SCALE0], row[SCALE1], row[SCALE2] = opacity, s0, long, flat
         shift = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest)
         for a in range(3):
-            row[LATTICE + a] = (2 * (places[i, a] >> shift) + 1) << shift
+            row[LATTICE + a] = (2 * (positions[i, a] >> shift) + 1) << shift
         row[PRIMARY] = primary = 2 if thin >= long else 0
         e = step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         round_axis(axes[i, :, primary], min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2), axis)

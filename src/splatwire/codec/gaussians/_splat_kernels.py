@@ -28,13 +28,13 @@ FRACTION = (1 << BITS) - 1
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def convert(
-    rows, places, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, sh, room
+    rows, indices, origins, size_log, unit, thinness, powers, colours, grey, means, quats, scales, opacities, sh, room
 ):
     """Converts decoded integers of Gaussians to floats, and writes them to the scene.
 
     Args:
         rows: Decoded integers, int64 (n, columns).
-        places: For each of the n Gaussians, its index in the output arrays, int64 (n).
+        indices: For each of the n Gaussians, its index in the output arrays, int64 (n).
         origins: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
         size_log: log2 of the scene's size in world units.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
@@ -52,7 +52,7 @@ def convert(
     """
     half = WHOLES[size_log - unit - 1 + OCTAVES]
     for i in range(len(rows)):
-        row, place = rows[i], places[i]
+        row, place = rows[i], indices[i]
         for a in range(3):
             means[place, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
         log = row[SCALE0] + (size_log << BITS)
@@ -123,13 +123,13 @@ def _rotation(row, axes, quat):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def convert_harmonics(numbers, places, transform, colours, room, sh):
+def convert_harmonics(numbers, indices, transform, colours, room, sh):
     """Converts decoded integers to spherical harmonics, and writes them to the scene.
 
     Args:
         numbers: Decoded integers of n Gaussians, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then
             of the second, and so on.
-        places: For each of the n Gaussians, its index in the output, int64 (n).
+        indices: For each of the n Gaussians, its index in the output, int64 (n).
         transform: Decorrelating transform of the K harmonics, one row per transformed harmonic, as whole numbers in
             float64 (K, K).
         colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3).
@@ -139,7 +139,7 @@ def convert_harmonics(numbers, places, transform, colours, room, sh):
     """
     width = numbers.shape[1]
     for i in range(len(numbers)):
-        empty, place = True, places[i]
+        empty, place = True, indices[i]
         for k in range(0, width, 3):
             y, co, cg = np.float64(numbers[i, k]), np.float64(numbers[i, k + 1]), np.float64(numbers[i, k + 2])
             if y == 0.0 and co == 0.0 and cg == 0.0:

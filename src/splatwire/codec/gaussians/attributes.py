@@ -56,8 +56,8 @@ def scene_log(splats: Splats) -> int:
     """Returns log2 of a scene's size, rounded down. The size is the median distance of Gaussians from the centre."""
     means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
 
-    def squares(some: np.ndarray) -> np.ndarray:
-        x, y, z = (column.astype(np.float64) - m for column, m in zip(some.T, middle, strict=True))
+    def squares(positions: np.ndarray) -> np.ndarray:
+        x, y, z = (column.astype(np.float64) - m for column, m in zip(positions.T, middle, strict=True))
         return x * x + y * y + z * z
 
     distance = np.sqrt(order_statistics(lambda: map(squares, runs(means)), ranks)).mean()
@@ -168,14 +168,14 @@ def to_splats(
 
 
 def write_splats(
-    splats: Splats, places: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int,
+    splats: Splats, indices: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int,
     size_log: int, transform: np.ndarray,
 ) -> None:  # fmt: skip
     """Converts decoded integers of Gaussians to floats, and writes them into the scene.
 
     Args:
         splats: All Gaussians of the scene, changed in place.
-        places: int64 (n), indices of the converted Gaussians in `splats`.
+        indices: int64 (n), indices of the converted Gaussians in `splats`.
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
         origins: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
@@ -189,13 +189,13 @@ def write_splats(
     room = np.empty(max(9, width))
     # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
     kernels.convert(
-        np.ascontiguousarray(rows), places, np.ascontiguousarray(origins), size_log, unit, thinness_table(),
+        np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, unit, thinness_table(),
         exponentials(), LUMA_CHROMA / DC, LUMA_CHROMA.sum(axis=1) / 2, splats.means, splats.quats, splats.scales,
         splats.opacities, splats.sh, room,
     )  # fmt: skip
     if width:
         kernels.convert_harmonics(
-            np.ascontiguousarray(harmonics), places, transform.astype(np.float64),
+            np.ascontiguousarray(harmonics), indices, transform.astype(np.float64),
             LUMA_CHROMA * (2.0**-BITS / TRANSFORM_UNIT), room, splats.sh,
         )  # fmt: skip
 

@@ -82,16 +82,16 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     low, high = np.stack(found, axis=1)
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
-    def compressed(some: np.ndarray) -> np.ndarray:
+    def compressed(positions: np.ndarray) -> np.ndarray:
         """Compresses large distances from the centre of the scene logarithmically."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
-        return np.arcsinh((some - middle) / spread * 2)
+        return np.arcsinh((positions - middle) / spread * 2)
 
     first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
     size = max(float((last - first).max()), 1e-30)
 
-    def codes(some: np.ndarray) -> np.ndarray:
-        places = compressed(means.take(some, axis=0).astype(np.float64))
+    def codes(rows: np.ndarray) -> np.ndarray:
+        places = compressed(means.take(rows, axis=0).astype(np.float64))
         return morton_encode(np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
 
     return code_order(codes, len(means), 3 * MAX_AXIS_BITS, tiers)
@@ -102,24 +102,24 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
     return np.array([plan.block_elements(block) for block in range(plan.num_blocks)], dtype=np.int64)
 
 
-def cell_shift(places: np.ndarray, bits: int) -> int:
+def cell_shift(positions: np.ndarray, bits: int) -> int:
     """Returns log2 of the cell size of a block's grid. A position is coded as its cell, and as bits within the cell.
 
     Args:
-        places: int64 (n, 3), positions relative to the corner of the block's box; the cell size is in the unit of these
-            positions.
+        positions: int64 (n, 3), positions relative to the corner of the block's box; the cell size is in the unit of
+            these positions.
         bits: Number of bits of a coordinate within the box.
     """
     # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
-    depth = 4 + (len(places).bit_length() + 1) // 2
-    return max(_extent_bits(places) - depth, bits - MAX_CELL_BITS, 0)
+    depth = 4 + (len(positions).bit_length() + 1) // 2
+    return max(_extent_bits(positions) - depth, bits - MAX_CELL_BITS, 0)
 
 
-def _extent_bits(places: np.ndarray) -> int:
+def _extent_bits(positions: np.ndarray) -> int:
     """Returns the number of bits per axis of positions within their bounding box."""
     # A few positions far away from the others have limited influence.
-    ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
-    axes = np.ascontiguousarray(places.T)
+    ends = [(len(positions) - 1) // _OUTSIDE, len(positions) - 1 - (len(positions) - 1) // _OUTSIDE]
+    axes = np.ascontiguousarray(positions.T)
     low, high = np.partition(axes, ends, axis=1)[:, ends].T
     return int(np.minimum(np.ptp(axes, axis=1), _MARGIN * (high - low)).max()).bit_length()
 
@@ -158,14 +158,14 @@ def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
     return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)
 
 
-def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
+def block_codes(positions: np.ndarray, bits: int) -> np.ndarray:
     """Returns Morton codes of positions within a bounding box.
 
     Args:
-        places: int64 (n, 3), integer positions relative to the corner of the box.
+        positions: int64 (n, 3), integer positions relative to the corner of the box.
         bits: Number of bits of a coordinate within the box.
     """
-    return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))
+    return morton_encode(positions >> max(bits - MAX_CELL_BITS, 0))
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:

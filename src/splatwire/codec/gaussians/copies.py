@@ -20,15 +20,15 @@ GROWTH_UNIT = 64
 """Denominator of the growth parameters of copies (see `Copies`) in the bitstream."""
 
 
-def write_places(places: np.ndarray, num_gaussians: int) -> bytes:
+def write_places(indices: np.ndarray, num_gaussians: int) -> bytes:
     """Serialises the indices of the copied Gaussians as fixed-width integers.
 
     Args:
-        places: int64, index of each copied Gaussian in stream order.
+        indices: int64, index of each copied Gaussian in stream order.
         num_gaussians: Number of Gaussians in the stream, which determines the width.
     """
     width = _place_bits(num_gaussians)
-    return np.packbits(places[:, None] >> np.arange(width)[::-1] & 1).tobytes()
+    return np.packbits(indices[:, None] >> np.arange(width)[::-1] & 1).tobytes()
 
 
 def _read_places(reader: ByteReader, count: int, num_gaussians: int) -> np.ndarray:

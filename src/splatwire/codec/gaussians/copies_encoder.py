@@ -15,15 +15,15 @@ from splatwire.types.splats import Splats
 
 
 def write_copies(
-    splats: Splats, places: np.ndarray, info: SideInfo, *, level: int, growth: tuple[float, float, float]
+    splats: Splats, indices: np.ndarray, info: SideInfo, *, precision_class: int, growth: tuple[float, float, float]
 ) -> bytes:
     """Encodes redundant copies of Gaussians, with the stream's quantisation steps and probability tables.
 
     Args:
         splats: All Gaussians of the stream, in stream order.
-        places: int64, indices in `splats` of the Gaussians to copy.
+        indices: int64, indices in `splats` of the Gaussians to copy.
         info: The stream's side information.
-        level: Precision class of all copies (their set of quantisation steps), 0 for the coarsest.
+        precision_class: Precision class of all copies (their set of quantisation steps), 0 for the coarsest.
         growth: Parameters for enlarging received Gaussians next to lost ones, see `Copies.growth`.
 
     Returns:
@@ -32,17 +32,17 @@ def write_copies(
     Raises:
         InvalidValueError: If the precision class does not exist.
     """
-    if not 0 <= level < MAX_CLASSES:
-        raise InvalidValueError(f"there is no class of precision {level}: classes are 0 to {MAX_CLASSES - 1}")
-    lattice = to_lattice(splats.means[places].astype(np.float64), info.unit, info.size_log)
-    boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None], max(info.coarsest, 0)), len(places)
+    if not 0 <= precision_class < MAX_CLASSES:
+        raise InvalidValueError(f"there is no class of precision {precision_class}: classes are 0 to {MAX_CLASSES - 1}")
+    lattice = to_lattice(splats.means[indices].astype(np.float64), info.unit, info.size_log)
+    boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None], max(info.coarsest, 0)), len(indices)
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
-    places, classes = places[order], np.broadcast_to(np.uint8(level), splats.num_gaussians)
+    indices, classes = indices[order], np.broadcast_to(np.uint8(precision_class), splats.num_gaussians)
     scene = SourceScene(
-        splats, splats.means, places, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
+        splats, splats.means, indices, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
         info.coarsest, True,
     )  # fmt: skip
     here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
     payload = encode_block(scene.arranged(0, here), here, 0, np.array([count]), 0).payloads[0]
     head = write_head(growth, count, write_blocks(boxes, here.defaults))
-    return head + write_places(places, splats.num_gaussians) + payload
+    return head + write_places(indices, splats.num_gaussians) + payload

@@ -189,7 +189,7 @@ def blank_splats(count: int, degree: int) -> Splats:
 
 def store_block(
     splats: Splats,
-    places: np.ndarray,
+    indices: np.ndarray,
     rows: np.ndarray,
     harmonics: np.ndarray,
     received: np.ndarray,
@@ -200,7 +200,7 @@ def store_block(
 
     Args:
         splats: All Gaussians of the scene, changed in place.
-        places: int64 (n), indices of the block's Gaussians in `splats`.
+        indices: int64 (n), indices of the block's Gaussians in `splats`.
         rows: int64 (n, columns), decoded integers of each Gaussian except harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the spherical harmonics, 0 for lost Gaussians.
         received: Mask of received Gaussians, bool (n).
@@ -215,9 +215,9 @@ def store_block(
         some = slice(first, first + PIECE)
         origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
         write_splats(
-            splats, places[some], filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform
+            splats, indices[some], filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform
         )
-    gone = places[lost]
+    gone = indices[lost]
     splats.opacities[gone] = 0
     splats.quats[gone] = (1, 0, 0, 0)
 

@@ -136,22 +136,22 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
     return SideInfo(*fields, boxes, defaults, *_read_contexts(contexts, fields[0]), sections)
 
 
-def write_header(of: SideInfo | SplatCoding) -> bytes:
+def write_header(parameters: SideInfo | SplatCoding) -> bytes:
     """Serialises the quantisation parameters and the transform of the spherical harmonics.
 
     Args:
-        of: Object with these parameters as attributes.
+        parameters: Object with these parameters as attributes.
     """
     writer = ByteWriter()
-    writer.u8(RELATIVE if of.coarsest < 0 else VERSION)
-    writer.u8(math.isqrt(len(of.transform) + 1) - 1)
-    writer.signed(of.size_log)
-    writer.signed(of.unit)
-    for base in map(int, of.bases):
+    writer.u8(RELATIVE if parameters.coarsest < 0 else VERSION)
+    writer.u8(math.isqrt(len(parameters.transform) + 1) - 1)
+    writer.signed(parameters.size_log)
+    writer.signed(parameters.unit)
+    for base in map(int, parameters.bases):
         writer.signed(base)
-    if of.coarsest >= 0:
-        writer.u8(of.coarsest)
-    return writer.bytes() + np.asarray(of.transform).astype(np.int8).tobytes()
+    if parameters.coarsest >= 0:
+        writer.u8(parameters.coarsest)
+    return writer.bytes() + np.asarray(parameters.transform).astype(np.int8).tobytes()
 
 
 def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray]:

@@ -236,18 +236,18 @@ class SourceScene:
         """Sorts the Gaussians of a block in the order in which packets are filled; returns their indices."""
         return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
-    def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
+    def arranged(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
 
         Args:
             block: Index of the block.
             info: Side information with the bounding boxes and the transform of spherical harmonics.
-            some: Part of this order to return; by default all.
+            selection: Part of this order to return; by default all.
         """
         bits = int(info.boxes.bits[block])
         places = self.places(block) - info.boxes.corners[block]
         codes, at = block_codes(places, bits), cell_shift(places, bits)
-        by = self._arrangement(codes, at, bits)[some]
+        by = self._arrangement(codes, at, bits)[selection]
         where = self.members(block).start + by
         picked = self.pick(where)
         s = to_sources(picked, self.size_log)
@@ -337,8 +337,8 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     parts = list(runs(splats.scales))
     least = np.float32(2.0 ** (size_log - SMALLEST))
 
-    def sizes(some: np.ndarray) -> tuple[float, int]:
-        largest = some.max(axis=1)
+    def sizes(scales: np.ndarray) -> tuple[float, int]:
+        largest = scales.max(axis=1)
         largest = largest[largest > least].astype(np.float64)
         return float(np.log2(largest).sum()), len(largest)
 
@@ -381,8 +381,8 @@ def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_l
     """Returns the resolution of positions: `-log2` of the spacing of their lattice, relative to the scene's size."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
-    def finest(some: tuple[np.ndarray, np.ndarray]) -> float:
-        scales, own = (values.astype(np.float64) for values in some)
+    def finest(arrays: tuple[np.ndarray, np.ndarray]) -> float:
+        scales, own = (values.astype(np.float64) for values in arrays)
         _, middle, largest = (logs - size_log for logs in sort3(np.log2(scales)))
         steps = octaves + own + c[0] * (largest + middle) + c[1] * (largest - middle)
         return float(np.maximum(steps, 1 - middle).max())

@@ -189,7 +189,7 @@ def _raw(coder, low, span, at, value, bits):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_coefficient(coder, low, span, at, kind, order, level, value):
+def _code_coefficient(coder, low, span, at, kind, order, magnitude_class, value):
     """Encodes or decodes the prediction residual of one polynomial coefficient of a Gaussian's motion.
 
     Args:
@@ -200,18 +200,18 @@ def _code_coefficient(coder, low, span, at, kind, order, level, value):
         at: Number of bytes read or written so far.
         kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
         order: Degree of the polynomial, part of the context.
-        level: Octave of the magnitude of neighbouring residuals, part of the context.
+        magnitude_class: Octave of the magnitude of neighbouring residuals, part of the context.
         value: The residual; ignored by a decoder.
 
     Returns:
         The residual, and the new state of the range coder.
     """
-    zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + level
+    zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + magnitude_class
     some, low, span, at = _bit(coder, low, span, at, np.int64(zero), ONE if value else ZERO)
     if not some:
         return ZERO, low, span, at
     magnitude, octave = abs(value), ZERO
-    base = C_OCTAVE + (kind * LEVELS + level) * MAGNITUDES
+    base = C_OCTAVE + (kind * LEVELS + magnitude_class) * MAGNITUDES
     while octave < MAX_OCTAVE:
         context, above = np.int64(base + min(octave, MAGNITUDES - 1)), ONE if magnitude >> (octave + 1) else ZERO
         above, low, span, at = _bit(coder, low, span, at, context, above)

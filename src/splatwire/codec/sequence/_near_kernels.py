@@ -14,11 +14,11 @@ _PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def add_known(places, i, known, around, count):
+def add_known(positions, i, known, around, count):
     """Adds a track (Gaussian over time) to the list of tracks from which the motion of later tracks is predicted.
 
     Args:
-        places: Positions of the packet's tracks, int64 (M, 3).
+        positions: Positions of the packet's tracks, int64 (M, 3).
         i: Index of the track to add.
         known: Indices of the tracks with known motion, int64 (M); the new one is written.
         around: Positions of these tracks, float64 (3, M); the new one is written.
@@ -30,20 +30,20 @@ def add_known(places, i, known, around, count):
     # One row per axis, for a search with SIMD.
     known[count] = i
     for a in range(3):
-        around[a, count] = places[i, a]
+        around[a, count] = positions[i, a]
     return count + 1
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _find_candidates(squares, count, lanes, some):
+def _find_candidates(squares, count, group_minima, candidates):
     """Finds the tracks that can be nearest neighbours of a point; other tracks are too far away.
 
     Args:
         squares: Squared distance of each track from the point, float64.
         count: Number of tracks.
-        lanes: Working array for the minimum distances of groups of tracks, float64 (LANES).
-        some: Output: indices of the tracks that can be nearest neighbours, ascending.
+        group_minima: Working array for the minimum distances of groups of tracks, float64 (LANES).
+        candidates: Output: indices of the tracks that can be nearest neighbours, ascending.
 
     Returns:
         Number of these tracks.
@@ -52,34 +52,34 @@ def _find_candidates(squares, count, lanes, some):
     # among the smallest.
     if count <= 2 * LANES:
         for m in range(count):
-            some[m] = m
+            candidates[m] = m
         return count
     for j in range(LANES):
-        lanes[j] = squares[j]
+        group_minima[j] = squares[j]
     whole = count // LANES * LANES
     for begin in range(LANES, whole, LANES):
         for j in range(LANES):
-            lanes[j] = squares[begin + j] if squares[begin + j] < lanes[j] else lanes[j]
+            group_minima[j] = squares[begin + j] if squares[begin + j] < group_minima[j] else group_minima[j]
     for m in range(whole, count):
-        lanes[m - whole] = min(lanes[m - whole], squares[m])
+        group_minima[m - whole] = min(group_minima[m - whole], squares[m])
     limit, half = 0.0, LANES - NUM_NEIGHBOURS
     for j in range(NUM_NEIGHBOURS):
-        limit = max(limit, min(lanes[j], lanes[half + j]))
+        limit = max(limit, min(group_minima[j], group_minima[half + j]))
     taken = 0
     for m in range(count):
-        some[taken] = m
+        candidates[taken] = m
         taken += squares[m] <= limit
     return taken
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _smallest_candidates(squares, some, count):
+def _smallest_candidates(squares, candidates, count):
     """Finds the nearest of some candidate tracks (Gaussians over time), given squared distances.
 
     Args:
         squares: Squared distances of all tracks, float64.
-        some: Indices of the candidates in `squares`.
+        candidates: Indices of the candidates in `squares`.
         count: Number of candidates.
 
     Returns:
@@ -89,7 +89,7 @@ def _smallest_candidates(squares, some, count):
     # wrongly.
     a = b = c = d = e = f = g = h = _MOST
     for n in range(count):
-        key = (np.int64(squares[some[n]]) << _PLACE_BITS) | some[n]
+        key = (np.int64(squares[candidates[n]]) << _PLACE_BITS) | candidates[n]
         a, key = (key, a) if key < a else (a, key)
         b, key = (key, b) if key < b else (b, key)
         c, key = (key, c) if key < c else (c, key)
@@ -103,30 +103,30 @@ def _smallest_candidates(squares, some, count):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def nearest(places, known, around, count, i, squares, lanes, some, neighbours, far):
+def nearest(positions, known, around, count, i, squares, group_minima, candidates, neighbours, far):
     """Finds the tracks (Gaussians over time) with known motion that are nearest to a given track.
 
     Args:
-        places: Positions of the packet's tracks, int64 (M, 3).
+        positions: Positions of the packet's tracks, int64 (M, 3).
         known: Indices of the tracks with known motion, from `add_known`.
         around: Positions of the tracks with known motion, from `add_known`.
         count: Number of tracks with known motion.
         i: Index of the track whose neighbours are searched.
         squares: Working array, float64 (M).
-        lanes: Working array, float64 (LANES).
-        some: Working array, int64 (M).
+        group_minima: Working array, float64 (LANES).
+        candidates: Working array, int64 (M).
         neighbours: Output: indices of the neighbours, nearest first, int64 (NUM_NEIGHBOURS).
         far: Output: squared distances of the neighbours, int64 (NUM_NEIGHBOURS).
 
     Returns:
         Number of neighbours found.
     """
-    x, y, z = np.float64(places[i, 0]), np.float64(places[i, 1]), np.float64(places[i, 2])
+    x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
     for m in range(count):
         dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
         squares[m] = dx * dx + dy * dy + dz * dz  # below 2**42, exact in float64
     found = 0
-    for key in _smallest_candidates(squares, some, _find_candidates(squares, count, lanes, some)):
+    for key in _smallest_candidates(squares, candidates, _find_candidates(squares, count, group_minima, candidates)):
         if found < count:
             far[found], neighbours[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
             found += 1

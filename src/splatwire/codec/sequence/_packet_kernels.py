@@ -97,7 +97,7 @@ def _trim(quantised, orders):
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(models, counts, frames, first_new, dead, headers, places, shifts, targets, rows, buffer, out):
+def _encode_packet(models, counts, frames, first_new, dead, headers, positions, shifts, targets, rows, buffer, out):
     """Encodes the motion of one packet's tracks (Gaussians over time); returns the size of the packet in bytes."""
     n, used = len(headers), 0
     orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
@@ -107,7 +107,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, places, shi
     wanted = np.empty((n, used))
     pack_coefficients(targets, rows, states, orders, wanted)
     out[:] = 0
-    predict_from_neighbours(places, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
+    predict_from_neighbours(positions, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
     _trim(out, orders)
     coder = new_coder(
         ENCODING, buffer, np.empty(0, np.int64), models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _no_tables()
@@ -160,7 +160,7 @@ def encode_cut(
     first_new,
     dead,
     headers,
-    places,
+    positions,
     shifts,
     targets,
     rows,
@@ -181,7 +181,7 @@ def encode_cut(
         first_new: Index in the stream of the first track that begins in the group.
         dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        places: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
@@ -207,8 +207,8 @@ def encode_cut(
             kept[:] = 0
             some = slice(begin, begin + n)
             length = _encode_packet(
-                models, kept, frames, first_new, dead, headers[some], places[some], shifts[some], targets, rows[some],
-                buffer[at:], out[some],
+                models, kept, frames, first_new, dead, headers[some], positions[some], shifts[some], targets,
+                rows[some], buffer[at:], out[some],
             )  # fmt: skip
             tries, last = tries + 1, n
             scale = max(length, 1) / costs[begin : begin + n].sum()

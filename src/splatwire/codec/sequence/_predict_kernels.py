@@ -41,24 +41,24 @@ ONE = np.int64(1)
 
 @njit(error_model="numpy")
 @no_type_check
-def relative_positions(places):
+def relative_positions(positions):
     """Returns positions relative to the corner of their bounding box, int64 (M, 3).
 
     Positions of more than `PLACE_BITS` bits are divided by a power of two that makes them fit.
     """
-    out, extent = places.copy(), np.int64(0)
+    out, extent = positions.copy(), np.int64(0)
     for a in range(3):
-        low, high = places[0, a], places[0, a]
-        for i in range(len(places)):
-            low, high = min(low, places[i, a]), max(high, places[i, a])
+        low, high = positions[0, a], positions[0, a]
+        for i in range(len(positions)):
+            low, high = min(low, positions[i, a]), max(high, positions[i, a])
         extent = max(extent, high - low)
-        for i in range(len(places)):
+        for i in range(len(positions)):
             out[i, a] -= low
     # With at most `PLACE_BITS` bits, later computations are exact.
     shift = 0
     while extent >> shift >= ONE << PLACE_BITS:
         shift += 1
-    for i in range(len(places)):
+    for i in range(len(positions)):
         for a in range(3):
             out[i, a] >>= shift
     return out
@@ -66,14 +66,14 @@ def relative_positions(places):
 
 @njit(error_model="numpy")
 @no_type_check
-def prediction_order(places, moving, shifts):
+def prediction_order(positions, moving, shifts):
     """Sorts the moving tracks (Gaussians over time) of a packet into the order in which their motion is predicted.
 
     Tracks with finer quantisation steps come first. Among similar steps, the first tracks are spread over the packet's
     region, and later tracks lie between them.
 
     Args:
-        places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
+        positions: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
         moving: Indices of the moving tracks, int64 (n).
         shifts: log2 of the quantisation steps of motion, int64 (M, channels).
 
@@ -85,7 +85,7 @@ def prediction_order(places, moving, shifts):
     for i in range(n):
         for bit in range(10):
             for a in range(3):
-                codes[i] |= ((places[moving[i], a] >> (PLACE_BITS - 10 + bit)) & 1) << (3 * bit + a)
+                codes[i] |= ((positions[moving[i], a] >> (PLACE_BITS - 10 + bit)) & 1) << (3 * bit + a)
     by = np.argsort(codes, kind="mergesort")
     order, count, bits = np.empty(n, np.int64), 0, 0
     while (1 << bits) < n:
@@ -107,11 +107,11 @@ def prediction_order(places, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights):
+def _neighbour_weights(positions, i, neighbours, far, found, offsets, near, weights):
     """Computes the weights of a moving Gaussian's neighbours for the prediction of its motion.
 
     Args:
-        places: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
+        positions: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
         i: Index of the track.
         neighbours: Indices of the neighbours.
         far: Squared distances of the neighbours from the track.
@@ -128,8 +128,8 @@ def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights
         radius = ONE
         for m in range(found):
             for a in range(3):
-                radius = max(radius, abs(places[neighbours[m], a] - places[i, a]))
-        _plane(places, i, neighbours, far, found, radius, offsets, near, weights)
+                radius = max(radius, abs(positions[neighbours[m], a] - positions[i, a]))
+        _plane(positions, i, neighbours, far, found, radius, offsets, near, weights)
     left = ONE << WEIGHT_BITS
     for m in range(found):
         left -= weights[m]
@@ -139,14 +139,14 @@ def _neighbour_weights(places, i, neighbours, far, found, offsets, near, weights
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _plane(places, i, neighbours, far, found, radius, offsets, near, weights):
+def _plane(positions, i, neighbours, far, found, radius, offsets, near, weights):
     total = np.int64(0)
     x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
     for m in range(found):
         # Below 2**53 the rounded-down quotient of doubles equals the integer quotient, and takes a fifth of the time.
         near[m] = w = 1 + np.int64(np.float64(2 * (far[0] + 1)) / np.float64(far[m] + 1))
         for a in range(3):
-            offset = (places[neighbours[m], a] - places[i, a]) * _RADIUS
+            offset = (positions[neighbours[m], a] - positions[i, a]) * _RADIUS
             offsets[m, a] = np.int64(np.floor(np.float64(offset) / np.float64(radius)))
         ox, oy, oz = offsets[m, 0], offsets[m, 1], offsets[m, 2]
         total += w
@@ -282,11 +282,11 @@ def pack_coefficients(values, rows, states, orders, flat):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
+def predict_from_neighbours(positions, states, shifts, orders, quantised, wanted, dead, coefficients):
     """Encodes or decodes the motion of a packet's tracks (Gaussians over time), predicted from neighbouring tracks.
 
     Args:
-        places: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the
+        positions: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the
             motion of positions is coded, int64 (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
@@ -299,22 +299,22 @@ def predict_from_neighbours(places, states, shifts, orders, quantised, wanted, d
         coefficients: Decoded coefficients, float32 (M, channels, K), which must be 0 before the call; of length 0 for
             an encoder.
     """
-    if not len(places):
+    if not len(positions):
         return
-    near, used = relative_positions(places), 0
+    near, used = relative_positions(positions), 0
     for c in range(NUM_CHANNELS):
         used += orders[KIND_OF[c]]
     moving = states == MOVING
-    known, around, squares = np.empty(len(places), np.int64), np.empty((3, len(places))), np.empty(len(places))
+    known, around, squares = np.empty(len(positions), np.int64), np.empty((3, len(positions))), np.empty(len(positions))
     count = 0
-    for i in range(len(places)):
+    for i in range(len(positions)):
         if not moving[i]:
             count = add_known(near, i, known, around, count)
-    lanes, some = np.empty(LANES), np.empty(len(places), np.int64)
-    values, means, steps = np.zeros((len(places), used)), np.empty(used), np.zeros((len(places), used), np.int64)
+    lanes, some = np.empty(LANES), np.empty(len(positions), np.int64)
+    values, means, steps = np.zeros((len(positions), used)), np.empty(used), np.zeros((len(positions), used), np.int64)
     octaves = np.empty(used, np.int64)
     if not len(wanted):
-        pack_coefficients(quantised, np.arange(len(places)), states, orders, steps)
+        pack_coefficients(quantised, np.arange(len(positions)), states, orders, steps)
     neighbours, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)

@@ -299,7 +299,7 @@ class TracksEncoder:
         return self._renumbered(coded.packets, coded.num_blocks, self._known.weights[first_new:])
 
     def _fill_coder(
-        self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
+        self, coder: MotionCoder, entries: slice, group: TrackGroup, track_indices: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
         """Writes headers, positions, quantisation steps and expected sizes of some tracks into a motion coder.
@@ -308,22 +308,22 @@ class TracksEncoder:
 
         Args:
             coder: The motion coder, changed in place.
-            some: Range of the coder's entries to fill.
+            entries: Range of the coder's entries to fill.
             group: The tracks of the group of frames.
-            by: For each entry of the coder, the index of its track within the group.
+            track_indices: For each entry of the coder, the index of its track within the group.
             numbers: For each track of the group, its index within the stream.
             moving: Mask of moving tracks of the group.
         """
-        rows, known, tracks = by[some], self._known, numbers[by[some]]
-        headers = coder.headers[some]
-        before = coder.headers[some.start - 1, TRACK] if some.start else -1
+        rows, known, tracks = track_indices[entries], self._known, numbers[track_indices[entries]]
+        headers = coder.headers[entries]
+        before = coder.headers[entries.start - 1, TRACK] if entries.start else -1
         headers[:, TRACK], headers[:, BEGINS], headers[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
         headers[:, BEFORE] = np.diff(tracks, prepend=before) - 1
         headers[:, STATE] = np.where(moving[rows], MOVING, 0)
-        if len(rows) and len(rows) + (some.start or 0) == len(by):
+        if len(rows) and len(rows) + (entries.start or 0) == len(track_indices):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
-        coder.rows[some], coder.costs[some] = rows, self._costs[tracks]
-        coder.places[some], coder.shifts[some] = known.in_units(tracks, self._keyframes.motion_spacing)
+        coder.rows[entries], coder.costs[entries] = rows, self._costs[tracks]
+        coder.places[entries], coder.shifts[entries] = known.in_units(tracks, self._keyframes.motion_spacing)
 
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]

@@ -76,9 +76,9 @@ class Fitting:
         found.put(again, others)
         return found
 
-    def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
+    def _add(self, targets: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
         """Adds the motion in a range of frames to the fit of some tracks (Gaussians over time)."""
-        fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
+        fit(targets, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 
 def fit(

@@ -228,7 +228,7 @@ class KeyframeEncoder:
         fitted = fit_side_info(source, {}, known, like, self._threads_for(plan))
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
-    def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, level: int) -> SplatCoding:
+    def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, median_class: int) -> SplatCoding:
         """Returns the quantisation parameters of the current shot for further Gaussians.
 
         A shot is a range of groups of frames that share these parameters; a scene cut may begin a new shot.
@@ -236,13 +236,13 @@ class KeyframeEncoder:
         Args:
             splats: The Gaussians to encode.
             classes: Precision class of each Gaussian (its set of quantisation steps), 0 for the finest and negative for
-                coarser; None to use `level` for all.
+                coarser; None to use `median_class` for all.
             info: Side information of the shot.
-            level: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is the
-                coarsest).
+            median_class: Median precision class of the shot's first Gaussians, in the numbering of the bitstream (0 is
+                the coarsest).
         """
         count, most = splats.num_gaussians, self._quality.num_classes(splats.degree) - 1
-        levels = np.full(count, level, np.uint8) if classes is None else coded_classes(classes, count, most)
+        levels = np.full(count, median_class, np.uint8) if classes is None else coded_classes(classes, count, most)
         transform, bases = info.transform, tuple(info.bases.tolist())
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
 

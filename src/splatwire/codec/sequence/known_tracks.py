@@ -74,17 +74,17 @@ class KnownTracks:
         return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _no_births)
 
     def with_births(
-        self, keyframes: Trajectories, keys: np.ndarray, places: np.ndarray, shifts: np.ndarray, spacing: int
+        self, keyframes: Trajectories, keys: np.ndarray, positions: np.ndarray, shifts: np.ndarray, spacing: int
     ) -> "KnownTracks":
         """Returns the state with new tracks (Gaussians over time) appended.
 
         Args:
             keyframes: Keyframe Gaussians of the n new tracks, as trajectories of one frame.
             keys: Keys (identifiers) of the new tracks, int64 (n).
-            places: Decoded positions of the keyframe Gaussians, int64 (n, 3).
+            positions: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
-            spacing: log2 of the unit of `places`, relative to the unit of the first shot. A shot is a range of groups
-                of frames that share quantisation steps.
+            spacing: log2 of the unit of `positions`, relative to the unit of the first shot. A shot is a range of
+                groups of frames that share quantisation steps.
         """
         joined = {name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.keyframes).items()}
         names = np.concatenate([self.keys, keys])
@@ -92,7 +92,7 @@ class KnownTracks:
             names,
             np.argsort(names, kind="stable"),
             Trajectories(**joined),
-            np.concatenate([self.places, places]),
+            np.concatenate([self.places, positions]),
             np.concatenate([self.shifts, shifts]),
             np.concatenate([self.spacings, np.full(len(keys), spacing, np.int64)]),
             np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),

@@ -66,7 +66,7 @@ def decode_motion(
 
 
 def coefficients_of(
-    headers: np.ndarray, residuals: np.ndarray, orders: np.ndarray, places: np.ndarray, shifts: np.ndarray
+    headers: np.ndarray, residuals: np.ndarray, orders: np.ndarray, positions: np.ndarray, shifts: np.ndarray
 ) -> np.ndarray:
     """Reconstructs the motion of the moving tracks (Gaussians over time) of a packet from prediction residuals.
 
@@ -75,7 +75,7 @@ def coefficients_of(
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
         orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
             (position, rotation, scale, opacity, colour), int64 (kinds).
-        places: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:
@@ -84,7 +84,7 @@ def coefficients_of(
     quantised = np.ascontiguousarray(residuals.reshape(len(headers), NUM_CHANNELS, -1))
     coefficients = np.zeros((len(headers), NUM_CHANNELS, orders.max()), np.float32)
     _predict_kernels.predict_from_neighbours(
-        np.ascontiguousarray(places), np.ascontiguousarray(headers[:, STATE]), shifts, orders, quantised,
+        np.ascontiguousarray(positions), np.ascontiguousarray(headers[:, STATE]), shifts, orders, quantised,
         np.zeros((0, 1)), np.int64(0), coefficients,
     )  # fmt: skip
     return coefficients[headers[:, STATE] == MOVING]

@@ -32,11 +32,12 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     return np.clip(shifts + coarser[KIND_OF], 0, LARGEST_SHIFT)
 
 
-def in_other_units(places: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Converts positions and quantisation steps of tracks from one fixed-point unit to another.
 
     Args:
-        places: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.
+        positions: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in
+            magnitude.
         shifts: log2 of the quantisation steps of motion, int64 (n, channels).
         spacings: log2 of the ratio of each track's former unit to its new unit, int64 (n).
 
@@ -44,8 +45,8 @@ def in_other_units(places: np.ndarray, shifts: np.ndarray, spacings: np.ndarray)
         Positions in the new unit, and log2 of the quantisation steps in it.
     """
     if not spacings.any():
-        return places, shifts
-    moved, steps = np.floor(np.ldexp(places.astype(np.float64), spacings[:, None])), shifts.copy()
+        return positions, shifts
+    moved, steps = np.floor(np.ldexp(positions.astype(np.float64), spacings[:, None])), shifts.copy()
     steps[:, :3] = np.clip(steps[:, :3] + spacings[:, None], 0, LARGEST_SHIFT)
     return np.clip(moved, -MAX_PLACE, MAX_PLACE).astype(np.int64), steps
 

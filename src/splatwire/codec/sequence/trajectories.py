@@ -124,10 +124,10 @@ def add_frames(
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
     known, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
-    def fit(some: slice) -> None:
+    def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
-            tuple(values[some] for values in vars(moves).values()), known, numbers[some], scale, luma, table,
-            np.int64(begin), np.int64(end), *(values[some] for values in vars(found).values()),
+            tuple(values[rows] for values in vars(moves).values()), known, numbers[rows], scale, luma, table,
+            np.int64(begin), np.int64(end), *(values[rows] for values in vars(found).values()),
         )  # fmt: skip
 
     runs = [slice(first, first + RUN) for first in range(0, len(numbers), RUN)]
@@ -194,9 +194,9 @@ class Offsets:
         def at(frame: int) -> np.ndarray:
             found, weights = np.empty((len(rows), NUM_CHANNELS), np.float32), table[frame].copy()
 
-            def part(some: slice) -> None:
+            def part(rows: slice) -> None:
                 _offset_kernels.offsets(
-                    flat, starts[some], own[some], orders, widths, weights, factors, colours, found[some]
+                    flat, starts[rows], own[rows], orders, widths, weights, factors, colours, found[rows]
                 )  # fmt: skip
 
             share(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])

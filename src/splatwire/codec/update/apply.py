@@ -160,7 +160,7 @@ def _with_copies(
     place_at[ranked_by_attributes(splats)] = ranked_by_attributes(decoded)
     own = open_side_info(stream.manifest, stream.side_info)
     level = copies_level(info, num_before)
-    data = write_copies(decoded, np.sort(place_at[chosen]), own, level=level, growth=copies.growth)
+    data = write_copies(decoded, np.sort(place_at[chosen]), own, precision_class=level, growth=copies.growth)
     return add_concealment(stream, SKETCH, data)
 
 
@@ -177,13 +177,14 @@ def _check_base(base: SceneStream, digest: str) -> None:
         )
 
 
-def _check_complete(stream: SceneStream, what: str, so: str) -> None:
+def _check_complete(stream: SceneStream, what: str, consequence: str) -> None:
     """Raises `InvalidValueError` if a packet of a stream is missing.
 
     Args:
         stream: The stream.
         what: Name of the stream, for the error message.
-        so: Consequence for the user, for the error message.
+        consequence: Consequence for the user, for the error message.
     """
     if missing := stream.manifest.num_packets - len(stream.packets):
-        raise InvalidValueError(f"{missing:,} of {stream.manifest.num_packets:,} packets of {what} are missing: {so}")
+        count = f"{missing:,} of {stream.manifest.num_packets:,} packets of {what}"
+        raise InvalidValueError(f"{count} are missing: {consequence}")

@@ -67,18 +67,18 @@ class Coder(NamedTuple):
 
 @njit(error_model="numpy")
 @no_type_check
-def copy_flag_context(levels, n):
+def copy_flag_context(precision_levels, n):
     """Returns the entropy coder's context for the bit that is 1 if anchor `n` has a copy.
 
     The context, 0 to 3, is the number of copies among the four preceding anchors, at most 3.
 
     Args:
-        levels: Precision level of each anchor's copy; 0 for anchors without a copy.
+        precision_levels: Precision level of each anchor's copy; 0 for anchors without a copy.
         n: Index of the anchor.
     """
     count = 0
     for i in range(max(n - 4, 0), n):
-        if levels[i] > 0:
+        if precision_levels[i] > 0:
             count += 1
     return min(count, HISTORY - 1)
 
@@ -124,13 +124,13 @@ def code_value(coder, models, own, shared, value):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def code_levels(coder, models, levels, buckets, num_levels):
+def code_levels(coder, models, precision_levels, buckets, num_levels):
     """Encodes or decodes which anchors have a coarse copy, and the precision level of each copy.
 
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
-        levels: Precision level of each anchor's copy; 0 without a copy.
+        precision_levels: Precision level of each anchor's copy; 0 without a copy.
         buckets: Size class of each anchor, part of the context of the entropy coder.
         num_levels: Number of precision levels.
 
@@ -139,35 +139,35 @@ def code_levels(coder, models, levels, buckets, num_levels):
     """
     first_unary = len(models) - num_levels
     count = 0
-    for n in range(len(levels)):
-        context = buckets[n] * HISTORY + copy_flag_context(levels, n)
-        wanted, level = levels[n], 0
+    for n in range(len(precision_levels)):
+        context = buckets[n] * HISTORY + copy_flag_context(precision_levels, n)
+        wanted, level = precision_levels[n], 0
         if code_bit(coder, models, context, np.int64(wanted > 0)):
             level, count = 1, count + 1
             while level < num_levels and code_bit(coder, models, first_unary + level, np.int64(wanted > level)):
                 level += 1
-        levels[n] = level
+        precision_levels[n] = level
     return count
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def code_rows(coder, bit_models, models, levels, masks, values, offsets):
+def code_rows(coder, bit_models, models, precision_levels, masks, values, offsets):
     """Encodes or decodes the content of each coarse copy: its offset mask, transform coefficients and existing offsets.
 
     Args:
         coder: State of the range coder.
         bit_models: Adaptive probabilities of mask bits, changed in place.
         models: Adaptive probabilities of coefficients and offsets, changed in place.
-        levels: Precision level of each of the M copies, from 1.
+        precision_levels: Precision level of each of the M copies, from 1.
         masks: Offset masks, uint8 (M, K).
         values: Quantised transform coefficients, int64 (M, C).
         offsets: Quantised offsets, int64 (M, 3 K); 0 for offsets that do not exist.
     """
     columns, axes = values.shape[1], 3
     per_level = (columns + axes) * (1 + OWN) + SHARED
-    for n in range(len(levels)):
-        first = (levels[n] - 1) * per_level
+    for n in range(len(precision_levels)):
+        first = (precision_levels[n] - 1) * per_level
         shared, ones = first + (columns + axes) * (1 + OWN), 0
         for k in range(masks.shape[1]):
             masks[n, k] = code_bit(coder, bit_models, k * HISTORY + min(ones, HISTORY - 1), np.int64(masks[n, k]))

@@ -101,29 +101,29 @@ class SketchBasis:
     offset_step: float
     num_levels: int
 
-    def channels(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def channels(self, precision_levels: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Dequantises coarse copies: features, and logarithms of scalings relative to the predicted ones.
 
         Args:
-            levels: Precision level of each copied anchor, from 1, (M).
+            precision_levels: Precision level of each copied anchor, from 1, (M).
             values: Quantised transform coefficients, (M, C).
 
         Returns:
             float32 (M, D).
         """
-        step = 0.5 ** (levels.astype(np.float64) - 1)
+        step = 0.5 ** (precision_levels.astype(np.float64) - 1)
         scaled = values.astype(np.float64) * step[:, None]
         matrix = self.directions.astype(np.float64) * self.scales.astype(np.float64)
         return (self.mean.astype(np.float64) + scaled @ matrix.T).astype(np.float32)
 
-    def offsets(self, levels: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def offsets(self, precision_levels: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Dequantises the offsets of coarse copies, float32 (M, 3 K).
 
         Args:
-            levels: Precision level of each copied anchor, from 1, (M).
+            precision_levels: Precision level of each copied anchor, from 1, (M).
             values: Quantised offsets, (M, 3 K).
         """
-        step = self.offset_step * 0.5 ** (levels.astype(np.float64) - 1)
+        step = self.offset_step * 0.5 ** (precision_levels.astype(np.float64) - 1)
         return (values.astype(np.float64) * step[:, None]).astype(np.float32)
 
 

@@ -54,13 +54,13 @@ class Neighbors:
 
     @staticmethod
     def of(
-        places: np.ndarray, colours: np.ndarray, tracks: np.ndarray, observed: np.ndarray, lost: np.ndarray, count: int,
-        *, smooth: bool,
+        positions: np.ndarray, colours: np.ndarray, tracks: np.ndarray, observed: np.ndarray, lost: np.ndarray,
+        count: int, *, smooth: bool,
     ) -> "Neighbors":  # fmt: skip
         """Finds the nearest received tracks of each track with lost motion, and their weights.
 
         Args:
-            places: Last known positions of all tracks, float32 (T, 3).
+            positions: Last known positions of all tracks, float32 (T, 3).
             colours: Spherical harmonics of degree 0 of the keyframe Gaussians, float32 (T, 3).
             tracks: Indices of the received tracks, int64.
             observed: Received tracks that may serve as neighbours: indices into `tracks`.
@@ -72,12 +72,12 @@ class Neighbors:
         index, contrast = np.zeros((len(lost), count), np.int32), np.zeros((len(lost), 3), np.float32)
         weights, closeness = np.zeros((2, len(lost), count), np.float32)
         contrasts = np.zeros((len(lost), count, 3), np.float32)
-        tree = build_kd_tree(places[mine if len(lost) else mine[:0]])
+        tree = build_kd_tree(positions[mine if len(lost) else mine[:0]])
         for begin in range(0, len(lost), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
-            _, found = tree.query(places[lost[some]], k=count, workers=-1)
+            _, found = tree.query(positions[lost[some]], k=count, workers=-1)
             index[some] = found.reshape(-1, count)
-            offsets = (places[mine][index[some]] - places[lost[some]][:, None]).astype(np.float64)
+            offsets = (positions[mine][index[some]] - positions[lost[some]][:, None]).astype(np.float64)
             closeness[some] = _closeness((offsets**2).sum(axis=2))
             weights[some] = smooth_weights(offsets) if smooth else closeness[some]
             contrasts[some], contrast[some] = _contrasts(

@@ -20,9 +20,9 @@ from splatwire.evaluation.study.summary import INTERVALS, Summary, dataset_means
 from splatwire.evaluation.study.tables import (
     Table,
     bytes_table,
-    packet_loss_table,
     leaderboard_csv,
     ordering_table,
+    packet_loss_table,
     result_tables,
     seconds_table,
     summary_csv,

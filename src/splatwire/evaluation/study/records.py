@@ -131,9 +131,9 @@ def parquet() -> tuple[Any, Any]:
     return pyarrow.parquet, pyarrow
 
 
-def _schema(pyarrow: Any, place: Sequence[str], others: Sequence[str]) -> Any:
+def _schema(pyarrow: Any, labels: Sequence[str], others: Sequence[str]) -> Any:
     kinds = {str: pyarrow.string(), int: pyarrow.int64(), float: pyarrow.float64()}
-    columns = [(name, kinds[str]) for name in place]
+    columns = [(name, kinds[str]) for name in labels]
     for column in fields(Record):
         if column.name == "others":
             continue
@@ -148,17 +148,17 @@ def records_to_bytes(records: Sequence[Record]) -> bytes:
     return table_to_bytes([record.row() for record in records])
 
 
-def table_to_bytes(rows: Sequence[Mapping[str, Any]], place: Sequence[str] = ()) -> bytes:
+def table_to_bytes(rows: Sequence[Mapping[str, Any]], labels: Sequence[str] = ()) -> bytes:
     """Serialises records as a Parquet file.
 
     Args:
         rows: Records as mappings from column names to values.
-        place: Names of text columns that describe the records; they precede the columns for the fields of `Record`.
+        labels: Names of text columns that describe the records; they precede the columns for the fields of `Record`.
     """
     pq, pyarrow = parquet()
-    known, buffer = {item.name for item in fields(Record)} | set(place), io.BytesIO()
+    known, buffer = {item.name for item in fields(Record)} | set(labels), io.BytesIO()
     others = [name for name in (rows[0] if rows else {}) if name not in known]
-    table = pyarrow.Table.from_pylist([dict(row) for row in rows], schema=_schema(pyarrow, place, others))
+    table = pyarrow.Table.from_pylist([dict(row) for row in rows], schema=_schema(pyarrow, labels, others))
     pq.write_table(table, buffer, compression="zstd")
     return buffer.getvalue()
 

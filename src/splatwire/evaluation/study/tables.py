@@ -190,7 +190,8 @@ def packet_loss_table(scene: str, by_variant: Mapping[str, Sequence[PacketLossRa
     rows = []
     for i, model in enumerate(models):
         column = [entries[i] for entries in by_variant.values()]
-        rows.append((model, f"{100 * column[0].datagram_rate:.1f} %", *(f"{100 * e.packet_rate:.1f} %" for e in column)))
+        packets = (f"{100 * rates.packet_rate:.1f} %" for rates in column)
+        rows.append((model, f"{100 * column[0].datagram_rate:.1f} %", *packets))
     columns = ("process over datagrams of 1200 bytes", "datagrams lost", *(f"packets lost: {v}" for v in by_variant))
     return Table(f"{scene}: what lost datagrams mean in lost packets", columns, tuple(rows))
 

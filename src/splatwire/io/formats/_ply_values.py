@@ -56,31 +56,31 @@ def warn_of_other_units(vertices: PlyElement) -> None:
     _warn_of_integers(some)
 
 
-def _warn_of_integers(some: PlyElement) -> None:
+def _warn_of_integers(sample: PlyElement) -> None:
     """Logs a warning about integer properties, which are probably quantised values with an unknown step.
 
     Args:
-        some: A sample of the vertices.
+        sample: A sample of the vertices.
     """
-    whole = [name for name in some.names if some.rows.dtype[name].kind in "ui" and _PARTS.fullmatch(name)]
+    whole = [name for name in sample.names if sample.rows.dtype[name].kind in "ui" and _PARTS.fullmatch(name)]
     if whole:
         LOG.warning(
             "%s: properties %s are integers, so they may be quantised; they are read as they are: write floats",
-            some.path, ", ".join(whole)[:200],
+            sample.path, ", ".join(whole)[:200],
         )  # fmt: skip
 
 
-def _look_like_sizes(some: PlyElement, scales: np.ndarray, several: bool) -> bool:
+def _look_like_sizes(sample: PlyElement, scales: np.ndarray, several: bool) -> bool:
     """True if the scales in a file are probably sizes instead of logarithms of sizes.
 
     Args:
-        some: A sample of the vertices.
+        sample: A sample of the vertices.
         scales: Their scales, all at least 0 and none of them NaN.
         several: True if there are enough values to judge the distribution.
     """
     # as logarithms, these would be too large for the scene, all from 0 to 1, or have a minimum far below the median
     low, middle, high = float(scales.min()), float(np.median(scales)), float(scales.max())
-    if np.exp(min(middle, MAX_LOG_SCALE)) > _MAX_SIZE * _extent(some):
+    if np.exp(min(middle, MAX_LOG_SCALE)) > _MAX_SIZE * _extent(sample):
         return True
     return several and low < high and (low < _SKEWED * middle or high <= 1)
 
@@ -94,13 +94,13 @@ def _warn_of_scales(path: Path, scales: np.ndarray) -> None:
     )  # fmt: skip
 
 
-def _extent(some: PlyElement) -> float:
+def _extent(sample: PlyElement) -> float:
     """Returns the extent of the scene along its longest axis, world units; outliers are ignored.
 
     Args:
-        some: A sample of the vertices.
+        sample: A sample of the vertices.
     """
-    means = some.select_wide(["x", "y", "z"])
+    means = sample.select_wide(["x", "y", "z"])
     means = means[np.isfinite(means).all(axis=1)]
     if not len(means):
         return 0.0
@@ -108,20 +108,20 @@ def _extent(some: PlyElement) -> float:
     return float((high - low).max())
 
 
-def _unit_of_opacities(some: PlyElement, values: np.ndarray) -> str | None:
+def _unit_of_opacities(sample: PlyElement, values: np.ndarray) -> str | None:
     """Returns the probable unit of opacities, such as `linear`, or None if they are probably logits.
 
     Args:
-        some: A sample of the vertices.
+        sample: A sample of the vertices.
         values: Their opacities that are not NaN.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
         return None
     low, high = np.quantile(values, (_OUTSIDE, 1 - _OUTSIDE), method="nearest")
-    if low >= 0 and 0 < high <= 1 and (low < high or high == 1 or len(some.rows) < _MIN_ROWS):
+    if low >= 0 and 0 < high <= 1 and (low < high or high == 1 or len(sample.rows) < _MIN_ROWS):
         return "linear"
-    if values.min() >= 0 and (np.quantile(finite, _SPREAD_QUANTILES[1]) > _MAX_LOGIT or _are_bytes(some, finite)):
+    if values.min() >= 0 and (np.quantile(finite, _SPREAD_QUANTILES[1]) > _MAX_LOGIT or _are_bytes(sample, finite)):
         return "from 0 to 255 or another maximum"
     return None
 
@@ -136,23 +136,23 @@ def _warn_of_opacities(path: Path, values: np.ndarray, meant: str) -> None:
     )  # fmt: skip
 
 
-def _are_bytes(some: PlyElement, values: np.ndarray) -> bool:
+def _are_bytes(sample: PlyElement, values: np.ndarray) -> bool:
     """True if opacities are probably integer codes, such as bytes, and not logits.
 
     Args:
-        some: A sample of the vertices.
+        sample: A sample of the vertices.
         values: Finite opacities of the sample.
     """
-    if some.rows.dtype["opacity"].kind in "ui":
+    if sample.rows.dtype["opacity"].kind in "ui":
         return True
     whole = np.unique(values)
     return len(whole) > 2 and bool((whole == np.floor(whole)).all())
 
 
-def _warn_of_colours(path: Path, some: PlyElement) -> None:
-    if some.count_of("f_dc_") != 3:
+def _warn_of_colours(path: Path, sample: PlyElement) -> None:
+    if sample.count_of("f_dc_") != 3:
         return
-    values = some.columns("f_dc_", 3).astype(np.float64)
+    values = sample.columns("f_dc_", 3).astype(np.float64)
     values = values[np.isfinite(values)]
     if not values.size or values.min() < 0:
         return

@@ -396,25 +396,25 @@ class _Gltf:
         replaced[places] = new
         return replaced
 
-    def _rows(self, name: str, place: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
+    def _rows(self, name: str, source: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
         """Reads an array from a buffer of the document; it is zero if the document names no buffer for it.
 
         Args:
             name: Name of the attribute, for messages.
-            place: JSON object with the source of the array: `bufferView` and `byteOffset`.
+            source: JSON object with the source of the array: `bufferView` and `byteOffset`.
             dtype: Type of the numbers.
             shape: Number of rows, and of numbers in each.
         """
         count, width = shape
-        if "bufferView" not in place:
+        if "bufferView" not in source:
             if type(count) is not int or not 0 <= count <= MAX_GAUSSIANS:
                 raise DatasetError(f"{self._path}: attribute {name} has an impossible number of rows, {count!r:.40}")
             return np.broadcast_to(np.zeros(width, dtype), shape)
-        view = entry(self._path, self._document["bufferViews"], place["bufferView"], "buffer view")
+        view = entry(self._path, self._document["bufferViews"], source["bufferView"], "buffer view")
         if packed := view.get("extensions"):
             names = ", ".join(map(str, packed))[:80]
             raise DatasetError(f"{self._path}: attribute {name} is compressed by {names}, which is not read")
-        start, offset = view.get("byteOffset", 0), place.get("byteOffset", 0)
+        start, offset = view.get("byteOffset", 0), source.get("byteOffset", 0)
         stride = view.get("byteStride", dtype.itemsize * width)
         size, item = view["byteLength"], dtype.itemsize * width
         sizes = (start, offset, stride, size, count)

@@ -28,12 +28,12 @@ _DEFAULT_RANGE = 32767
 _DEFAULT_HARMONICS = 1.5
 
 
-def _record(level: int, degree: int) -> np.dtype:
-    wide, rest = ("<f4", "<f4") if level == 0 else ("<u2", "<f2"), 3 * (num_functions(degree) - 1)
+def _record(compression_level: int, degree: int) -> np.dtype:
+    wide, rest = ("<f4", "<f4") if compression_level == 0 else ("<u2", "<f2"), 3 * (num_functions(degree) - 1)
     position, number = wide
     fields = [("position", position, 3), ("scale", number, 3), ("rotation", number, 4), ("color", "u1", 4)]
     if rest:
-        fields.append(("harmonics", ("<f4", "<f2", "u1")[level], rest))
+        fields.append(("harmonics", ("<f4", "<f2", "u1")[compression_level], rest))
     return np.dtype(fields)
 
 
@@ -102,9 +102,9 @@ def _parse_section(path: Path, data: memoryview, index: int) -> _Section:
 
 
 def _read_section(
-    path: Path, data: memoryview, at: int, section: _Section, level: int, bounds: tuple[float, float]
+    path: Path, data: memoryview, at: int, section: _Section, compression_level: int, bounds: tuple[float, float]
 ) -> tuple[dict[str, np.ndarray], int]:
-    record = _record(level, section.degree)
+    record = _record(compression_level, section.degree)
     centers_at = at + 4 * section.partial
     rows_at = centers_at + section.bucket_bytes * section.buckets
     end = rows_at + record.itemsize * section.places
@@ -114,9 +114,9 @@ def _read_section(
     color = rows["color"].astype(np.float32) / 255
     sh = ((color[:, None, :3] - 0.5) / np.float32(DC)).astype(np.float32)
     if section.degree:
-        sh = np.concatenate([sh, _harmonics(rows["harmonics"], level, section.degree, bounds)], axis=1)
+        sh = np.concatenate([sh, _harmonics(rows["harmonics"], compression_level, section.degree, bounds)], axis=1)
     means = rows["position"].astype(np.float32)
-    if level:
+    if compression_level:
         means = _from_bucket(path, data, at, centers_at, section, means)
     columns: dict[str, np.ndarray] = {
         "means": means,
@@ -158,9 +158,9 @@ def _from_bucket(
     return (codes - np.float32(levels)) * np.float32(section.block_size / 2 / levels) + centers[bucket]
 
 
-def _harmonics(values: np.ndarray, level: int, degree: int, bounds: tuple[float, float]) -> np.ndarray:
+def _harmonics(values: np.ndarray, compression_level: int, degree: int, bounds: tuple[float, float]) -> np.ndarray:
     numbers = values.astype(np.float32)
-    if level == 2:
+    if compression_level == 2:
         numbers = bounds[0] + numbers / np.float32(255) * np.float32(bounds[1] - bounds[0])
     bands, start = [], 0
     for band in range(1, degree + 1):  # order within a band: all red, then green, then blue

@@ -221,11 +221,11 @@ def _level(index: Path, name: str) -> int:
     return int(name)
 
 
-def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
-    values = [level.get(name) for name in ("file", "offset", "count")] if isinstance(level, dict) else []
+def _piece(index: Path, lod_level: Any, num_chunks: int) -> Piece:
+    values = [lod_level.get(name) for name in ("file", "offset", "count")] if isinstance(lod_level, dict) else []
     numbers = [value for value in values if type(value) is int and 0 <= value < 1 << 31]
     if len(numbers) != 3 or numbers[0] >= num_chunks:
-        raise DatasetError(f"{index}: a level is {level!r:.80}, no run of a chunk that is named")
+        raise DatasetError(f"{index}: a level is {lod_level!r:.80}, no run of a chunk that is named")
     return Piece(*numbers)
 
 

@@ -179,7 +179,7 @@ def _functions(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]
 def anchor_bits(
     state: TrainState,
     config: CausalConfig,
-    place: Float[Tensor, "M P"],
+    position_inputs: Float[Tensor, "M P"],
     values: tuple[Tensor, Tensor, Tensor],
     steps: tuple[Tensor, Tensor, Tensor],
     masks: tuple[Tensor, Tensor],
@@ -189,7 +189,7 @@ def anchor_bits(
     Args:
         state: State of the training.
         config: Shapes of anchors and networks.
-        place: Positions of the anchors and their positional encoding, as inputs of the position network.
+        position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_numbers`).
         steps: Quantisation steps of these values (`channel_steps`).
         masks: Straight-through masks of offsets and of anchors.
@@ -197,14 +197,16 @@ def anchor_bits(
     logs = values[1] - state.parameters["centres"].detach()
     numbers = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
     offset_mask, anchor_mask = masks
-    own, offsets = number_bits_of(causal_networks(state.parameters, config), config, place, numbers, offset_mask)
+    own, offsets = number_bits_of(
+        causal_networks(state.parameters, config), config, position_inputs, numbers, offset_mask
+    )
     return (own + offsets.sum(dim=1) + POSITION_BITS) * anchor_mask
 
 
 def number_bits_of(
     networks: dict[str, Mlp],
     config: CausalConfig,
-    place: Float[Tensor, "M P"],
+    position_inputs: Float[Tensor, "M P"],
     numbers: Sequence[Tensor],
     offset_mask: Float[Tensor, "M K"],
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M K"]]:
@@ -213,14 +215,14 @@ def number_bits_of(
     Args:
         networks: The networks by name.
         config: Shapes of anchors and networks.
-        place: Positions of the anchors and their positional encoding, as inputs of the position network.
+        position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         numbers: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     feature, form, offset = numbers
-    predicted = predict_causal(_functions(networks), config, place, feature, form, join=torch.cat)
+    predicted = predict_causal(_functions(networks), config, position_inputs, feature, form, join=torch.cat)
     own = number_bits(torch.cat([feature, form], dim=1), *joined(predicted.feature, predicted.form)).sum(dim=1)
-    each = number_bits(offset, *predicted.offset).view(len(place), -1, 3).sum(dim=2)
+    each = number_bits(offset, *predicted.offset).view(len(position_inputs), -1, 3).sum(dim=2)
     one, zero = mask_bits(predicted)
     return own, offset_mask * (each + one) + (1 - offset_mask) * zero
 
@@ -244,29 +246,29 @@ def mask_bits(predicted: CausalPrediction) -> tuple[Float[Tensor, "M K"], Float[
 
 
 def number_bits(
-    values: Float[Tensor, "M D"], mean: Float[Tensor, "M D"], spread: Float[Tensor, "M D"]
+    values: Float[Tensor, "M D"], mean: Float[Tensor, "M D"], log_deviation: Float[Tensor, "M D"]
 ) -> Float[Tensor, "M D"]:
     """Returns the ideal code length of quantised values under normal distributions, in bits.
 
     Args:
         values: Values, in quantisation steps.
         mean: Means of the distributions, in quantisation steps.
-        spread: log2 of the standard deviations in quantisation steps.
+        log_deviation: log2 of the standard deviations in quantisation steps.
     """
-    inverse = torch.exp2(-spread.clamp(*SPREADS))
+    inverse = torch.exp2(-log_deviation.clamp(*SPREADS))
     # mirror both bounds to below the mean, where differences of tiny probabilities are precise
     distance = (values - mean).abs()
     return bits(torch.special.ndtr((0.5 - distance) * inverse) - torch.special.ndtr((-0.5 - distance) * inverse))
 
 
 @torch.no_grad()
-def calibrate_causal(state: TrainState, config: TrainConfig, place: Float[Tensor, "N P"]) -> None:
+def calibrate_causal(state: TrainState, config: TrainConfig, position_inputs: Float[Tensor, "N P"]) -> None:
     """Initialises the networks of the causal model with the mean and standard deviation of each attribute.
 
     Args:
         state: State of the training; the networks are changed in place.
         config: The configuration.
-        place: Positions of all anchors and their positional encoding, as inputs of the position network.
+        position_inputs: Positions of all anchors and their positional encoding, as inputs of the position network.
     """
     model, parameters = config.causal, state.parameters
     alive = state.masks(config.mask_threshold).any(dim=1)

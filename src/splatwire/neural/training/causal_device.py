@@ -140,7 +140,7 @@ def _step_of_column(config: CausalConfig, device: torch.device) -> Int64[Tensor,
 def sample_bits(
     networks: dict[str, Mlp],
     config: CausalConfig,
-    place: Float[Tensor, "M P"],
+    position_inputs: Float[Tensor, "M P"],
     values: Float[Tensor, "M D"],
     offset_mask: Float[Tensor, "M K"],
 ) -> Float[Tensor, "M"]:
@@ -149,7 +149,7 @@ def sample_bits(
     Args:
         networks: The networks by name.
         config: Shapes of anchors and networks.
-        place: Positions of the anchors and their positional encoding, as inputs of the position network.
+        position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of sizes, and offsets, in quantisation steps, with noise in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
@@ -158,13 +158,13 @@ def sample_bits(
     position, *others = (networks[name] for name in config.shapes())
     packed = pack_networks(others, order.outputs)
     inputs, _ = values.split([own, 3 * layout.num_offsets], dim=1)
-    known = torch.cat([run_network(position, place), inputs * INPUT_UNIT], dim=1)
+    known = torch.cat([run_network(position, position_inputs), inputs * INPUT_UNIT], dim=1)
     found = packed(known, CHANNEL_SLOPE)
     mean, spread, exists = found.split([order.numbers, order.numbers, layout.num_offsets], dim=1)
     first, offsets = _NumberBits.apply(values, mean, spread).split([own, 3 * layout.num_offsets], dim=1)
     # the mask bit costs softplus(-x) if the offset exists, otherwise softplus(x); the difference is x
     mask_bits = torch.nn.functional.softplus(exists).mul(1 / math.log(2))
-    each = offsets.view(len(place), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
+    each = offsets.view(len(position_inputs), -1, 3).sum(dim=2).add(exists, alpha=-1 / math.log(2))
     return first.sum(dim=1) + (offset_mask * each + mask_bits).sum(dim=1) + POSITION_BITS
 
 
@@ -175,8 +175,8 @@ class _NumberBits(torch.autograd.Function):
     # deviations. The probability of the value is half of `erfc(a) - erfc(b)`.
 
     @staticmethod
-    def forward(ctx: Any, values: Tensor, mean: Tensor, spread: Tensor) -> Tensor:
-        bounded, difference = spread.clamp(*SPREADS), values - mean
+    def forward(ctx: Any, values: Tensor, mean: Tensor, log_deviation: Tensor) -> Tensor:
+        bounded, difference = log_deviation.clamp(*SPREADS), values - mean
         inverse = torch.rsub(bounded, -0.5).exp2_()
         a = difference.abs().sub_(0.5).mul_(inverse)
         b = a + inverse
@@ -184,7 +184,7 @@ class _NumberBits(torch.autograd.Function):
         bounded_share = share.clamp(min=MIN_LIKELIHOOD)
         weight = (share >= MIN_LIKELIHOOD) / bounded_share
         near, far = (a * a).neg_().exp_(), (b * b).neg_().exp_()
-        d_spread = (far * b).addcmul_(near, a, value=-1).mul_(weight).mul_(spread == bounded)
+        d_spread = (far * b).addcmul_(near, a, value=-1).mul_(weight).mul_(log_deviation == bounded)
         d_value = near.sub_(far).mul_(inverse).mul_(weight).mul_(difference.sign_())
         ctx.save_for_backward(d_value, d_spread)
         return bounded_share.log2_().neg_()

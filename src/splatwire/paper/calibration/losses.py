@@ -144,14 +144,14 @@ def _l1(difference: Float[Tensor, "B D"]) -> Float[Tensor, ""]:
 
 
 def normalized_errors(
-    estimate: Anchors, truth: Anchors, spread: dict[str, Tensor], rows: Int64[Tensor, "Q"]
+    estimate: Anchors, truth: Anchors, deviations: dict[str, Tensor], rows: Int64[Tensor, "Q"]
 ) -> dict[str, float]:
     """Computes the error of concealed anchors for each attribute, relative to the spread of the attribute's values.
 
     Args:
         estimate: Concealed anchors.
         truth: The complete scene.
-        spread: Standard deviations per channel of `features`, `scalings` and `offsets` over the complete scene.
+        deviations: Standard deviations per channel of `features`, `scalings` and `offsets` over the complete scene.
         rows: Indices of the concealed anchors in `truth`.
 
     Returns:
@@ -166,9 +166,9 @@ def normalized_errors(
         return float((mean.sqrt() / scale).mean())
 
     return {
-        "feature": rmse(estimate.features - real.features, None, spread["features"]),
-        "scaling": rmse(estimate.scalings - real.scalings, None, spread["scalings"]),
-        "offset": rmse((estimate.offsets - real.offsets).flatten(1), exists, spread["offsets"]),
+        "feature": rmse(estimate.features - real.features, None, deviations["features"]),
+        "scaling": rmse(estimate.scalings - real.scalings, None, deviations["scalings"]),
+        "offset": rmse((estimate.offsets - real.offsets).flatten(1), exists, deviations["offsets"]),
         "mask": float((estimate.mask != real.mask).double().mean()),
     }
 

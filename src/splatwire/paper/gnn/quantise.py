@@ -90,9 +90,9 @@ def rounded(value: Tensor, bits: int) -> Tensor:
     return torch.from_numpy((np.rint(array.astype(np.float64) * 2**_VECTOR_BITS) / 2**_VECTOR_BITS).astype(np.float32))
 
 
-def rounded_constants(mean: Tensor, spread: Tensor) -> tuple[Tensor, Tensor]:
+def rounded_constants(mean: Tensor, deviation: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the means and standard deviations of the network's inputs, rounded as a receiver reads them."""
-    index = short_float_index(spread.cpu().numpy())
+    index = short_float_index(deviation.cpu().numpy())
     unit = short_float(index) / 2**_MEAN_BITS
     near = np.rint(mean.cpu().double().numpy() / unit) * unit
     return torch.from_numpy(near.astype(np.float32)), torch.from_numpy(short_float(index).astype(np.float32))

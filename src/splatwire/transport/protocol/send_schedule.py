@@ -46,17 +46,17 @@ def build_send_schedule(
     return tuple((kind, group, symbol) for _, kind, group, symbol in sorted(due))
 
 
-def _packet_times(present: Sequence[int], spread: float | int) -> list[float]:
+def _packet_times(present: Sequence[int], tier_overlap: float | int) -> list[float]:
     """Returns when each packet is sent, as a fraction of the whole transfer, 0 to 1.
 
     Args:
         present: Number of packets of each importance tier.
-        spread: Overlap of the tiers in time, 0 to 1.
+        tier_overlap: Overlap of the tiers in time, 0 to 1.
     """
     num_packets, first, times = max(sum(present), 1), 0, list[float]()
     for size in present:
         start, stop = first / num_packets, (first + size) / num_packets
-        start, stop = (1 - spread) * start, (1 - spread) * stop + spread
+        start, stop = (1 - tier_overlap) * start, (1 - tier_overlap) * stop + tier_overlap
         times += [start + (n + 0.5) / size * (stop - start) for n in range(size)]
         first += size
     return times

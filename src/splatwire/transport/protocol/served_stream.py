@@ -49,7 +49,8 @@ class SendSchedule(NamedTuple):
     """Datagrams of a stream in sending order.
 
     Attributes:
-        datagrams: Three integers for each datagram. The first is the kind of its content, which determines the other two:
+        datagrams: Three integers for each datagram. The first is the kind of its content, which determines the other
+            two:
 
             * `DATA` (a packet): 0, and the index of the packet in sending order.
             * `SIDE` (a symbol of the init segment): index of the segment (source block), and index of the symbol in it.

@@ -50,18 +50,18 @@ def activate(numbers, inputs):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def scale_indices(spreads, powers, indices):
+def scale_indices(log_deviations, powers, indices):
     """Converts standard deviations to indices into the entropy coder's table of standard deviations.
 
     Args:
-        spreads: Binary logarithms of standard deviations, 16 fractional bits.
+        log_deviations: Binary logarithms of standard deviations, 16 fractional bits.
         powers: Table of powers of two, from `exp2_table(8, 20)`.
-        indices: Output, same shape as `spreads`.
+        indices: Output, same shape as `log_deviations`.
     """
     # The table has sixteen entries for each octave (power of two).
-    for n in range(spreads.shape[0]):
-        for c in range(spreads.shape[1]):
-            spread = np.int64(spreads[n, c]) + (6 << 16)
+    for n in range(log_deviations.shape[0]):
+        for c in range(log_deviations.shape[1]):
+            spread = np.int64(log_deviations[n, c]) + (6 << 16)
             fraction = (powers[(spread >> 8) & 255] - (1 << 20)) >> 16
             indices[n, c] = min(max(((spread >> 16) << 4) + fraction, 0), 319)
 

@@ -140,13 +140,13 @@ class Chain:
             kernels.activate(numbers, self._known[:, first : first + stage.size])
 
 
-def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndarray) -> np.ndarray:
+def position_activations(voxels: np.ndarray, middle: np.ndarray, extent: np.ndarray) -> np.ndarray:
     """Computes the inputs of the position network: contracted coordinates and their positional encoding.
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).
         middle: Centre of the scene, voxels, int64 (3).
-        spread: Extent of the scene, voxels, above 0, int64 (3).
+        extent: Extent of the scene, voxels, above 0, int64 (3).
 
     Returns:
         Network inputs, float64 (n, 3 (1 + octaves)), whole numbers with `ACTIVATION_BITS` fractional bits.
@@ -154,7 +154,7 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndar
     # The contraction compresses coordinates far from the centre. The encoding consists of triangle waves with doubling
     # frequencies.
     away = np.clip(voxels - middle, -(1 << 40), 1 << 40)
-    relative = (away << ACTIVATION_BITS) // spread
+    relative = (away << ACTIVATION_BITS) // extent
     contracted = (np.clip(relative, -(1 << 40), 1 << 40) << ACTIVATION_BITS) // (ONE + np.abs(relative))
     waves = [contracted]
     for octave in range(1, OCTAVES + 1):
@@ -162,14 +162,14 @@ def position_activations(voxels: np.ndarray, middle: np.ndarray, spread: np.ndar
     return np.concatenate(waves, axis=1).astype(np.float64)
 
 
-def scale_indices(spreads: np.ndarray) -> np.ndarray:
+def scale_indices(log_deviations: np.ndarray) -> np.ndarray:
     """Converts binary logarithms of standard deviations to indices in the coder's table, int16.
 
     Args:
-        spreads: Binary logarithms in quantisation steps, int32, `OUTPUT_BITS` fractional bits.
+        log_deviations: Binary logarithms in quantisation steps, int32, `OUTPUT_BITS` fractional bits.
     """
-    indices = np.empty(spreads.shape, dtype=np.int16)
-    kernels.scale_indices(spreads, exp2_table(8, 20), indices)
+    indices = np.empty(log_deviations.shape, dtype=np.int16)
+    kernels.scale_indices(log_deviations, exp2_table(8, 20), indices)
     return indices
 
 

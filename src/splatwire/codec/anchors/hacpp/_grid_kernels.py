@@ -76,19 +76,19 @@ def corner_weight(corner, bit, fraction, resolution):
 
 @njit(borrows=True, nogil=True)
 @no_type_check
-def inside_box(units, n, axes, level, dims):
+def inside_box(units, n, axes, grid_level, dims):
     """True if an anchor is inside the grid's bounding box, along the axes of one level of the grid.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
         n: Index of the anchor.
         axes: World axes that each level spans.
-        level: Index of the level.
+        grid_level: Index of the level.
         dims: Number of axes: 3 for a level of the 3D grid, 2 for a level of a plane.
     """
     inside = True
     for a in range(dims):
-        unit = units[n, axes[level, a]]
+        unit = units[n, axes[grid_level, a]]
         if unit < 0 or unit > ONE:
             inside = False
     return inside
@@ -96,25 +96,25 @@ def inside_box(units, n, axes, level, dims):
 
 @njit(borrows=True, nogil=True)
 @no_type_check
-def cell_of(units, n, axes, level, dims, resolution):
+def cell_of(units, n, axes, grid_level, dims, resolution):
     """Finds the cell that contains an anchor, in one level of the hash grid.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
         n: Index of the anchor.
         axes: World axes that each level spans.
-        level: Index of the level.
+        grid_level: Index of the level.
         dims: 3 for a level of the 3D grid, 2 for a level of a plane.
         resolution: Grid points of the level per axis.
 
     Returns:
         For each axis, index of the cell's lower corner and position within the cell.
     """
-    x, fx = locate(units[n, axes[level, 0]], resolution)
-    y, fy = locate(units[n, axes[level, 1]], resolution)
+    x, fx = locate(units[n, axes[grid_level, 0]], resolution)
+    y, fy = locate(units[n, axes[grid_level, 1]], resolution)
     z, fz = np.int64(0), np.int64(0)
     if dims == 3:
-        z, fz = locate(units[n, axes[level, 2]], resolution)
+        z, fz = locate(units[n, axes[grid_level, 2]], resolution)
     return x, fx, y, fy, z, fz
 
 

@@ -14,11 +14,11 @@ STATES = 32
 
 @njit(borrows=True)
 @no_type_check
-def sign_context(level, feature, depth, signs, row, previous):
+def sign_context(grid_level, feature, depth, signs, row, previous):
     """Returns the context of the entropy coder for a sign in the hash table.
 
     Args:
-        level: Index of the grid level.
+        grid_level: Index of the grid level.
         feature: Index of the feature.
         depth: Number of features, D.
         signs: The hash table, int8 (rows, D).
@@ -27,7 +27,7 @@ def sign_context(level, feature, depth, signs, row, previous):
     """
     # The context depends on the grid level, the feature (column of the table), up to three preceding signs of the same
     # row, and the sign of the same feature in the previous coded row.
-    context = (level * depth + feature) * STATES
+    context = (grid_level * depth + feature) * STATES
     for back in range(1, min(feature, 3) + 1):
         if signs[row, feature - back] > 0:
             context += 1 << (back - 1)
