@@ -245,7 +245,7 @@ class Pool:
             "positions": splats.means, "colors": splats.means, "SparsePoints.positions": splats.means,
             "image_paths": (self.photo,), "load_photo.path": self.photo,
             "open_dataset.path": self.photo.parent, "read_splatv.path": self.moving,
-            "places": np.arange(300), "growth": (0.0, 0.0, 0.0),
+            "growth": (0.0, 0.0, 0.0),
             "sizes": np.ones(300, np.float32), "size": 1.0, "opacity": 1.0, "load_photo.size": (8, 8),
             "frames": lambda: [splats, splats], "files": sorted(self.frames.iterdir()), "folder": self.frames,
             "open_sequence.path": self.frames, "is_sequence.path": self.frames, "drawn": np.ones(300, np.bool_),

@@ -110,7 +110,7 @@ def test_pseudo_loss_equals_decoding_a_lossy_stream(make) -> None:
             field.name
         )
     assert np.array_equal(pretended.loss_mask.received, lossy.loss_mask.received)
-    assert np.array_equal(pretended.places, lossy.places)
+    assert np.array_equal(pretended.positions, lossy.positions)
 
 
 @pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])

@@ -38,7 +38,7 @@ def test_sketch_fits_its_byte_share_and_improves_quality(stream, result) -> None
     assert 0.09 * stream.num_bytes < len(result.section) <= 0.1 * stream.num_bytes
     assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
     copies = decode_stream(add_concealment(stream, "sketch", result.section)).get(Copies)
-    assert len(copies.places) == result.num_sketched
+    assert len(copies.indices) == result.num_sketched
     assert (copies.growth[0], copies.growth[2]) == (result.exponent, result.trust)
 
 
@@ -51,7 +51,7 @@ def test_copied_gaussians_have_high_importance(stream, result) -> None:
     whole = decode_stream(stream).scene.splats
     copies = decode_stream(add_concealment(stream, "sketch", result.section)).get(Copies)
     weight = whole.opacities * np.exp(2 * np.log(whole.scales).mean(axis=1))
-    assert np.median(weight[copies.places]) > 2 * np.median(weight)
+    assert np.median(weight[copies.indices]) > 2 * np.median(weight)
 
 
 def test_invalid_arguments_are_refused(stream, views) -> None:
@@ -71,5 +71,5 @@ def test_background_of_the_views_changes_the_sketch(stream, views) -> None:
     complete = decode_stream(stream)
     white = sketch_of(stream, complete, dataclasses.replace(views, background=(1.0, 1.0, 1.0)), CONFIG)
     black = sketch_of(stream, complete, views, CONFIG)
-    places = [decode_stream(add_concealment(stream, "sketch", s.section)).get(Copies).places for s in (white, black)]
+    places = [decode_stream(add_concealment(stream, "sketch", s.section)).get(Copies).indices for s in (white, black)]
     assert set(places[0].tolist()) != set(places[1].tolist())

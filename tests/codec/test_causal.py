@@ -90,9 +90,9 @@ def test_lost_packet_affects_only_its_anchors(scene: AnchorScene):
     assert np.array_equal(damaged[Prior].offset.mean, whole[Prior].offset.mean)
     assert bool((damaged[Prior].scaling.mean > 0).all())
     assert np.array_equal(damaged.scene.anchors.positions[known], whole.scene.anchors.positions[known])
-    assert np.array_equal(damaged.scene.anchors.positions[~known], whole.places[~known])
-    away = np.linalg.norm(whole.places - whole.scene.anchors.positions, axis=1)
-    assert 0 < float(np.median(away)) < 0.5 * float(whole.places.std())
+    assert np.array_equal(damaged.scene.anchors.positions[~known], whole.positions[~known])
+    away = np.linalg.norm(whole.positions - whole.scene.anchors.positions, axis=1)
+    assert 0 < float(np.median(away)) < 0.5 * float(whole.positions.std())
 
 
 def test_progressive_decoding_equals_decoding_at_once(stream: SceneStream):
@@ -118,7 +118,7 @@ def test_concealment_works_with_positions_from_packets(scene: AnchorScene, name:
             assert np.array_equal(getattr(other.anchors, attribute), values), attribute
     assert_close(shown.hints.size_gain, at_once.hints.size_gain, rtol=1e-6, atol=0)
     assert np.array_equal(shown.anchors.positions[known], whole.scene.anchors.positions[known])
-    assert np.array_equal(shown.anchors.positions[~known], whole.places[~known])
+    assert np.array_equal(shown.anchors.positions[~known], whole.positions[~known])
 
 
 def test_plain_reference_decodes_the_same_integers(scene: AnchorScene, info: SideInfo):

@@ -270,7 +270,7 @@ def test_repacked_gaussians_keep_their_copies() -> None:
     assert after.growth == before.growth
     for name, values in vars(before.splats).items():
         assert np.array_equal(values, getattr(after.splats, name))
-    places = [partial.scene.positions[partial[Copies].places] for partial in partials]
+    places = [partial.scene.positions[partial[Copies].indices] for partial in partials]
     assert np.array_equal(*places)
 
 

@@ -199,7 +199,7 @@ def test_client_is_ended_after_its_share_of_bytes():
     while serving.num_transfers and now < 60:
         now += 0.06
         serving.receive(here, encode(Feedback(session, 0, 0, 0, 1000, tuple(range(12)))), now)
-        sent += sum(len(data) for _, data in serving.poll(now, most=1000))
+        sent += sum(len(data) for _, data in serving.poll(now, max_datagrams=1000))
     assert now < 60
     assert sent < 4.1 * sum(PROGRAM.sizes().values()) + 200_000
 

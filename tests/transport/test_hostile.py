@@ -53,7 +53,7 @@ def finish(server: Server, receiver: Receiver) -> list[Event]:
     now, events = 0.0, []
     while receiver.finished is None and now < 3.0:
         now += 0.02
-        for _, data in server.poll(now, most=1000):
+        for _, data in server.poll(now, max_datagrams=1000):
             out, told = receiver.receive(data, now)
             events += told
             for reply in out:
@@ -204,7 +204,7 @@ def test_silent_client_expires_and_bytes_per_client_are_limited():
         now += 0.06
         nacks = tuple(range(len(PROGRAM.packets)))[:250]
         server.receive("client", encode(Feedback(session, 0, 0, 0, 1000, nacks)), now)
-        sent += sum(len(data) for _, data in server.poll(now, most=1000))
+        sent += sum(len(data) for _, data in server.poll(now, max_datagrams=1000))
     assert sent < 4.1 * sum(PROGRAM.sizes().values()) + 200_000
     server.poll(now + 6.0)
     assert server.num_transfers == 0

@@ -32,13 +32,13 @@ def copies_of(partial: ReceivedScene) -> tuple[np.ndarray, list[float]]:
     if copies is not None:
         splats = copies.splats
         numbers = (splats.means, splats.scales, splats.quats, splats.opacities)
-        return copies.places, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
+        return copies.indices, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
     section, prior = section_of(partial), partial[Prior]
     places = np.flatnonzero(section.levels)
     found = sketched_attributes(section, expected_scalings(prior)[places])
     features, scalings, offsets, mask = found
     far = offsets * scalings[:, None, :3] * mask[:, :, None]
-    numbers = (partial.places[places], features, scalings[:, 3:], far)
+    numbers = (partial.positions[places], features, scalings[:, 3:], far)
     return places, np.concatenate([part.flatten() for part in numbers]).astype(np.float64).tolist()
 
 

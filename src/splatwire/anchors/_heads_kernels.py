@@ -201,13 +201,13 @@ def _output(table, row, num_hidden, hidden):
 
 @njit(inline="always")
 @no_type_check
-def _write(n, k, at, anchors, gains, numbers, out):
-    """Writes mean, quaternion, scale and colour of one Gaussian to row `at` of the arrays `out`.
+def _write(n, k, row, anchors, gains, numbers, out):
+    """Writes mean, quaternion, scale and colour of one Gaussian to row `row` of the arrays `out`.
 
     Args:
         n: Index of the Gaussian's anchor.
         k: Index of the Gaussian's offset within the anchor.
-        at: Row to write.
+        row: Row to write.
         anchors: Arrays of all anchors.
         gains: Factor on the size of each anchor's Gaussians; empty for none.
         numbers: The sixteen network outputs of the Gaussian, followed by the sigmoid of each.
@@ -220,11 +220,11 @@ def _write(n, k, at, anchors, gains, numbers, out):
         norm += numbers[c] * numbers[c]
     norm = max(np.sqrt(norm), _LEAST_NORM)
     for c in range(3):
-        means[at, c] = positions[n, c] + offsets[n, k, c] * scalings[n, c]
-        scales[at, c] = scalings[n, 3 + c] * numbers[LANES + c] * gain
-        colors[at, c] = numbers[LANES + COLOR + c]
+        means[row, c] = positions[n, c] + offsets[n, k, c] * scalings[n, c]
+        scales[row, c] = scalings[n, 3 + c] * numbers[LANES + c] * gain
+        colors[row, c] = numbers[LANES + COLOR + c]
     for c in range(4):
-        quats[at, c] = numbers[3 + c] / norm
+        quats[row, c] = numbers[3 + c] / norm
 
 
 @njit(nogil=True, error_model="numpy")
@@ -258,7 +258,7 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
     room, at, n = (last - first) * num_offsets, 0, first
     out = (np.empty((room, 3), np.float32), np.empty((room, 4), np.float32), np.empty((room, 3), np.float32),
            np.empty(room, np.float32), np.empty((room, 3), np.float32))  # fmt: skip
-    places = np.empty((room, 2), np.int64)
+    indices = np.empty((room, 2), np.int64)
     while n < last:
         count, n = _choose_anchors(n, last, anchors, hints, camera, chosen)
         if count == 0:
@@ -281,6 +281,6 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
                     store(numbers, LANES, _ONE / (_ONE + _exp_minus(outputs)))
                     _write(chosen[lane], k, at, anchors, hints[1], numbers, out)
                     out[3][at] = opacities[lane, k]
-                    places[at, 0], places[at, 1] = chosen[lane], k
+                    indices[at, 0], indices[at, 1] = chosen[lane], k
                     at += 1
-    return out[0][:at], out[1][:at], out[2][:at], out[3][:at], out[4][:at], places[:at]
+    return out[0][:at], out[1][:at], out[2][:at], out[3][:at], out[4][:at], indices[:at]

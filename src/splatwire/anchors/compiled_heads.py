@@ -53,8 +53,8 @@ def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> Spawn
         return _heads_kernels.spawn_block(first, min(first + _BLOCK, num), *arguments)
 
     blocks = share(spawn, range(0, max(num, 1), _BLOCK))
-    *fields, places = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return SpawnedGaussians(Gaussians(*fields), places[:, 0], places[:, 1])
+    *fields, indices = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    return SpawnedGaussians(Gaussians(*fields), indices[:, 0], indices[:, 1])
 
 
 def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object, ...]:

@@ -22,11 +22,11 @@ bytes are left for transport headers.
 """
 
 
-def check_range(what: str, value: int, low: int, high: int) -> None:
+def check_range(name: str, value: int, low: int, high: int) -> None:
     """Checks that a value is an integer within a range.
 
     Args:
-        what: Name of the value, for the error message.
+        name: Name of the value, for the error message.
         value: The value.
         low: Smallest permitted value.
         high: Largest permitted value.
@@ -35,7 +35,7 @@ def check_range(what: str, value: int, low: int, high: int) -> None:
         InvalidValueError: If the value is not an integer or out of range.
     """
     if type(value) is not int or not low <= value <= high:
-        raise InvalidValueError(f"{what} must be an integer from {low} to {high}, not {shown(value)}")
+        raise InvalidValueError(f"{name} must be an integer from {low} to {high}, not {shown(value)}")
 
 
 @dataclass(frozen=True)

@@ -110,11 +110,11 @@ class Sketch(Protocol):
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.
 
-    def proposal(self, around: Any) -> tuple[ReceivedScene, Concealed]:
+    def proposal(self, sketched: Any) -> tuple[ReceivedScene, Concealed]:
         """Conceals losses as a receiver with this sketch does: enlarges received elements around missing ones.
 
         Args:
-            around: Return value of the method `around`: the received scene, in which coarse copies replace lost
+            sketched: Return value of the method `sketched`: the received scene, in which coarse copies replace lost
                 elements.
 
         Returns:

@@ -55,7 +55,7 @@ class AnchorSketch:
         stream: SceneStream,
         complete: ReceivedScene[AnchorScene],
         cameras: Cameras,
-        most: int,
+        max_bytes: int,
         config: SketchConfig,
         show: Progress,
     ) -> "AnchorSketch":
@@ -65,20 +65,20 @@ class AnchorSketch:
             stream: The complete stream.
             complete: The decoded scene.
             cameras: Views in which the importance of anchors is measured.
-            most: Maximum size of the sketch in bytes.
+            max_bytes: Maximum size of the sketch in bytes.
             config: Settings of the calibration.
             show: Called with the name of the current task and its completed share, 0 to 1.
 
         Raises:
             InvalidValueError: If the sketch is too small for a single copy, or no element is visible in any view.
         """
-        sensitivity = _sensitivity(complete.scene, cameras, most, config, show)
+        sensitivity = _sensitivity(complete.scene, cameras, max_bytes, config, show)
         if not float(sensitivity.removal.sum()) > 0:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
         buckets = buckets_of(complete)
         copies = _largest_sketch(
-            sketch_material(complete, sensitivity, most), lambda section: len(write_sketch(section, buckets)), most,
-            config.fit, lambda share: show("choosing anchors and steps", share),
+            sketch_material(complete, sensitivity, max_bytes), lambda section: len(write_sketch(section, buckets)),
+            max_bytes, config.fit, lambda share: show("choosing anchors and steps", share),
         )  # fmt: skip
         return AnchorSketch(copies, buckets).with_growth((*AnchorSketch.growths[0], AnchorSketch.trusts[0]))
 
@@ -118,55 +118,57 @@ class AnchorSketch:
         # only in these can share it.
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
-    def proposal(self, around: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
+    def proposal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
         """Conceals losses as a receiver with this sketch does: enlarges the drawn anchors around missing ones.
 
         An anchor is drawn if it was received, or if a coarse copy replaces it.
 
         Args:
-            around: The received scene after coarse copies replaced lost anchors, as the method `around` returns it.
+            sketched: The received scene after coarse copies replaced lost anchors, as the method `sketched` returns it.
 
         Returns:
             The scene with coarse copies in place of lost anchors, and the factors that enlarge drawn anchors.
         """
-        return around.filled, around.proposal(self.copies)
+        return sketched.filled, sketched.proposal(self.copies)
 
 
-def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: SketchConfig, show: Progress) -> Sensitivity:
+def _sensitivity(
+    scene: AnchorScene, cameras: Cameras, max_bytes: int, config: SketchConfig, show: Progress
+) -> Sensitivity:
     """Measures how much errors of each anchor's attributes change the rendered pictures.
 
     Args:
         scene: The complete scene.
         cameras: Views to render.
-        most: Maximum size of the sketch in bytes.
+        max_bytes: Maximum size of the sketch in bytes.
         config: Settings of the calibration.
         show: Called with the name of the current task and its completed share, 0 to 1.
     """
     # With `SketchConfig.quick`, the measurement uses pictures of half the width and height, and only the most
-    # important anchors, whose number follows from `most`.
+    # important anchors, whose number follows from `max_bytes`.
 
     def progress(share: float) -> None:
         show("measuring importance", share)
 
     if config.quick and cameras.num_views > 1:
         half = cameras.scaled(0.5)
-        return quick_sensitivity(scene, half, chosen=num_candidates(most), seed=config.seed, progress=progress)
+        return quick_sensitivity(scene, half, chosen=num_candidates(max_bytes), seed=config.seed, progress=progress)
     return render_sensitivity(scene, cameras, probes=config.probes, seed=config.seed, progress=progress)
 
 
 def _largest_sketch(
     material: SketchMaterial,
     size_of: Callable[[SketchSection], int],
-    most: int,
+    max_bytes: int,
     options: SketchFit,
     show: Callable[[float], None],
 ) -> SketchSection:
-    """Returns the sketch with the most copies and the highest precision that takes at most `most` bytes.
+    """Returns the sketch with the most copies and the highest precision that takes at most `max_bytes` bytes.
 
     Args:
         material: Data of the scene and of the anchors that may be copied.
         size_of: Function that returns the encoded size of a sketch in bytes.
-        most: Maximum size in bytes.
+        max_bytes: Maximum size in bytes.
         options: Settings for the choice and quantisation.
         show: Called with the completed share, 0 to 1.
     """
@@ -174,16 +176,16 @@ def _largest_sketch(
     best: SketchSection | None = None
     large: tuple[float, float] | None = None
     small: tuple[float, float] | None = None
-    price = math.log2(material.price_of(8 * most / BITS_OF_COPY, options))
+    price = math.log2(material.price_of(8 * max_bytes / BITS_OF_COPY, options))
     for step in range(_PRICE_STEPS):
         section = fit_sketch(material, 2.0**price, options)
         size = size_of(section) if len(section.values) else 0
-        over = math.log2(max(size, 1) / most)
-        if size > most:
+        over = math.log2(max(size, 1) / max_bytes)
+        if size > max_bytes:
             large = price, over
         else:
             small, best = (price, over), section if size else best
-            if size > _CLOSE * most:
+            if size > _CLOSE * max_bytes:
                 break
         if large is None or small is None:
             price += min(max(2 * over, -_FURTHEST), _FURTHEST) or -1.0
@@ -193,5 +195,5 @@ def _largest_sketch(
         show((step + 1) / _PRICE_STEPS)
     show(1.0)
     if best is None:
-        raise InvalidValueError(f"no sketch fits into {most:,} bytes: give it a larger share of the stream")
+        raise InvalidValueError(f"no sketch fits into {max_bytes:,} bytes: give it a larger share of the stream")
     return best

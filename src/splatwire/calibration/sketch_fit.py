@@ -103,29 +103,29 @@ class SketchMaterial:
         return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
 
 
-def num_candidates(most: int) -> int:
+def num_candidates(max_bytes: int) -> int:
     """Returns how many of the most important anchors may get a coarse copy in the side information.
 
     Args:
-        most: Maximum size of all copies in bytes.
+        max_bytes: Maximum size of all copies in bytes.
     """
-    return _CANDIDATES * 8 * most // BITS_OF_COPY
+    return _CANDIDATES * 8 * max_bytes // BITS_OF_COPY
 
 
-def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
+def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivity, max_bytes: int) -> SketchMaterial:
     """Prepares the data for choosing the anchors that get a coarse copy.
 
     Args:
         complete: The complete scene.
         sensitivity: Errors of the rendered pictures if attributes of an anchor change, or if the anchor is lost.
-        most: Maximum size of the sketch in bytes.
+        max_bytes: Maximum size of the sketch in bytes.
     """
     anchors, found = to_arrays(complete.scene.anchors), dict[str, np.ndarray](vars(to_arrays(sensitivity)))
     removal = found["removal"]
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
-    candidates = np.sort(order[: max(min(num_candidates(most), round(_MOST_CANDIDATES * num)), 1)])
+    candidates = np.sort(order[: max(min(num_candidates(max_bytes), round(_MOST_CANDIDATES * num)), 1)])
     relative = np.log(np.maximum(anchors.scalings, np.float32(1e-9)) / expected_scalings(complete[Prior]))
     relative = np.clip(relative, -MAX_LOG_SIZE, MAX_LOG_SIZE)
     channels = np.concatenate([anchors.features, relative], axis=1).astype(np.float64)

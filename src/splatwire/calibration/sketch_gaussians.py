@@ -40,7 +40,7 @@ class GaussianSketch:
 
     Attributes:
         splats: All Gaussians of the stream, in coding order.
-        places: Indices in `splats` of the Gaussians that have a copy, int64.
+        indices: Indices in `splats` of the Gaussians that have a copy, int64.
         info: The stream's side information.
         growth: Parameters with which a receiver enlarges received Gaussians: exponents for size and opacity, then the
             weight of the neural network that corrects the enlargement, 0 (no correction) to 1.
@@ -49,7 +49,7 @@ class GaussianSketch:
     """
 
     splats: Splats
-    places: np.ndarray
+    indices: np.ndarray
     info: SideInfo
     growth: tuple[float, ...]
     growths: ClassVar = ((0.125, 0.75), (0.0, 0.0), (0.0, 0.5), (0.0, 1.0), (0.125, 1.25), (0.25, 0.75))
@@ -60,17 +60,17 @@ class GaussianSketch:
         stream: SceneStream,
         complete: ReceivedScene[SplatScene],
         cameras: Cameras,
-        most: int,
+        max_bytes: int,
         config: SketchConfig,
         show: Progress,
     ) -> "GaussianSketch":
-        """Creates the sketch of a scene: copies as many Gaussians as fit into `most` bytes, most important first.
+        """Creates the sketch of a scene: copies as many Gaussians as fit into `max_bytes` bytes, most important first.
 
         Args:
             stream: The complete stream.
             complete: The decoded scene.
             cameras: Views in which the importance of Gaussians is measured.
-            most: Maximum size of the sketch in bytes.
+            max_bytes: Maximum size of the sketch in bytes.
             config: Settings of the calibration.
             show: Called with the name of the current task and its completed share, 0 to 1.
 
@@ -92,14 +92,14 @@ class GaussianSketch:
         usual = (*GaussianSketch.growths[0], GaussianSketch.trusts[0])
         everything = GaussianSketch(scene.splats, ranked, info, usual)
         count = _as_many_as_fit(
-            lambda count: len(replace(everything, places=ranked[:count]).section()), len(ranked), most
+            lambda count: len(replace(everything, indices=ranked[:count]).section()), len(ranked), max_bytes
         )
-        return replace(everything, places=ranked[:count])
+        return replace(everything, indices=ranked[:count])
 
     @property
     def num_sketched(self) -> int:
         """Number of Gaussians that have a coarse copy in the sketch."""
-        return len(self.places)
+        return len(self.indices)
 
     def with_growth(self, growth: tuple[float, ...]) -> "GaussianSketch":
         """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received Gaussians.
@@ -112,7 +112,7 @@ class GaussianSketch:
     def section(self) -> bytes:
         """Returns the bytes of the section `sketch` of the side information."""
         size, opacity, trust = self.growth
-        return write_copies(self.splats, self.places, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
+        return write_copies(self.splats, self.indices, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
 
     def around(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
         """Replaces lost Gaussians of a received scene by the coarse copies of this sketch.
@@ -129,34 +129,34 @@ class GaussianSketch:
         filled = with_copies(partial, copies)
         return filled, element_inputs(filled)
 
-    def proposal(self, around: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
+    def proposal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
         """Conceals losses as a receiver with this sketch does: enlarges Gaussians to cover missing ones.
 
         Args:
-            around: The received scene after coarse copies replaced lost Gaussians, and the inputs for computing the
-                enlargement, as the method `around` returns them.
+            sketched: The received scene after coarse copies replaced lost Gaussians, and the inputs for computing the
+                enlargement, as the method `sketched` returns them.
 
         Returns:
             The scene with coarse copies in place of lost Gaussians, and the factors that enlarge drawn Gaussians.
         """
-        filled, inputs = around
+        filled, inputs = sketched
         size, opacity, trust = self.growth
         return filled, grown_with_copies(filled, inputs, (size, opacity, trust))
 
 
-def _as_many_as_fit(size: Callable[[int], int], most: int, limit: int) -> int:
+def _as_many_as_fit(size: Callable[[int], int], max_copies: int, limit: int) -> int:
     """Returns approximately the largest number of copies whose encoded size does not exceed a limit.
 
     Args:
         size: Function that returns the encoded size in bytes of a given number of copies.
-        most: Maximum number of copies.
+        max_copies: Maximum number of copies.
         limit: Maximum size in bytes.
 
     Raises:
         InvalidValueError: If not even one copy fits.
     """
     # The result always fits.
-    low, high, tried = 0, min(most, MAX_COPIES) + 1, round(limit / _BYTES_OF_COPY)
+    low, high, tried = 0, min(max_copies, MAX_COPIES) + 1, round(limit / _BYTES_OF_COPY)
     while high - low > 1:
         tried = min(max(tried, low + 1), high - 1)
         found = size(tried)

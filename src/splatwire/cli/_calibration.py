@@ -24,54 +24,54 @@ from splatwire.types import Cameras
 from splatwire.types.background import Background
 
 
-def check_look(look: LookFrom) -> None:
+def check_look(options: LookFrom) -> None:
     """Checks the options about reference pictures, before files are read.
 
     Raises:
         InvalidValueError: If both photos and cameras are given, one of these paths does not exist, or the background is
             not a colour.
     """
-    if look.data is not None and look.cameras is not None:
+    if options.data is not None and options.cameras is not None:
         raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
-    chosen_background(look.background)
-    check_inputs(look.data, look.cameras)
+    chosen_background(options.background)
+    check_inputs(options.data, options.cameras)
 
 
-def views_of(look: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
+def views_of(options: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
     """Returns the views in which a calibration compares pictures, and their description for messages.
 
     Args:
-        look: Command-line options that select the reference pictures.
+        options: Command-line options that select the reference pictures.
         scene: The complete scene.
     """
-    behind = _behind(look, scene)
-    if (photos := photos_of(look, "train", scene)) is not None:
+    behind = _behind(options, scene)
+    if (photos := photos_of(options, "train", scene)) is not None:
         return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
-    if look.cameras is not None:
-        cameras = load_cameras(look.cameras).relative_to(origin_of(scene))
+    if options.cameras is not None:
+        cameras = load_cameras(options.cameras).relative_to(origin_of(scene))
         there = CalibrationViews(cameras, background=behind)
         return there, "against the complete scene in the cameras given"
     around = CalibrationViews(surrounding_cameras(scene), background=behind)
     return around, "against the complete scene on a sphere of views"
 
 
-def photos_of(look: LookFrom, split: str, scene: Scene) -> CalibrationViews | None:
+def photos_of(options: LookFrom, split: str, scene: Scene) -> CalibrationViews | None:
     """Returns the photos of a dataset with their cameras; None if no dataset was given with the option `--data`.
 
     Args:
-        look: Command-line options that select the reference pictures.
+        options: Command-line options that select the reference pictures.
         split: `train` or `test`.
         scene: The scene; the cameras become relative to its origin.
     """
-    if look.data is None:
+    if options.data is None:
         return None
-    photos = open_dataset(look.data, split=split, background=_behind(look, scene))
+    photos = open_dataset(options.data, split=split, background=_behind(options, scene))
     views = CalibrationViews.of_photos(photos)
     return replace(views, cameras=views.cameras.relative_to(origin_of(scene)))
 
 
-def _behind(look: LookFrom, scene: Scene) -> Background:
-    chosen = chosen_background(look.background)
+def _behind(options: LookFrom, scene: Scene) -> Background:
+    chosen = chosen_background(options.background)
     return scene.background if chosen is None else chosen
 
 

@@ -133,20 +133,20 @@ GAUSSIAN_RECIPE: dict[str, Callable[[Any], object]] = {
 
 
 def check_same_recipe(
-    given: Iterable[str], asked: Config, kept: Config, recipe: Mapping[str, Callable[[Config], object]]
+    set_options: Iterable[str], requested: Config, kept: Config, recipe: Mapping[str, Callable[[Config], object]]
 ) -> None:
     """Raises an error if options would change the training settings of a run resumed from a checkpoint.
 
     Args:
-        given: Names of the options set by the user.
-        asked: Training settings that result from the options.
+        set_options: Names of the options set by the user.
+        requested: Training settings that result from the options.
         kept: Training settings in the checkpoint.
         recipe: For each option that must not change, a function that reads its value from the training settings.
 
     Raises:
         InvalidValueError: If such an option differs from the recipe of the checkpoint.
     """
-    other = [name for name in given if name in recipe and recipe[name](asked) != recipe[name](kept)]
+    other = [name for name in set_options if name in recipe and recipe[name](requested) != recipe[name](kept)]
     if other:
         options = ", ".join(f"--{name}" for name in other)
         raise InvalidValueError(f"{options}: the checkpoint was made with another value, which --resume keeps")
@@ -242,20 +242,20 @@ def parsed_size(text: str) -> int:
     return num_bytes
 
 
-def checked_size(scene: AnchorScene, wanted: int) -> int | None:
+def checked_size(scene: AnchorScene, target_bytes: int) -> int | None:
     """Returns the size of a trained scene's stream in bytes; prints a message if it misses the target.
 
     Args:
         scene: The scene.
-        wanted: Target size, bytes; 0 for none.
+        target_bytes: Target size, bytes; 0 for none.
 
     Returns:
         The size; None without a target.
     """
-    if not wanted:
+    if not target_bytes:
         return None
     num_bytes = stream_bytes(scene)
-    if abs(num_bytes / wanted - 1) > _NEAR:
+    if abs(num_bytes / target_bytes - 1) > _NEAR:
         advice = "a longer run or another --lmbda comes closer"
-        print(f"the stream has {num_bytes:,} bytes where --size asks for {wanted:,}: {advice}", file=sys.stderr)
+        print(f"the stream has {num_bytes:,} bytes where --size asks for {target_bytes:,}: {advice}", file=sys.stderr)
     return num_bytes

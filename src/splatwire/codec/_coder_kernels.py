@@ -222,16 +222,16 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
         else:
             bits = window[GUESS_BITS]
             guess = window[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
-            place = first + np.int64(coder.guesses[guess])
-            start, after = np.int64(coder.bounds[place]), np.int64(coder.bounds[place + 1])
+            index = first + np.int64(coder.guesses[guess])
+            start, after = np.int64(coder.bounds[index]), np.int64(coder.bounds[index + 1])
             while after <= target:
-                place += 1
-                start, after = after, np.int64(coder.bounds[place + 1])
+                index += 1
+                start, after = after, np.int64(coder.bounds[index + 1])
             if window[SHIFT]:
-                q = _decode_between(coder, scale, place - first, start, after, target, eighths)
+                q = _decode_between(coder, scale, index - first, start, after, target, eighths)
             else:
                 advance(coder.words, coder.state, start, after - start, SYMBOL_BITS)
-                q = place - first - half
+                q = index - first - half
     elif window[SHIFT] == 0 and -half <= q <= half:
         start = np.int64(coder.bounds[first + half + q])
         size = np.int64(coder.bounds[first + half + q + 1]) - start

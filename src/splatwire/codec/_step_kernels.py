@@ -32,7 +32,7 @@ def step_exponent(bases, attribute, precision_class, area, long, thin, opacity):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def step_shift(bases, attribute, precision_class, area, long, thin, opacity, most):
+def step_shift(bases, attribute, precision_class, area, long, thin, opacity, max_shift):
     """Returns log2 of the quantisation step of one attribute of a Gaussian; it depends on size, shape and opacity.
 
     Args:
@@ -44,17 +44,17 @@ def step_shift(bases, attribute, precision_class, area, long, thin, opacity, mos
         long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
-        most: Upper limit on the returned value.
+        max_shift: Upper limit on the returned value.
 
     Returns:
-        log2 of the step in units of `2**-BITS`, 0 to `most`.
+        log2 of the step in units of `2**-BITS`, 0 to `max_shift`.
     """
-    return min(max(BITS - step_exponent(bases, attribute, precision_class, area, long, thin, opacity), 0), most)
+    return min(max(BITS - step_exponent(bases, attribute, precision_class, area, long, thin, opacity), 0), max_shift)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def position_shift(bases, precision_class, s0, long, thin, opacity, unit, most):
+def position_shift(bases, precision_class, s0, long, thin, opacity, unit, max_shift):
     """Returns log2 of the quantisation step of a Gaussian's position, which depends on size, shape and precision class.
 
     Args:
@@ -66,12 +66,12 @@ def position_shift(bases, precision_class, s0, long, thin, opacity, unit, most):
         thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
-        most: Upper limit on the returned value.
+        max_shift: Upper limit on the returned value.
 
     Returns:
-        log2 of the step in lattice spacings, 0 to `most`.
+        log2 of the step in lattice spacings, 0 to `max_shift`.
     """
     # The step is at most half the second scale.
     exponent = step_exponent(bases, S_POSITION, precision_class, 2 * s0 - long, long, thin, opacity)
     e = max(exponent, 1 - ((s0 - long) >> BITS))
-    return min(max(unit - e, 0), most)
+    return min(max(unit - e, 0), max_shift)

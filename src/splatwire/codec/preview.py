@@ -120,9 +120,9 @@ class PreviewFrame:
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
         """Converts the ten numbers of each Gaussian (see `values`) to Gaussians."""
-        places = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
+        positions = (np.array(self.middle) + self.spread * np.sinh(values[:, :3])).astype(np.float32)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0], values.dtype), (len(values), 1))
-        return Gaussians(places, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
+        return Gaussians(positions, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
 
     def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
         """Returns offset and quantisation step of each of the ten numbers that describe a Gaussian.

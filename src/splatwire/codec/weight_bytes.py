@@ -33,7 +33,7 @@ def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
     _write_linear(writer, mlp.output)
 
 
-def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int = MAX_WEIGHTS) -> QuantisedMlp:
+def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, max_weights: int = MAX_WEIGHTS) -> QuantisedMlp:
     """Parses a network written by `write_mlp`.
 
     Args:
@@ -41,7 +41,7 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int
         what: Name of the network, for error messages.
         inputs: Required number of inputs.
         outputs: Required number of outputs.
-        most: Maximum number of weights.
+        max_weights: Maximum number of weights.
 
     Raises:
         BitstreamError: If the shape differs or a number is out of range.
@@ -53,7 +53,7 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int
         raise BitstreamError(f"{what} network: flags {flags} that this version does not know")
     if shape[0] != inputs or shape[2] != outputs or not 0 < hidden <= MAX_WIDTH:
         raise BitstreamError(f"{what} network: shape {shape} where {inputs} inputs and {outputs} outputs are needed")
-    if (inputs + outputs) * hidden > most:
+    if (inputs + outputs) * hidden > max_weights:
         raise BitstreamError(f"{what} network: {shape} is too large: networks have {MAX_WEIGHTS:,} weights at most")
     columns = bool(flags & WITH_COLUMN_SCALES)
     first = _read_linear(reader, what, inputs, hidden, columns)

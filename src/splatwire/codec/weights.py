@@ -156,21 +156,21 @@ def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None
     return QuantisedLinear(symbols.astype(np.int32), steps, shifts, base.astype(np.int32))
 
 
-def _common_trailing_zeros(twos: np.ndarray, nonzero: np.ndarray, axis: int) -> np.ndarray:
+def _common_trailing_zeros(exponents: np.ndarray, nonzero: np.ndarray, axis: int) -> np.ndarray:
     """Returns, for each row or column of weights, the largest power of two that divides all of them, as log2.
 
     Args:
-        twos: log2 of the largest power of two that divides each weight.
+        exponents: log2 of the largest power of two that divides each weight.
         nonzero: Mask of non-zero weights; the others are ignored.
         axis: 0 for a result by column, 1 for a result by row.
     """
-    least = np.where(nonzero, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
+    least = np.where(nonzero, exponents, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
     return np.maximum(np.where(nonzero.any(axis=axis), least, 0), 0)
 
 
-def _is_whole(values: np.ndarray, most: float) -> bool:
-    """True if all values are integers whose magnitude is at most `most`."""
-    return bool((np.abs(values) <= most).all() and (values == np.rint(values)).all())
+def _is_whole(values: np.ndarray, max_magnitude: float) -> bool:
+    """True if all values are integers whose magnitude is at most `max_magnitude`."""
+    return bool((np.abs(values) <= max_magnitude).all() and (values == np.rint(values)).all())
 
 
 def _divisor(number: int) -> int:

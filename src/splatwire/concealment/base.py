@@ -55,16 +55,16 @@ class Concealer(Protocol):
         """
 
 
-def check_at_least(what: str, value: float | int, least: float | int) -> None:
-    """Checks that a numeric option of a concealer is at least `least`; NaN is rejected.
+def check_at_least(name: str, value: float | int, minimum: float | int) -> None:
+    """Checks that a numeric option of a concealer is at least `minimum`; NaN is rejected.
 
     Args:
-        what: Name of the option, for the message.
+        name: Name of the option, for the message.
         value: Value of the option.
-        least: Minimum value.
+        minimum: Minimum value.
 
     Raises:
-        InvalidValueError: If `value` is not at least `least`.
+        InvalidValueError: If `value` is not at least `minimum`.
     """
-    if not value >= least:
-        raise InvalidValueError(f"{what} must be at least {least:g}, not {value!r}")
+    if not value >= minimum:
+        raise InvalidValueError(f"{name} must be at least {minimum:g}, not {value!r}")

@@ -22,4 +22,4 @@ class Drop(CheckedFields):
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
         """Returns hints that hide every element of which at least one attribute was lost."""
-        return Concealed(np.ones_like(partial.places[:, 0]), ~partial.known)
+        return Concealed(np.ones_like(partial.positions[:, 0]), ~partial.known)

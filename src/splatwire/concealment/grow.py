@@ -63,13 +63,13 @@ class Grow:
         if partial.expectation is None:
             return self  # positions of lost elements depend on the received ones
         everyone = np.ones(partial.scene.num_elements, np.bool_)
-        parts = [index for _, index in _neighbors_of(partial.places, everyone, self.neighbors)]
+        parts = [index for _, index in _neighbors_of(partial.positions, everyone, self.neighbors)]
         return replace(self, nearest=np.concatenate(parts))
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
         """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
         known, coverage = partial.known, partial.scene.COVERAGE
-        left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes, self.nearest)
+        left = 1 - lost_share(partial.positions, known, self.neighbors, partial.sizes, self.nearest)
         left = np.where(known, self.clamp_received_share(left, known, partial.tier_sizes), np.ones_like(left))
         size = left ** -(self.exponent * coverage.size)
         if not coverage.opacity:

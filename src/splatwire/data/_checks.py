@@ -64,7 +64,7 @@ def make_cameras(
             )
     _warn_of_principal_points(source, names, np.asarray(intrinsics), width, height)
     poses = np.array(viewmats, dtype=np.float64)
-    origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), wide=False)
+    origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), double_precision=False)
     poses[:, :3, 3] += poses[:, :3, :3] @ np.array(origin)
     return Cameras(
         viewmats=poses.astype(np.float32),

@@ -36,11 +36,11 @@ class SceneExtent:
         Raises:
             InvalidValueError: If the scene has no elements.
         """
-        places = to_numpy(scene.positions).astype(np.float64)
-        if not len(places):
+        positions = to_numpy(scene.positions).astype(np.float64)
+        if not len(positions):
             raise InvalidValueError(f"{path} has no {scene.ELEMENTS}: there is nothing to compare")
-        middle = lower_median(places)
-        return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(places - middle, axis=1))))
+        middle = lower_median(positions)
+        return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(positions - middle, axis=1))))
 
     def difference(self, other: "SceneExtent") -> str | None:
         """Returns a description of the difference if `other` is far away, or much larger or smaller; None otherwise."""

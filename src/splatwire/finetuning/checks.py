@@ -45,7 +45,7 @@ class Check:
         splats: Splats,
         pictures: Pictures,
         receptions: Sequence[Reception],
-        least: float,
+        min_divisor: float,
         rng: np.random.Generator,
     ) -> "Check":
         """Prepares a check: chooses views at random, and measures their errors at the start of the fine-tuning.
@@ -55,15 +55,15 @@ class Check:
             splats: The Gaussians at the start, rounded.
             pictures: All fitted pictures.
             receptions: Simulated packet losses; empty for none.
-            least: Lower limit of the divisor of a view's loss. The divisor is the view's error at the start of the
-                fine-tuning.
+            min_divisor: Lower limit of the divisor of a view's loss. The divisor is the view's error at the start of
+                the fine-tuning.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views
         views = sorted(rng.permutation(count)[:CHECK_VIEWS].tolist())
         masks = None if pictures.masks is None else pictures.masks[views]
         sample = Pictures(pictures.cameras.select(views), pictures.images[views], masks)
-        check = Check(scene, sample, tuple(receptions), least, np.ones((1 + len(receptions), len(views))))
+        check = Check(scene, sample, tuple(receptions), min_divisor, np.ones((1 + len(receptions), len(views))))
         return replace(check, first=check._errors(splats))
 
     def loss(self, splats: Splats) -> float:

@@ -49,8 +49,8 @@ def _widest(points, order, begin, end):
 
 @njit()
 @no_type_check
-def _select(points, axis, order, low, high, wanted):
-    """Partially sorts a range of `order` by one coordinate, until the element at `wanted` is in place (quickselect)."""
+def _select(points, axis, order, low, high, rank):
+    """Partially sorts a range of `order` by one coordinate, until the element at `rank` is in place (quickselect)."""
     while low < high:
         pivot = _middle_of_three(points, axis, order, low, high)
         left, right = low - 1, high + 1
@@ -64,7 +64,7 @@ def _select(points, axis, order, low, high, wanted):
             if left >= right:
                 break
             order[left], order[right] = order[right], order[left]
-        if wanted <= right:
+        if rank <= right:
             high = right
         else:
             low = right + 1

@@ -75,27 +75,27 @@ def nearest_neighbors(
 
 
 def nearest_others(
-    tree: NeighborTree, points: Float[Any, "Q 3"], own: Int64[Any, "Q"], k: int
+    tree: NeighborTree, points: Float[Any, "Q 3"], own_indices: Int64[Any, "Q"], k: int
 ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
     """Finds the nearest other points of some points of the tree.
 
     Args:
         tree: Search tree of all S points.
         points: Some points of the tree.
-        own: Indices of these points in the tree.
+        own_indices: Indices of these points in the tree.
         k: Number of neighbours; all other points are returned if there are fewer.
 
     Returns:
         Indices of the neighbours in the tree; and distances. Both have `kept = min(k, S - 1)` columns.
     """
     index, distance = tree.query(points, k + 1)
-    own = to_numpy(own)
+    own_indices = to_numpy(own_indices)
     if index.shape[1] == 0:
         return index, distance
     # Usually a point is its own first neighbour, at distance 0; rows with duplicates are corrected separately.
-    rows = np.flatnonzero(index[:, 0] != own)
+    rows = np.flatnonzero(index[:, 0] != own_indices)
     twins, twin_distance = index[rows], distance[rows]
-    itself = twins == own[rows, None]
+    itself = twins == own_indices[rows, None]
     itself[:, -1] |= ~itself.any(axis=1)  # more than k duplicates: drop one of them instead
     index, distance = index[:, 1:].copy(), distance[:, 1:].copy()
     index[rows] = twins[~itself].reshape(len(rows), index.shape[1])

@@ -111,7 +111,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
         wait(begun)
     for helper in begun:
         helper.result()
-    return [turns.results[place] for place in range(len(items))]
+    return [turns.results[index] for index in range(len(items))]
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class _WorkQueue(Generic[Item, Result]):
         """Processes items on the calling thread until the queue is empty."""
         while self.waiting:
             try:
-                place, item = self.waiting.popleft()
+                index, item = self.waiting.popleft()
             except IndexError:  # another thread took the last one
                 return
-            self.results[place] = self.work(item)
+            self.results[index] = self.work(item)

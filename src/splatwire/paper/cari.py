@@ -180,7 +180,7 @@ def _prepare(context: ReceivedScene, settings: Cari) -> _ConstantData:
         attribute_groups(context[AnchorLayout]),
         unit_rows(context[Prior].context),
         (sigma + settings.epsilon) ** -settings.uncertainty_exponent,
-        TensorTree(context.places),
+        TensorTree(context.positions),
     )
 
 
@@ -241,7 +241,7 @@ def _candidates(
     Yields:
         Groups of queries: their indices (Q), the indices of their candidates (Q, L), and the distances (Q, L).
     """
-    positions = fixed.context.places
+    positions = fixed.context.positions
     support = received.nonzero()[:, 0]
     tree = TensorTree(positions[support]) if first else fixed.everyone
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
@@ -286,7 +286,7 @@ def _interpolate(
         return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
     mean = weighted_mean(values, near.index, near.weight)
     if settings.ridge is not None and group.attribute is Attribute.FEATURE:
-        positions = fixed.context.places
+        positions = fixed.context.positions
         offsets = positions[near.index] - positions[near.queries, None]
         mean = mean + ridge_correction(offsets, values[near.index], near.weight, settings.ridge)
     return mean

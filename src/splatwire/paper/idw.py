@@ -73,7 +73,7 @@ class Idw:
         support, lost = received.nonzero()[:, 0], (~received).nonzero()[:, 0]
         if not len(support):
             return
-        positions = context.places
+        positions = context.positions
         near: TensorTree | MahalanobisSearch = TensorTree(positions[support])
         if self.metric == "mahalanobis":
             near = MahalanobisSearch(positions[support], _extents(context)[support])

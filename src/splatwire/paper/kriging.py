@@ -98,7 +98,7 @@ class Kriging:
                 fits = self._fit(context, received, fields)
                 for queries, index, distance in _neighborhoods(context, received, self.neighbors):
                     for values, fit in zip(fields, fits, strict=True):
-                        weight = kriging_weights(context.places, index, distance, fit)
+                        weight = kriging_weights(context.positions, index, distance, fit)
                         self._write(filled, values, queries, values.mean[queries] + _combine(values, index, weight))
         return Concealed.filled(replace(filled, scalings=_with_floor(context, filled.scalings)))
 
@@ -109,7 +109,7 @@ class Kriging:
             return [Correlogram(0.0, 1.0)] * len(fields)
         rng = torch.Generator().manual_seed(self.seed)
         chosen = torch.randperm(len(support), generator=rng)[: self.sample].sort().values
-        positions = context.places
+        positions = context.positions
         index, distance = nearest_other_points(
             TensorTree(positions[support]), positions[support[chosen]], chosen, self.neighbors
         )
@@ -281,7 +281,7 @@ def _neighborhoods(
     Yields:
         Groups of queries: their indices (Q), the indices of their neighbours (Q, k), and the distances (Q, k).
     """
-    positions, support = context.places, received.nonzero()[:, 0]
+    positions, support = context.positions, received.nonzero()[:, 0]
     tree = TensorTree(positions[support])
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
         index, distance = tree.query(positions[queries], neighbors)

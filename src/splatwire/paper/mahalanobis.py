@@ -31,16 +31,16 @@ class MahalanobisSearch:
     # nearest, so the result is exact.
 
     def __init__(self, points: Float[Tensor, "S 3"], sizes: Float[Tensor, "S 3"]) -> None:
-        places, extents = points.double().numpy(), sizes.double().numpy()
+        positions, extents = points.double().numpy(), sizes.double().numpy()
         self._tree = NeighborTree(points)
-        self._order = _local_order(places, extents)
-        self._places, self._extents = places[self._order], extents[self._order]
-        self._starts = np.append(np.arange(0, len(places), _BLOCK), len(places))
+        self._order = _local_order(positions, extents)
+        self._positions, self._extents = positions[self._order], extents[self._order]
+        self._starts = np.append(np.arange(0, len(positions), _BLOCK), len(positions))
         first = self._starts[:-1]
         self._low, self._high, self._reach = (
-            combine.reduceat(values, first) if len(places) else values
+            combine.reduceat(values, first) if len(positions) else values
             for combine, values in (
-                (np.minimum, self._places), (np.maximum, self._places), (np.maximum, self._extents)
+                (np.minimum, self._positions), (np.maximum, self._positions), (np.maximum, self._extents)
             )
         )  # fmt: skip
 
@@ -56,13 +56,13 @@ class MahalanobisSearch:
         """
         # Of equally distant points, the lower index is first. If there are fewer than k points, all are
         # returned.
-        kept = min(k, len(self._places))
-        index = np.full((len(queries), kept), len(self._places), dtype=np.int64)
+        kept = min(k, len(self._positions))
+        index = np.full((len(queries), kept), len(self._positions), dtype=np.int64)
         squared = np.full((len(queries), kept), np.inf)
         if index.size:
             x = queries.double().numpy()
             nearest(
-                x, self._places, self._extents, self._order, self._starts, self._low, self._high, self._reach,
+                x, self._positions, self._extents, self._order, self._starts, self._low, self._high, self._reach,
                 self._bound(queries, x, kept), index, squared,
             )  # fmt: skip
         return torch.from_numpy(index), torch.from_numpy(np.sqrt(squared)).to(queries.dtype)
@@ -80,7 +80,7 @@ class MahalanobisSearch:
         index = self._tree.query(queries, 2 * kept)[0]
         own = np.empty_like(self._order)
         own[self._order] = np.arange(len(self._order))
-        gaps = (x[:, None] - self._places[own[index]]) / self._extents[own[index]]
+        gaps = (x[:, None] - self._positions[own[index]]) / self._extents[own[index]]
         squared = np.partition((gaps**2).sum(axis=2), kept - 1, axis=1)[:, kept - 1]
         return np.asarray(squared * (1 + 1e-9))
 

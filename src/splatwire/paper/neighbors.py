@@ -28,18 +28,18 @@ class TensorTree:
 
 
 def nearest_other_points(
-    tree: TensorTree, points: Float[Tensor, "Q 3"], own: Int64[Tensor, "Q"], k: int
+    tree: TensorTree, points: Float[Tensor, "Q 3"], own_indices: Int64[Tensor, "Q"], k: int
 ) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
     """Finds the nearest neighbours of some points of a search tree, without the points themselves.
 
     Args:
         tree: The search tree.
         points: Positions of the query points.
-        own: Index of each query point in the tree; this point is excluded from the neighbours.
+        own_indices: Index of each query point in the tree; this point is excluded from the neighbours.
         k: Maximum number of neighbours.
 
     Returns:
         Indices of the neighbours in the tree, nearest first, and their distances.
     """
-    index, distance = nearest_others(tree.tree, points, own, k)
+    index, distance = nearest_others(tree.tree, points, own_indices, k)
     return torch.from_numpy(index).to(points.device), torch.from_numpy(distance).to(points.device)

@@ -119,25 +119,25 @@ def _number(share: float, count: int) -> int:
 
 
 def _fitted(
-    at: Float64[np.ndarray, "S"], known: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
+    arguments: Float64[np.ndarray, "S"], known: Float64[np.ndarray, "K"], values: Float64[np.ndarray, "K"]
 ) -> Float64[np.ndarray, "S"]:
     """Fits an increasing curve to a few noisy measurements; returns the values of the curve at given arguments.
 
     Args:
-        at: Arguments at which the curve is evaluated.
+        arguments: Arguments at which the curve is evaluated.
         known: Arguments of the measurements.
         values: Measured values.
     """
     # The curve is a parabola between the measured points and a line outside. Its slope is at least `_LEAST_SLOPE`,
     # so that stronger pruning never has a smaller error.
     if np.ptp(known) < 1e-6:  # the removed Gaussians have no effect at all
-        return np.full(len(at), values.max())
+        return np.full(len(arguments), values.max())
     fit = np.polynomial.Polynomial.fit(known, values, 2)
     grid = np.linspace(known.min(), known.max(), 65)
     slopes = np.maximum(fit.deriv()((grid[1:] + grid[:-1]) / 2), _LEAST_SLOPE)
     curve = np.append(0.0, np.cumsum(slopes * np.diff(grid)))
     curve += float(np.mean(values - np.interp(known, grid, curve)))
-    found = np.interp(at, grid, curve)
-    for end, slope, beyond in ((0, slopes[0], at < grid[0]), (-1, slopes[-1], at > grid[-1])):
-        found[beyond] = curve[end] + slope * (at[beyond] - grid[end])
+    found = np.interp(arguments, grid, curve)
+    for end, slope, beyond in ((0, slopes[0], arguments < grid[0]), (-1, slopes[-1], arguments > grid[-1])):
+        found[beyond] = curve[end] + slope * (arguments[beyond] - grid[end])
     return found

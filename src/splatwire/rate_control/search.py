@@ -32,7 +32,7 @@ def search(
     start: float,
     slope: float,
     ends: tuple[float, float],
-    least: float = 0.0,
+    min_width: float = 0.0,
 ) -> float | None:
     """Searches for an argument at which an increasing, expensive function has a value in a given range.
 
@@ -42,7 +42,7 @@ def search(
         start: First argument to try.
         slope: Expected increase of the function per unit of its argument, above 0.
         ends: Smallest and largest argument to try.
-        least: Minimum width of the interval that is searched, below which the search gives up.
+        min_width: Minimum width of the interval that is searched, below which the search gives up.
 
     Returns:
         The argument with an accepted value; None if none was found.
@@ -60,7 +60,7 @@ def search(
             below, low = (at, value), at
         else:
             above, high = (at, value), at
-        if low >= ends[1] or high <= ends[0] or high - low < least:
+        if low >= ends[1] or high <= ends[0] or high - low < min_width:
             return None
         if below is not None and above is not None:
             # Every second step halves the bracket, in case secants approach from one side.

@@ -13,12 +13,12 @@ LARGEST_CHANGE = 0.5
 """Maximum change of the logarithm of the share between two fine-tunings."""
 
 
-def search_share(tune: Callable[[float], float], aim: Interval, start: float, slope: float) -> int:
+def search_share(tune: Callable[[float], float], target: Interval, start: float, slope: float) -> int:
     """Fine-tunes a scene with different shares of its Gaussians, until the result has a wanted size or PSNR.
 
     Args:
         tune: Fine-tunes the given share of the Gaussians. Returns the size or PSNR, which grows with the share.
-        aim: Range of values to reach.
+        target: Range of values to reach.
         start: First share, above 0 and at most 1.
         slope: Expected increase of the value per unit of the logarithm of the share, above 0.
 
@@ -35,12 +35,12 @@ def search_share(tune: Callable[[float], float], aim: Interval, start: float, sl
             measured = (values[-1] - values[-2]) / (logs[-1] - logs[-2])
             if math.isfinite(measured):  # views without any difference have infinite PSNR
                 slope = min(max(measured, slope / 2), 2 * slope)
-        step = min(max((aim.wanted - values[-1]) / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
-        reaching = [log for log, value in zip(logs, values, strict=True) if value >= aim.low]
-        missing = [log for log, value in zip(logs, values, strict=True) if value < aim.low]
+        step = min(max((target.wanted - values[-1]) / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
+        reaching = [log for log, value in zip(logs, values, strict=True) if value >= target.low]
+        missing = [log for log, value in zip(logs, values, strict=True) if value < target.low]
         low, high = max(missing, default=-math.inf) + LEAST_CHANGE, min(reaching, default=0.0)
         following = min(max(at + step, low), high)
-        done = values[-1] in aim or len(values) == TUNINGS
+        done = values[-1] in target or len(values) == TUNINGS
         if done or min(abs(following - log) for log in logs) < LEAST_CHANGE:
             break
         at = following

@@ -54,7 +54,7 @@ def each_gradient_cpu(
     gaussians: Gaussians,
     cameras: Cameras,
     d_image: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
-    use: Callable[..., None],
+    on_gradients: Callable[..., None],
     background: np.ndarray | None = None,
 ) -> None:
     """Renders a view once, and back-propagates one or more image gradients to the Gaussians.
@@ -63,8 +63,8 @@ def each_gradient_cpu(
         gaussians: The Gaussians, float32 on the CPU.
         cameras: Camera of one view.
         d_image: Function that yields the image gradients, float32, given the shape of the image.
-        use: Function that receives a range of Gaussians (slice), and the gradients of their means, quats, scales,
-            opacities and colors. It is called from several threads.
+        on_gradients: Function that receives a range of Gaussians (slice), and the gradients of their means, quats,
+            scales, opacities and colors. It is called from several threads.
         background: RGB of the background, float32 (3); None for black.
     """
     # To limit memory, gradients are computed for one slice after another. `d_image` is called once; each of its
@@ -74,7 +74,7 @@ def each_gradient_cpu(
     picture = Picture(arrays, cameras, 0, kept=True)
     image, _ = picture.draw(np.zeros(3, np.float32) if background is None else background)
     for gradient in d_image(image.shape):
-        picture.each_gradient(arrays, image, gradient, use)
+        picture.each_gradient(arrays, image, gradient, on_gradients)
 
 
 @functools.cache
@@ -155,7 +155,7 @@ class Picture:
         return results
 
     def each_gradient(
-        self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray, use: Callable[..., None]
+        self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray, on_gradients: Callable[..., None]
     ) -> None:
         """Computes the gradients of means, quats, scales, opacities and colors for one slice after another.
 
@@ -163,14 +163,14 @@ class Picture:
             arrays: Means, quats, scales, opacities, colors.
             image: The rendered image.
             d_image: Gradient of the loss with respect to the image.
-            use: Function called with each slice of the Gaussians and its five gradients, from several threads.
+            on_gradients: Function called with each slice of the Gaussians and its five gradients, from several threads.
         """
         sums = self._gradient_sums(image, d_image)
 
         def some(piece: slice) -> None:
             out = _zeros([a[piece] for a in arrays])
             self._project_back(arrays, sums, piece, out)
-            use(piece, *out[:5])
+            on_gradients(piece, *out[:5])
 
         share(some, _pieces(len(sums)))
 

@@ -49,10 +49,10 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
 def _sphere(splats: Splats) -> tuple[list[float], float]:
     """Returns centre and radius (world units) of a sphere around nearly all Gaussians."""
     seen = splats.means[splats.opacities >= _FAINT]
-    places = (seen if len(seen) else splats.means).astype(np.float64)
-    places = places[:: -(-len(places) // _MOST)]
-    low, high = np.quantile(places, [_EDGE, 1 - _EDGE], axis=0)
+    positions = (seen if len(seen) else splats.means).astype(np.float64)
+    positions = positions[:: -(-len(positions) // _MOST)]
+    low, high = np.quantile(positions, [_EDGE, 1 - _EDGE], axis=0)
     middle = (low + high) / 2
-    away = np.linalg.norm(places - middle, axis=1)
+    away = np.linalg.norm(positions - middle, axis=1)
     radius = min(float(np.quantile(away, _NEARLY_ALL)), _REACH * float(lower_median(away)))
     return middle.tolist(), radius if radius > 0 else max(float(splats.scales.max()), 1e-6)

@@ -148,8 +148,8 @@ def cameras_around_splats(splats: Splats, num_views: int, size: int) -> Cameras:
     """
     if not splats.num_gaussians:
         return cameras_around(splats.means, num_views, size)
-    places = splats.means.astype(np.float64)
-    extent = float(np.quantile(np.linalg.norm(places - lower_median(places), axis=1), _NEARLY_ALL))
+    positions = splats.means.astype(np.float64)
+    extent = float(np.quantile(np.linalg.norm(positions - lower_median(positions), axis=1), _NEARLY_ALL))
     width = float(lower_median(splats.scales.max(axis=1).astype(np.float64)))
     closest = min(CLOSEST, max(extent, _CLOSEST_SIZES * width)) or CLOSEST
     return cameras_around(splats.means, num_views, size, closest=closest)

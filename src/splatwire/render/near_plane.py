@@ -22,11 +22,11 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
         cameras: The cameras, of which up to 16 are examined.
     """
     cameras = cameras.relative_to(origin_of(scene))
-    places = to_numpy(scene.positions)[:: -(-max(scene.num_elements, 1) // _MOST_POSITIONS)].astype(np.float64)
+    positions = to_numpy(scene.positions)[:: -(-max(scene.num_elements, 1) // _MOST_POSITIONS)].astype(np.float64)
     depths = []
     for view in range(0, cameras.num_views, max(-(-cameras.num_views // _MOST_VIEWS), 1)):
         pose, K = (to_numpy(values[view]).astype(np.float64) for values in (cameras.viewmats, cameras.Ks))
-        local = places @ pose[:3, :3].T + pose[:3, 3]
+        local = positions @ pose[:3, :3].T + pose[:3, 3]
         local = local[local[:, 2] > 0]
         pixels = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
         depths.append(local[((pixels >= 0) & (pixels <= (cameras.width, cameras.height))).all(axis=1), 2])

@@ -174,26 +174,26 @@ def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, 
     return found["opacity"] + _HIDDEN_CONTRAST**2 * found["colour"]
 
 
-def _each_part(splats: Splats, part: int, look: Callable[..., None]) -> None:
+def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     """Divides a scene into spatial parts of limited size, and calls a function for each part.
 
     Args:
         splats: All Gaussians.
         part: Maximum number of Gaussians per part.
-        look: Function that is called as `look(members, splats, whole=...)`: with the indices of the part's Gaussians,
-            these Gaussians, and True if there is only one part.
+        measure: Function that is called as `measure(members, splats, whole=...)`: with the indices of the part's
+            Gaussians, these Gaussians, and True if there is only one part.
     """
     # Several parts are processed in parallel.
     count = -(-splats.num_gaussians // part)
     if count < 2:
-        look(slice(None), splats, whole=True)
+        measure(slice(None), splats, whole=True)
         return
     edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
     order = kd_order(splats.means, [edges])
 
     def look_at(ends: tuple[int, int]) -> None:
         members = np.sort(order[slice(*ends)])
-        look(members, splats.select(members), whole=False)
+        measure(members, splats.select(members), whole=False)
 
     share(look_at, list(itertools.pairwise(edges.tolist())))
 

@@ -205,16 +205,16 @@ class Frame(FileContent):
     drawn: np.ndarray
 
     @staticmethod
-    def of(splats: Splats, where: object = "a frame", **properties: Any) -> "Frame":
+    def of(splats: Splats, source: object = "a frame", **properties: Any) -> "Frame":
         """Creates a frame from Gaussians; checks their values.
 
         Args:
             splats: The Gaussians.
-            where: Name of their source in log messages.
+            source: Name of their source in log messages.
             **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
         rows = validity_of_splats(splats)
-        rows.log_removed(where, "Gaussians")
+        rows.log_removed(source, "Gaussians")
         return Frame.from_rows(splats, rows, **properties)
 
     @staticmethod

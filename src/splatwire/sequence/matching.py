@@ -243,12 +243,12 @@ def _distance_scale(values: np.ndarray) -> float:
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 
-def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
+def _one_to_one(score: np.ndarray, candidates: np.ndarray, count: int) -> np.ndarray:
     """Matches Gaussians one to one: repeatedly matches pairs that are each other's best candidate.
 
     Args:
         score: Cost of matching each Gaussian with each of its candidates, (N, candidates); a low cost is good.
-        near: Indices of the candidates in the other frame, (N, candidates).
+        candidates: Indices of the candidates in the other frame, (N, candidates).
         count: Number of Gaussians in the other frame.
 
     Returns:
@@ -257,9 +257,9 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
     partner, taken, score = np.full(len(score), -1, np.int64), np.zeros(count, bool), score.copy()
     left = np.arange(len(score))
     for _ in range(score.shape[1] * 2):
-        score[left[:, None], np.arange(score.shape[1])] = np.where(taken[near[left]], np.inf, score[left])
+        score[left[:, None], np.arange(score.shape[1])] = np.where(taken[candidates[left]], np.inf, score[left])
         best = score[left].argmin(axis=1)
-        value, wanted = score[left, best], near[left, best]
+        value, wanted = score[left, best], candidates[left, best]
         possible = np.isfinite(value)
         left, value, wanted = left[possible], value[possible], wanted[possible]
         if not len(left):
@@ -272,7 +272,7 @@ def _one_to_one(score: np.ndarray, near: np.ndarray, count: int) -> np.ndarray:
 
 
 def _smooth(
-    positions: np.ndarray, now: np.ndarray, partner: np.ndarray, sure: np.ndarray, expected: np.ndarray
+    positions: np.ndarray, now: np.ndarray, partner: np.ndarray, confident: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
     """Improves the predicted positions of Gaussians: adds the median error of confident matches nearby.
 
@@ -280,13 +280,13 @@ def _smooth(
         positions: Positions of N Gaussians in the previous frame, (N, 3).
         now: Positions of M Gaussians in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M).
-        sure: Mask of confident matches, (M).
+        confident: Mask of confident matches, (M).
         expected: Prediction to improve, (N, 3).
 
     Returns:
         Improved prediction, (N, 3).
     """
-    some = np.flatnonzero(sure)
+    some = np.flatnonzero(confident)
     if len(some) < SMOOTHED:
         return expected
     rows = partner[some]

@@ -63,8 +63,8 @@ class NeighborSet:
             frames: For each track, the frame whose positions determine its neighbours, int64 (n).
             neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
         """
-        places = means[neighbors[:, :NUM_AROUND], frames[:, None]]
-        return NeighborSet(tracks, frames, neighbors, smooth_weights(places - means[tracks, frames][:, None]))
+        positions = means[neighbors[:, :NUM_AROUND], frames[:, None]]
+        return NeighborSet(tracks, frames, neighbors, smooth_weights(positions - means[tracks, frames][:, None]))
 
     @staticmethod
     def joined(parts: "Sequence[NeighborSet]") -> "NeighborSet":
@@ -108,8 +108,8 @@ class NeighborSet:
         Args:
             means: Positions of all tracks, float32 (T, F, 3).
         """
-        own, places = means[self.tracks, self.frames][:, None], means[self.neighbors, self.frames[:, None]]
-        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, means[self.neighbors] - places[:, :, None])
+        own, positions = means[self.tracks, self.frames][:, None], means[self.neighbors, self.frames[:, None]]
+        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, means[self.neighbors] - positions[:, :, None])
         return moved
 
 
@@ -203,48 +203,55 @@ def extrapolate_partial_tracks(
     return True
 
 
-def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: NeighborSet) -> None:
+def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighbors: NeighborSet) -> None:
     """Moves Gaussians like their neighbours in the frames in which they do not exist.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        around: Neighbours of the tracks to extrapolate.
+        neighbors: Neighbours of the tracks to extrapolate.
     """
-    tracks, at, numbers, frames = around.tracks, around.frames[:, None], np.arange(means.shape[1]), means.shape[1]
-    begin, end, own, moved = begins[tracks, None], ends[tracks, None], means[tracks], around.interpolated_motion(means)
-    here = means[tracks, around.frames][:, None]
+    tracks, at, numbers, frames = neighbors.tracks, neighbors.frames[:, None], np.arange(means.shape[1]), means.shape[1]
+    begin, end, own, moved = (
+        begins[tracks, None],
+        ends[tracks, None],
+        means[tracks],
+        neighbors.interpolated_motion(means),
+    )
+    here = means[tracks, neighbors.frames][:, None]
     away = (begin == at) & (numbers < at) | (end == at + 1) & (end < frames) & (numbers > at)
     along = away & _moves_like(own - here, moved - here, (begin <= numbers) & (numbers < end))[:, None]
     row, frame = np.nonzero(along)
     means[tracks[row], frame] = moved[row, frame]
 
 
-def _is_coherent(means: np.ndarray, stays: np.ndarray, sample: NeighborSet | None) -> bool:
+def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet | None) -> bool:
     """True if most tracks move like their neighbours, tested with a sample.
 
     Args:
         means: Positions of all tracks in all frames, float32 (n, F, 3).
-        stays: Mask of the tracks that exist in all frames, bool (n).
+        full_length: Mask of the tracks that exist in all frames, bool (n).
         sample: Sample of tracks with their neighbours; None to draw the sample here.
     """
-    tested = None if sample is None else sample.part(stays[sample.tracks]).only(stays, means)
+    tested = None if sample is None else sample.part(full_length[sample.tracks]).only(full_length, means)
     if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE):
-        tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(stays))).only(stays, means)
+        tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(full_length))).only(
+            full_length, means
+        )
     own, moved = means[tested.tracks], tested.interpolated_motion(means)
     return bool(_moves_like(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
 
 
-def _moves_like(own: np.ndarray, others: np.ndarray, exists: np.ndarray) -> np.ndarray:
+def _moves_like(motion: np.ndarray, neighbor_motion: np.ndarray, exists: np.ndarray) -> np.ndarray:
     """Returns a mask of tracks whose motion is similar to that of their neighbours, bool (n).
 
     Args:
-        own: Motion of the tracks, (n, F, 3).
-        others: Motion interpolated from the neighbours, (n, F, 3).
+        motion: Motion of the tracks, (n, F, 3).
+        neighbor_motion: Motion interpolated from the neighbours, (n, F, 3).
         exists: Frames in which each track exists, bool (n, F).
     """
-    moved, apart = ((np.square(v).sum(axis=2) * exists).sum(axis=1) for v in (own, own - others))
+    moved, apart = ((np.square(v).sum(axis=2) * exists).sum(axis=1) for v in (motion, motion - neighbor_motion))
     alike: np.ndarray = apart <= ALIKE * moved
     return alike
 

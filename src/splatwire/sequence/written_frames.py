@@ -31,27 +31,27 @@ LIVE_DIGITS = 6
 """Number of digits of the frame number in file names of a live sequence, whose number of frames is unknown."""
 
 
-def check_num_frames(stream: SceneStream, most: int | None, advice: str) -> None:
+def check_num_frames(stream: SceneStream, max_frames: int | None, advice: str) -> None:
     """Checks that the number of frames does not exceed a limit, before one file per frame is written.
 
     Args:
         stream: The sequence.
-        most: Maximum number of files; None for `MOST_FILES`.
+        max_frames: Maximum number of files; None for `MOST_FILES`.
         advice: Advice for the error message.
 
     Raises:
         InvalidValueError: If the sequence has more frames than allowed.
     """
     count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
-    if count > (MOST_FILES if most is None else most):
+    if count > (MOST_FILES if max_frames is None else max_frames):
         raise InvalidValueError(
             f"the clip of {stream.num_bytes:,} bytes has {count:,} frames, and no more than "
-            f"{MOST_FILES if most is None else most:,} files are written: {advice}"
+            f"{MOST_FILES if max_frames is None else max_frames:,} files are written: {advice}"
         )
 
 
 def write_frames(
-    stream: SceneStream, folder: Path, suffix: str, concealer: str, only: int | None, report: Report,
+    stream: SceneStream, folder: Path, suffix: str, concealer: str, frame_number: int | None, report: Report,
     outliers: Outliers = "clamp",
 ) -> dict[str, Any]:  # fmt: skip
     """Decodes a sequence and writes one file per frame, or a file of a single frame; returns counts for a summary.
@@ -61,7 +61,7 @@ def write_frames(
         folder: Output folder, or path of the output file for a single frame.
         suffix: File name suffix of the format, such as `.ply`.
         concealer: Name of the concealer for tracks with lost motion.
-        only: Number of the only frame to write; None for all.
+        frame_number: Number of the only frame to write; None for all.
         report: Called with the name of the current task and its completed fraction, 0 to 1.
         outliers: Treatment of values that the format cannot represent, see `write_splats`.
 
@@ -73,7 +73,9 @@ def write_frames(
     format_for(f"x{suffix}")
     sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
     count = sequence.timeline.num_frames
-    shown = [decode_frame(sequence, only, method)] if only is not None else decode_frames(sequence, method)
+    shown = (
+        [decode_frame(sequence, frame_number, method)] if frame_number is not None else decode_frames(sequence, method)
+    )
     width, written, concealed = len(str(count - 1)), 0, 0
     for frame in shown:
         name = folder / f"frame_{frame.number:0{width}}{suffix}" if folder.is_dir() else folder
@@ -86,7 +88,7 @@ def write_frames(
             metadata=sequence.metadata,
         )
         written, concealed = written + 1, concealed + int(frame.concealed.sum())
-        report("writing frames", written / (1 if only is not None else count))
+        report("writing frames", written / (1 if frame_number is not None else count))
     lost = int((~sequence.tracks.received).sum())
     return {"num_frames": written, "num_tracks": sequence.num_gaussians, "num_lost": lost, "num_concealed": concealed}
 

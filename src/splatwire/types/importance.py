@@ -53,19 +53,19 @@ class Importance:
         chosen[order[: round(fraction * len(order))]] = True
         return chosen
 
-    def tiers(self, fractions: Sequence[float], among: Bool[np.ndarray, "N"] | None = None) -> UInt8[np.ndarray, "N"]:
+    def tiers(self, fractions: Sequence[float], mask: Bool[np.ndarray, "N"] | None = None) -> UInt8[np.ndarray, "N"]:
         """Divides anchors into groups (tiers) by importance; tier 0 is the most important.
 
         Args:
             fractions: Share of the anchors in each tier except the last, 0 to 1; (0.05, 0.15) makes three tiers.
-            among: Mask of the anchors to which the fractions refer; others get the last tier. None for all anchors.
+            mask: Mask of the anchors to which the fractions refer; others get the last tier. None for all anchors.
 
         Raises:
             ValueError: If a fraction is not in [0, 1], the sum exceeds 1, or there are more than 255 fractions.
         """
         if sum(fractions) > 1 + 1e-9 or len(fractions) > 255 or not all(0 <= f <= 1 for f in fractions):
             raise ValueError(f"shares of tiers must be in [0, 1] and add up to at most 1, not {list(fractions)}")
-        counted = np.ones(len(self.share), np.bool_) if among is None else among
+        counted = np.ones(len(self.share), np.bool_) if mask is None else mask
         order = np.argsort(-np.where(counted, self.share, -1.0), kind="stable")
         tiers = np.full(self.share.shape, len(fractions), np.uint8)
         ends, number = [0], int(counted.sum())

@@ -44,12 +44,12 @@ def check_origin(values: object) -> Origin:
     return x, y, z
 
 
-def choose_origin(means: np.ndarray, *, wide: bool) -> Origin:
+def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
     """Returns the origin to subtract from positions, so that float32 is precise enough for the differences.
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
-        wide: True if positions are more precise than float32.
+        double_precision: True if positions are more precise than float32.
 
     Returns:
         The origin; `NO_ORIGIN` if none is needed.
@@ -64,7 +64,7 @@ def choose_origin(means: np.ndarray, *, wide: bool) -> Origin:
     middle = np.median(some, axis=0)
     low, high = np.quantile(some, _SPREAD_QUANTILES, axis=0)
     far, spread = float(np.abs(middle).max()), float((high - low).max())
-    ratio, least = (_WIDE_RATIO, _WIDE_LEAST) if wide else (_NARROW_RATIO, _NARROW_LEAST)
+    ratio, least = (_WIDE_RATIO, _WIDE_LEAST) if double_precision else (_NARROW_RATIO, _NARROW_LEAST)
     if far <= max(ratio * spread, least):
         return NO_ORIGIN
     if far > _MAX_COORDINATE:
@@ -88,7 +88,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
         return
     finite = means[np.isfinite(means).all(axis=1)]
     far = float(np.abs(finite).max(initial=0.0))
-    if choose_origin(means, wide=True) == NO_ORIGIN:
+    if choose_origin(means, double_precision=True) == NO_ORIGIN:
         return
     raise InvalidValueError(
         f"{name}: {means.dtype} coordinates up to {far:.6g}, which float32 would round to steps of "
@@ -110,7 +110,7 @@ def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
         enough.
     """
     apart = means - np.array(origin)
-    if choose_origin(apart, wide=False) == NO_ORIGIN:
+    if choose_origin(apart, double_precision=False) == NO_ORIGIN:
         return None
     middle = np.median(apart[np.isfinite(apart).all(axis=1)], axis=0)
     return float(np.abs(middle).max())

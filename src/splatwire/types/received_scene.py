@@ -70,13 +70,13 @@ class Copies(CheckedFields):
     """Redundant coarse copies of some Gaussians, which a receiver draws if the originals are lost.
 
     Attributes:
-        places: For each copy, index of its original Gaussian in coding order, without duplicates.
+        indices: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
         growth: Three strengths of the concealment of lost Gaussians without a copy, chosen by the sender: enlargement
             of their neighbours, increase of the opacity, and correction by the network of the concealer `scene_free`.
     """
 
-    places: Int64[np.ndarray, "C"]
+    indices: Int64[np.ndarray, "C"]
     splats: Splats
     growth: tuple[float, float, float]
 
@@ -151,7 +151,7 @@ class ReceivedScene(Generic[S]):
         return self.loss_mask.known
 
     @property
-    def places(self) -> Float[Any, "N 3"]:
+    def positions(self) -> Float[Any, "N 3"]:
         """Positions of all elements, received or lost, for neighbour searches.
 
         If exact positions are lost with their packets, these are approximate positions from the side information.
@@ -190,7 +190,7 @@ class ReceivedScene(Generic[S]):
 
     def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
         """Simulates losses: returns a copy in which only the elements of the mask `known` count as received."""
-        there = self.scene.elements.with_losses(known, self.places)
+        there = self.scene.elements.with_losses(known, self.positions)
         return replace(
             self, scene=self.scene.with_elements(there, self.scene.hints), loss_mask=LossMask.of_anchors(known)
         )

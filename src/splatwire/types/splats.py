@@ -75,10 +75,10 @@ class Splats:
 
         Large arrays of the result are backed by a temporary file, so that the result may be larger than memory.
         """
-        places = np.flatnonzero(index) if index.dtype == np.bool_ else index
-        found = Splats.empty(len(places), self.degree)
-        for begin in range(0, len(places), ROWS):
-            found.fill(begin, self.select(places[begin : begin + ROWS]))
+        indices = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        found = Splats.empty(len(indices), self.degree)
+        for begin in range(0, len(indices), ROWS):
+            found.fill(begin, self.select(indices[begin : begin + ROWS]))
         return found
 
     def fill(self, begin: int, source: "Splats") -> None:
@@ -88,9 +88,9 @@ class Splats:
 
     def select(self, index: np.ndarray) -> "Splats":
         """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
-        places = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        indices = np.flatnonzero(index) if index.dtype == np.bool_ else index
         # indexing with brackets is several times slower than `take`
-        return Splats(**{f.name: getattr(self, f.name).take(places, axis=0) for f in dataclasses.fields(self)})
+        return Splats(**{f.name: getattr(self, f.name).take(indices, axis=0) for f in dataclasses.fields(self)})
 
     def at_most_degree(self, degree: int) -> "Splats":
         """Returns the Gaussians with spherical harmonics truncated to `degree`.

@@ -43,20 +43,20 @@ class ElementValidity:
         """True if every element can be drawn."""
         return not (self.num_invisible or self.num_invalid)
 
-    def log_removed(self, where: object, elements: str) -> None:
+    def log_removed(self, source: object, elements: str) -> None:
         """Logs how many invisible and invalid Gaussians or anchors were removed.
 
         Args:
-            where: Name of the file or of the operation, for the message.
+            source: Name of the file or of the operation, for the message.
             elements: Name of the elements in the message, e.g. "Gaussians".
         """
         total = len(self.kept)
         if self.num_invisible:
             what = f"{self.num_invisible:,} of {total:,} {elements} draw nothing and are left out"
-            LOG.info("%s: %s", where, what)
+            LOG.info("%s: %s", source, what)
         if self.num_invalid:
             what = f"{self.num_invalid:,} of {total:,} {elements} cannot be drawn and are left out"
-            LOG.warning("%s: %s (the first is row %d)", where, what, self.first_invalid)
+            LOG.warning("%s: %s (the first is row %d)", source, what, self.first_invalid)
 
 
 def validity_of_splats(splats: Splats) -> ElementValidity:

@@ -45,9 +45,9 @@ def read(stream, section):
 
 def test_copies_round_trip(stream, section) -> None:
     whole, copies = decode_stream(stream).scene.splats, read(stream, section)
-    assert sorted(copies.places.tolist()) == sorted(PLACES.tolist())
+    assert sorted(copies.indices.tolist()) == sorted(PLACES.tolist())
     assert copies.growth == GROWTH
-    true = whole.select(copies.places)
+    true = whole.select(copies.indices)
     assert float(np.linalg.norm(copies.splats.means - true.means, axis=1).max()) < 0.01
     assert_close(np.log(copies.splats.scales), np.log(true.scales), atol=0.1, rtol=0)
     assert_close(copies.splats.opacities, true.opacities, atol=0.02, rtol=0.02)
@@ -65,12 +65,12 @@ def test_streams_of_version_2_take_copies_too() -> None:
     richer = add_concealment(old, SECTION, write_copies(whole, places, info, precision_class=7, growth=GROWTH))
     partial = decode_stream(richer.with_packets(richer.packets[1:]))
     copies, known = partial[Copies], partial.loss_mask.known
-    assert sorted(copies.places.tolist()) == sorted(places.tolist())
-    assert_close(np.log(copies.splats.scales), np.log(whole.select(copies.places).scales), atol=0.1, rtol=0)
-    assert_close(copies.splats.sh, whole.select(copies.places).sh, atol=0.05, rtol=0)
-    lost = ~known[copies.places]
+    assert sorted(copies.indices.tolist()) == sorted(places.tolist())
+    assert_close(np.log(copies.splats.scales), np.log(whole.select(copies.indices).scales), atol=0.1, rtol=0)
+    assert_close(copies.splats.sh, whole.select(copies.indices).sh, atol=0.05, rtol=0)
+    lost = ~known[copies.indices]
     assert 0 < int(lost.sum()) < len(places)
-    assert np.array_equal(conceal(partial, "sketch").splats.means[copies.places[lost]], copies.splats.means[lost])
+    assert np.array_equal(conceal(partial, "sketch").splats.means[copies.indices[lost]], copies.splats.means[lost])
 
 
 def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, section) -> None:
@@ -84,8 +84,8 @@ def test_lost_gaussians_use_copies_and_received_ones_are_unchanged(stream, secti
     assert np.array_equal(drawn.hints.left_out, ~(known | copied))
     for name, values in vars(partial.scene.splats).items():
         assert np.array_equal(getattr(drawn.splats, name)[known], values[known])
-    copies, lost = partial[Copies], ~known[partial[Copies].places]
-    assert np.array_equal(drawn.splats.means[copies.places[lost]], copies.splats.means[lost])
+    copies, lost = partial[Copies], ~known[partial[Copies].indices]
+    assert np.array_equal(drawn.splats.means[copies.indices[lost]], copies.splats.means[lost])
     assert float(drawn.hints.size_gain[known].max()) > 1
     assert "sketch" in concealer_names(partial.sections, {Splats})
     arriving = ProgressiveDecoder(lossy.manifest, lossy.side_info)

@@ -165,7 +165,7 @@ def test_copies_of_gaussians_that_stay_are_kept() -> None:
     result = apply_update(base, encode_update(base, some_splats().select(outside())))
     copies = read_copies(open_side_info(result.manifest, result.side_info), result.manifest.num_elements)
     expected = np.setdiff1d(places, at[BALL])
-    found = decode_stream(result).scene.splats.select(copies.places)
+    found = decode_stream(result).scene.splats.select(copies.indices)
     assert copies.growth == (0.25, 0.75, 0.5)
     np.testing.assert_array_equal(sorted_rows(found), sorted_rows(splats.select(expected)))
     result = apply_update(base, encode_update(base, some_splats(seed=1)))

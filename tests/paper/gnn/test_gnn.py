@@ -143,7 +143,7 @@ def test_graph_connects_the_24_nearest_received_anchors_by_mahalanobis() -> None
     graph = build_graph(context, GNN_PRESETS["paper"])
     known = context.loss_mask.known.nonzero()[:, 0]
     sizes = context.scene.anchors.scalings[known, :3]
-    nearest, _ = plain_nearest(context.places[known], sizes, context.places[graph.queries], 24)
+    nearest, _ = plain_nearest(context.positions[known], sizes, context.positions[graph.queries], 24)
     assert torch.equal(graph.index, known[nearest])
 
 

@@ -171,16 +171,16 @@ class AnchorEncoder:
         return self._coder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
 
 
-def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
-    """Yields slices of consecutive packets, each with about `most` anchors.
+def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
+    """Yields slices of consecutive packets, each with about `max_anchors` anchors.
 
     Args:
         sizes: Number of anchors of each packet.
-        most: Number of anchors per chunk.
+        max_anchors: Number of anchors per chunk.
     """
     first, total = 0, 0
     for p, size in enumerate(sizes):
-        if total and total + size > most:
+        if total and total + size > max_anchors:
             yield slice(first, p)
             first, total = p, 0
         total += int(size)

@@ -207,7 +207,7 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmoni
     """
     bases, unit, coarsest, thinness = stream_params
     absolute = coarsest >= 0
-    cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    cells_at, spread, codes, positions, classes, logs, axes, colours, levels = source
     near, packed, stack, axis, other = scratch
     cells, n = near.cells, len(rows)
     at = code_raw(coder, cells_at, CELLS_AT_BITS)
@@ -227,7 +227,7 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmoni
         )  # fmt: skip
         area = 2 * s0 - long
         shift = position_shift(bases, level, s0, long, thin, opacity, unit, coarsest if absolute else box_bits)
-        _code_position(coder, row, cells[:, i], places[j], at, shift, absolute)
+        _code_position(coder, row, cells[:, i], positions[j], at, shift, absolute)
         row[PRIMARY] = primary = 2 if thin >= long else 0
         e = step_exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
@@ -268,12 +268,12 @@ def _encode_packet(tables, stream_params, models, statistics, box_bits, defaults
 def _packet_source(source, begin, n):
     """Selects the Gaussians of one packet from the sorted Gaussians of a block."""
     order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
-    cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    cells_at, spread, codes, positions, classes, logs, axes, colours, levels = source
     return (
         cells_at,
         spread,
         codes[order],
-        places[order],
+        positions[order],
         classes[order],
         logs[order],
         axes[order],
@@ -317,7 +317,19 @@ def encode_fixed(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_cut(
-    tables, stream_params, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
+    tables,
+    stream_params,
+    models,
+    statistics,
+    box_bits,
+    defaults,
+    source,
+    max_bytes,
+    buffer,
+    rows,
+    harmonics,
+    sizes,
+    ends,
 ):
     """Encodes a block of n Gaussians in packets of limited size, each with as many Gaussians as fit.
 
@@ -329,7 +341,7 @@ def encode_cut(
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
         source: The block's Gaussians, a `BlockSource`.
-        most: Maximum size of a packet's payload, bytes.
+        max_bytes: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
@@ -340,8 +352,8 @@ def encode_cut(
         Number of packets.
     """
     total, begin, at, packets = len(rows), 0, 0, 0
-    aim = most - (most >> AIM)
-    guess = max(most // FIRST, 1)
+    aim = max_bytes - (max_bytes >> AIM)
+    guess = max(max_bytes // FIRST, 1)
     while begin < total:
         left = total - begin
         low, high, tries, last, length = 0, left + 1, 0, 0, 0
@@ -352,9 +364,9 @@ def encode_cut(
                 buffer[at:], rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
             tries, last = tries + 1, n
-            if length <= most or n == 1:
+            if length <= max_bytes or n == 1:
                 low = n
-                if n == left or length >= most - (most >> ENOUGH) or tries > 6:
+                if n == left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
                     break
             else:
                 high = n

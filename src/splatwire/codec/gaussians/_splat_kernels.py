@@ -52,22 +52,22 @@ def convert(
     """
     half = WHOLES[size_log - unit - 1 + OCTAVES]
     for i in range(len(rows)):
-        row, place = rows[i], indices[i]
+        row, index = rows[i], indices[i]
         for a in range(3):
-            means[place, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
+            means[index, a] = np.float64(2 * origins[i, a] + row[LATTICE + a]) * half
         log = row[SCALE0] + (size_log << BITS)
-        scales[place, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[index, 0] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= row[SCALE1]
-        scales[place, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[index, 1] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log -= thinness[row[SCALE2]]
-        scales[place, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        scales[index, 2] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         log = row[OPACITY]
-        opacities[place] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
+        opacities[index] = powers[log & FRACTION] * WHOLES[(log >> BITS) + OCTAVES]
         y, co, cg = row[LUMA] * 2.0**-BITS - grey[0], row[LUMA + 1] * 2.0**-BITS, row[LUMA + 2] * 2.0**-BITS
         co, cg = co - grey[1], cg - grey[2]
         for c in range(3):
-            sh[place, 0, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
-        _rotation(row, room, quats[place])
+            sh[index, 0, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
+        _rotation(row, room, quats[index])
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -139,7 +139,7 @@ def convert_harmonics(numbers, indices, transform, colours, room, sh):
     """
     width = numbers.shape[1]
     for i in range(len(numbers)):
-        empty, place = True, indices[i]
+        empty, index = True, indices[i]
         for k in range(0, width, 3):
             y, co, cg = np.float64(numbers[i, k]), np.float64(numbers[i, k + 1]), np.float64(numbers[i, k + 2])
             if y == 0.0 and co == 0.0 and cg == 0.0:
@@ -155,7 +155,7 @@ def convert_harmonics(numbers, indices, transform, colours, room, sh):
                 room[3 * b + 2] += cg * share
         for b in range(0, width, 3):
             for c in range(3):
-                sh[place, 1 + b // 3, c] = (
+                sh[index, 1 + b // 3, c] = (
                     0.0
                     if empty
                     else room[b] * colours[0, c] + room[b + 1] * colours[1, c] + room[b + 2] * colours[2, c]

@@ -91,8 +91,8 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     size = max(float((last - first).max()), 1e-30)
 
     def codes(rows: np.ndarray) -> np.ndarray:
-        places = compressed(means.take(rows, axis=0).astype(np.float64))
-        return morton_encode(np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
+        away = compressed(means.take(rows, axis=0).astype(np.float64))
+        return morton_encode(np.rint((away - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
 
     return code_order(codes, len(means), 3 * MAX_AXIS_BITS, tiers)
 
@@ -184,9 +184,9 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
     some = means[:: -(-len(means) // TYPICAL_SAMPLE)]
     order = gaussian_order(some, None)
     parts = np.array_split(order, max(1, len(means) // TYPICAL_BLOCK))
-    places = [to_lattice(some.take(part, axis=0).astype(np.float64), unit, size_log) for part in parts]
+    positions = [to_lattice(some.take(part, axis=0).astype(np.float64), unit, size_log) for part in parts]
     depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
-    bits = [_extent_bits(place) for place in places if len(place)]
+    bits = [_extent_bits(place) for place in positions if len(place)]
     return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
 
 
@@ -203,5 +203,5 @@ def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
     """
     scaled = np.floor(np.ldexp(means, unit - size_log))
     if np.abs(scaled).max(initial=0) >= 2.0**MAX_LATTICE_BITS:
-        raise InvalidValueError("a Gaussian is too far away from the others for the precision of their places")
+        raise InvalidValueError("a Gaussian is too far away from the others for the precision of their positions")
     return scaled.astype(np.int64)

@@ -20,7 +20,7 @@ GROWTH_UNIT = 64
 """Denominator of the growth parameters of copies (see `Copies`) in the bitstream."""
 
 
-def write_places(indices: np.ndarray, num_gaussians: int) -> bytes:
+def write_indices(indices: np.ndarray, num_gaussians: int) -> bytes:
     """Serialises the indices of the copied Gaussians as fixed-width integers.
 
     Args:
@@ -31,13 +31,13 @@ def write_places(indices: np.ndarray, num_gaussians: int) -> bytes:
     return np.packbits(indices[:, None] >> np.arange(width)[::-1] & 1).tobytes()
 
 
-def _read_places(reader: ByteReader, count: int, num_gaussians: int) -> np.ndarray:
+def _read_indices(reader: ByteReader, count: int, num_gaussians: int) -> np.ndarray:
     width = _place_bits(num_gaussians)
     bits = np.unpackbits(np.frombuffer(reader.take((count * width + 7) // 8), np.uint8), count=count * width)
-    places = bits.reshape(count, width).astype(np.int64) @ (1 << np.arange(width)[::-1])
-    if places.max() >= num_gaussians or len(np.unique(places)) < count:
+    indices = bits.reshape(count, width).astype(np.int64) @ (1 << np.arange(width)[::-1])
+    if indices.max() >= num_gaussians or len(np.unique(indices)) < count:
         raise BitstreamError("section 'sketch': places of copies are not those of different Gaussians")
-    return places
+    return indices
 
 
 def _place_bits(num_gaussians: int) -> int:
@@ -77,10 +77,10 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     """
     if SECTION not in info.sections:
         return None
-    boxes, places, growth, (rows, harmonics) = _read(info, num_gaussians)
-    origins = np.broadcast_to(boxes.corners[0], (len(places), 3))
+    boxes, indices, growth, (rows, harmonics) = _read(info, num_gaussians)
+    origins = np.broadcast_to(boxes.corners[0], (len(indices), 3))
     splats = to_splats(rows, harmonics, origins, info.unit, info.size_log, info.transform)
-    return Copies(places, splats, growth)
+    return Copies(indices, splats, growth)
 
 
 def copies_level(info: SideInfo, num_gaussians: int) -> int:
@@ -116,25 +116,25 @@ def _read(
     if not 1 <= count <= min(num_gaussians, MAX_COPIES):
         raise BitstreamError(f"section '{SECTION}': {count} copies of {num_gaussians} Gaussians are impossible")
     boxes, defaults = read_blocks(reader.blob(), 1)
-    places = _read_places(reader, count, num_gaussians)
+    indices = _read_indices(reader, count, num_gaussians)
     here = replace(info, boxes=boxes, defaults=defaults)
-    return boxes, places, (size, opacity, trust), _decode(here, count, reader.rest())
+    return boxes, indices, (size, opacity, trust), _decode(here, count, reader.rest())
 
 
-def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
+def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
     """Returns the section with redundant copies (`sketch`) for a stream whose packets were rearranged.
 
     Args:
         section: Content of the section before the rearrangement.
-        place_at: Index in the new stream of each Gaussian of the old stream, int64 (N).
+        new_index: Index in the new stream of each Gaussian of the old stream, int64 (N).
     """
     # A copy refers to its Gaussian by index, which the rearrangement changes.
     reader = ByteReader(section, f"section '{SECTION}'")
     head, count, blocks = reader.take(4), reader.unsigned(), reader.blob()
-    places, writer = _read_places(reader, count, len(place_at)), ByteWriter()
+    indices, writer = _read_indices(reader, count, len(new_index)), ByteWriter()
     writer.unsigned(count)
     writer.blob(blocks)
-    return bytes(head) + writer.bytes() + write_places(place_at[places], len(place_at)) + bytes(reader.rest())
+    return bytes(head) + writer.bytes() + write_indices(new_index[indices], len(new_index)) + bytes(reader.rest())
 
 
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:

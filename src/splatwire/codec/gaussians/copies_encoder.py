@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatwire.codec.gaussians.blocks import block_codes, make_boxes, to_lattice
-from splatwire.codec.gaussians.copies import write_head, write_places
+from splatwire.codec.gaussians.copies import write_head, write_indices
 from splatwire.codec.gaussians.encoder import encode_block
 from splatwire.codec.gaussians.layout import MAX_CLASSES
 from splatwire.codec.gaussians.side_info import SideInfo, write_blocks
@@ -45,4 +45,4 @@ def write_copies(
     here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
     payload = encode_block(scene.arranged(0, here), here, 0, np.array([count]), 0).payloads[0]
     head = write_head(growth, count, write_blocks(boxes, here.defaults))
-    return head + write_places(indices, splats.num_gaussians) + payload
+    return head + write_indices(indices, splats.num_gaussians) + payload

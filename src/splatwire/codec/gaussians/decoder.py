@@ -88,19 +88,19 @@ class GaussianDecoder:
 
     def store(self, run: Run, rows: SymbolRows) -> None:
         """Writes the decoded Gaussians of a block to the scene, and estimates the lost ones (see `Decoder.store`)."""
-        places, known = run.ranks, self._loss_mask.received
-        known[places] = True
-        if len(places) < self._plan.block_elements(run.block):
-            places = self._plan.block_ranks(run.block)
-        received = known[places, 0]  # Gaussians are received as a whole
+        indices, known = run.ranks, self._loss_mask.received
+        known[indices] = True
+        if len(indices) < self._plan.block_elements(run.block):
+            indices = self._plan.block_ranks(run.block)
+        received = known[indices, 0]  # Gaussians are received as a whole
         if not received.all():
-            gaps = empty_rows(len(places), self._info.num_harmonics)
+            gaps = empty_rows(len(indices), self._info.num_harmonics)
             for filled, some in zip(gaps, rows, strict=True):
                 filled[received] = some
             rows = gaps
-        store_block(self._splats, places, rows[0], rows[1], received, self._info, run.block)
+        store_block(self._splats, indices, rows[0], rows[1], received, self._info, run.block)
         if received.any():
-            self._classes[places] = rows[0][:, CLASS].astype(np.uint8)
+            self._classes[indices] = rows[0][:, CLASS].astype(np.uint8)
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
         """Adds the decoded integers of one block to a hash (see `Decoder.update_digest`)."""

@@ -37,14 +37,14 @@ BYTES_PER_HARMONIC = 12
 
 
 def prepare_splats(
-    scene: SplatScene, options: Options, like: SideInfo | None = None, *, sorted_already: bool = False
+    scene: SplatScene, options: Options, template: SideInfo | None = None, *, sorted_already: bool = False
 ) -> Prepared:
     """Prepares Gaussians for encoding: sorts them into spatial blocks and computes the side information.
 
     Args:
         scene: The Gaussians; each must have a visible effect.
         options: Encoding options; the default packetization is the preset "paper".
-        like: Side information of the stream from which the Gaussians were decoded. Its named sections and fitted
+        template: Side information of the stream from which the Gaussians were decoded. Its named sections and fitted
             parameters are used again. None for Gaussians from elsewhere.
         sorted_already: True if the Gaussians are in block order.
 
@@ -66,7 +66,7 @@ def prepare_splats(
     quality = quality_of("default" if options.quality is None else options.quality)
     tiers = options.tiers if shapes else None
     source = SourceScene.of(splats, plan, options.classes, tiers, quality, coding, sorted_already=sorted_already)
-    sections = {**({} if like is None else like.sections), **BACKGROUND.sections(scene.background)}
+    sections = {**({} if template is None else template.sections), **BACKGROUND.sections(scene.background)}
     sections |= {**antialiasing_sections(scene.antialiased), **ORIGIN.sections(scene.origin)}
     sections |= metadata_sections(scene.metadata)
     sections.pop(TIERS, None)
@@ -74,13 +74,13 @@ def prepare_splats(
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
     known = None if coding is None else coding.transform
-    side_info = write_side_info(fit_side_info(source, sections, known, like, options.threads))
+    side_info = write_side_info(fit_side_info(source, sections, known, template, options.threads))
     # Predict from the side information as a decoder reads it, after quantisation.
     return Prepared(GaussianEncoder(source, plan, read_side_info(side_info, plan.num_blocks)), side_info, plan)
 
 
 def fit_side_info(
-    scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, like: SideInfo | None,
+    scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, template: SideInfo | None,
     threads: int | None,
 ) -> SideInfo:  # fmt: skip
     """Computes the side information of a stream of Gaussians.
@@ -90,7 +90,7 @@ def fit_side_info(
         sections: Named sections to include, content by name.
         known: Decorrelating transform of the spherical harmonics to use, such as that of an earlier stream; None to fit
             it to a sample of the scene.
-        like: Side information of another stream, whose probability tables are reused; None to fit the tables to a
+        template: Side information of another stream, whose probability tables are reused; None to fit the tables to a
             sample of the scene.
         threads: Number of threads; None for one per processor.
     """
@@ -110,8 +110,8 @@ def fit_side_info(
         boxes,
         np.clip(means, -511, 511),
     )
-    if like is not None:
-        return SideInfo(*fields, like.bit_zero, like.scales, sections)
+    if template is not None:
+        return SideInfo(*fields, template.bit_zero, template.scales, sections)
     first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
     blocks = scene.some_blocks()
@@ -160,15 +160,15 @@ class CodedBlock:
     statistics: tuple[np.ndarray, np.ndarray]
 
 
-def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
+def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndarray, max_bytes: int) -> CodedBlock:
     """Encodes Gaussians of a block in packets.
 
     Args:
         source: Attributes of the Gaussians, sorted for the division into packets.
         info: The stream's side information.
         block: Index of the block.
-        sizes: int64 (P), number of Gaussians in each packet; ignored if `most` is not 0.
-        most: Maximum size of a packet's payload, bytes; 0 to use `sizes`.
+        sizes: int64 (P), number of Gaussians in each packet; ignored if `max_bytes` is not 0.
+        max_bytes: Maximum size of a packet's payload, bytes; 0 to use `sizes`.
     """
     bits = int(info.boxes.bits[block])
     count, width = len(source.codes), info.num_harmonics
@@ -176,9 +176,9 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     buffer = np.zeros(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
     statistics, defaults = empty_statistics(), info.block_defaults[block]
     stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, source)
-    if most:
+    if max_bytes:
         sizes, ends = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        used = kernels.encode_cut(*stream, most, buffer, rows, harmonics, sizes, ends)
+        used = kernels.encode_cut(*stream, max_bytes, buffer, rows, harmonics, sizes, ends)
         sizes, ends = sizes[:used], ends[:used]
     else:
         ends = np.zeros(len(sizes), dtype=np.int64)

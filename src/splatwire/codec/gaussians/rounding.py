@@ -55,9 +55,9 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         part = splats.run(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
         harmonics[:] = transformed(part, coding.transform)
-        places = to_lattice(part.means.astype(np.float64), coding.unit, coding.size_log)
+        positions = to_lattice(part.means.astype(np.float64), coding.unit, coding.size_log)
         kernels.round_rows(
-            places, sources.logs, sources.axes, sources.colours, coding.classes[begin:end].astype(np.int64), bases,
+            positions, sources.logs, sources.axes, sources.colours, coding.classes[begin:end].astype(np.int64), bases,
             coding.unit, coding.coarsest, thinness_table(), harmonics, rows,
         )  # fmt: skip
         origins = np.zeros((end - begin, 3), np.int64)

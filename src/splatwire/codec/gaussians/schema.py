@@ -29,7 +29,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
     tiers = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
     scene = decode_stream(stream, threads=threads).scene
     options = Options(packetization, tiers=tiers if shapes else None, threads=threads)
-    return prepare_splats(scene, options, like=info)
+    return prepare_splats(scene, options, template=info)
 
 
 def _can_repack(stream: SceneStream) -> bool:
@@ -43,9 +43,9 @@ def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
     if SKETCH not in sections:
         return packed
     old, new = (ranked_by_attributes(decode_stream(one).scene.splats) for one in (stream, packed))
-    place_at = np.empty(len(old), dtype=np.int64)
-    place_at[old] = new
-    return add_concealment(packed, SKETCH, moved_copies(sections[SKETCH], place_at))
+    new_index = np.empty(len(old), dtype=np.int64)
+    new_index[old] = new
+    return add_concealment(packed, SKETCH, moved_copies(sections[SKETCH], new_index))
 
 
 def ranked_by_attributes(splats: Splats) -> np.ndarray:

@@ -61,11 +61,11 @@ class BlockSource(NamedTuple):
     """Input of the encoding kernels: n Gaussians of one block, in the order in which packets are filled.
 
     Attributes:
-        cells_at: log2 of the cell size of the coarse position grid, in the unit of `places`.
+        cells_at: log2 of the cell size of the coarse position grid, in the unit of `positions`.
         spread: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
         codes: int64 (n), Morton codes of the positions, from `block_codes`.
-        places: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the position
-            lattice.
+        positions: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the
+            position lattice.
         classes: int64 (n), precision classes, which select the quantisation steps; 0 is the coarsest.
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
@@ -76,7 +76,7 @@ class BlockSource(NamedTuple):
     cells_at: np.int64
     spread: np.int64
     codes: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     classes: np.ndarray
     logs: np.ndarray
     axes: np.ndarray
@@ -179,16 +179,16 @@ class SourceScene:
         """Returns the range of a block's Gaussians in the attribute `order`."""
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
-    def pick(self, where: slice | np.ndarray) -> Splats:
+    def pick(self, indices: slice | np.ndarray) -> Splats:
         """Returns the Gaussians with the given indices in block order (see `order`)."""
         # numpy's `take` is several times as fast as indexing a tensor.
-        return self.splats.select(self.order[where])
+        return self.splats.select(self.order[indices])
 
-    def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
+    def classes_at(self, indices: slice | np.ndarray) -> np.ndarray:
         """Returns the precision classes of the Gaussians with the given indices in block order (see `order`), int64."""
-        return self.classes[self.order[where]].astype(np.int64)
+        return self.classes[self.order[indices]].astype(np.int64)
 
-    def places(self, block: int) -> np.ndarray:
+    def block_positions(self, block: int) -> np.ndarray:
         """Returns the positions of a block's Gaussians as integers, int64 (n, 3), in coding order.
 
         The unit is the spacing of the position lattice.
@@ -201,8 +201,8 @@ class SourceScene:
 
         The unit is the spacing of the position lattice.
         """
-        places = self.places(block)
-        return np.array([places.min(axis=0), places.max(axis=0)])
+        positions = self.block_positions(block)
+        return np.array([positions.min(axis=0), positions.max(axis=0)])
 
     def means(self, block: int) -> np.ndarray:
         """Returns mean opacity, scales and colour of a block's Gaussians, int64 (7), 4 fractional bits."""
@@ -225,8 +225,8 @@ class SourceScene:
             sizes: Number of Gaussians in each packet of the block.
         """
         bits = int(info.boxes.bits[block])
-        places = self.places(block) - info.boxes.corners[block]
-        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        positions = self.block_positions(block) - info.boxes.corners[block]
+        codes, at = block_codes(positions, bits), cell_shift(positions, bits)
         by = self._arrangement(codes, at, bits)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
         packet = np.repeat(np.arange(len(sizes)), sizes)
@@ -245,8 +245,8 @@ class SourceScene:
             selection: Part of this order to return; by default all.
         """
         bits = int(info.boxes.bits[block])
-        places = self.places(block) - info.boxes.corners[block]
-        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        positions = self.block_positions(block) - info.boxes.corners[block]
+        codes, at = block_codes(positions, bits), cell_shift(positions, bits)
         by = self._arrangement(codes, at, bits)[selection]
         where = self.members(block).start + by
         picked = self.pick(where)
@@ -255,7 +255,7 @@ class SourceScene:
             np.int64(at),
             np.int64(not self.contiguous),
             codes[by],
-            places[by],
+            positions[by],
             self.classes_at(where),
             s.logs,
             s.axes,
@@ -270,38 +270,38 @@ def _input_order(count: int) -> np.ndarray:
     return order
 
 
-def coded_classes(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
+def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> np.ndarray:
     """Converts precision classes from the numbering of encoder options to that of the bitstream.
 
     Args:
         classes: Precision class of each Gaussian (its set of quantisation steps), (N): 0 for the finest, negative for
             coarser classes. None selects the finest class for all Gaussians.
         count: Number of Gaussians, N.
-        most: Number of the finest precision class in the bitstream, where 0 is the coarsest.
+        finest_class: Number of the finest precision class in the bitstream, where 0 is the coarsest.
 
     Returns:
-        Class of each Gaussian in the bitstream, uint8 (N), from 0 to `most`.
+        Class of each Gaussian in the bitstream, uint8 (N), from 0 to `finest_class`.
 
     Raises:
         InvalidValueError: If the number of classes differs from the number of Gaussians.
     """
     if classes is None:
-        return np.broadcast_to(np.uint8(most), count)
+        return np.broadcast_to(np.uint8(finest_class), count)
     if np.shape(classes) != (count,):
         raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
     coded = large_empty((count,), np.uint8)
     for part, some in zip(runs(coded), runs(np.asarray(classes)), strict=True):
-        part[:] = np.clip(some, -most, 0) + most
+        part[:] = np.clip(some, -finest_class, 0) + finest_class
     return coded
 
 
-def raise_flat(splats: Splats, classes: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
+def raise_flat(splats: Splats, classes: np.ndarray, finest_class: int, bases: np.ndarray, size_log: int) -> np.ndarray:
     """Assigns flat Gaussians a finer precision class if rounding would make them much thicker.
 
     Args:
         splats: The N Gaussians.
         classes: uint8 (N), precision classes from `coded_classes`.
-        most: The finest precision class; 0 is the coarsest.
+        finest_class: The finest precision class; 0 is the coarsest.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         size_log: log2 of the scene's size in world units.
 
@@ -320,7 +320,7 @@ def raise_flat(splats: Splats, classes: np.ndarray, most: int, bases: np.ndarray
     # The margin covers the rounding of the exponent and of its inputs.
     least = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
     raised = classes.copy()
-    raised[flat] = np.maximum(classes[flat], np.clip(least, 0, most)).astype(np.uint8)
+    raised[flat] = np.maximum(classes[flat], np.clip(least, 0, finest_class)).astype(np.uint8)
     return raised
 
 

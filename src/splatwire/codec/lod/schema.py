@@ -61,7 +61,9 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
     sizes = [tier.num_elements for tier in stream.manifest.tiers] or [stream.manifest.num_elements]
     tiers = np.repeat(np.arange(len(sizes), dtype=np.uint8), sizes)
     scene = replace(partial.scene, hints=None, coding=coding)
-    return prepare_splats(scene, Options(packetization, tiers=tiers, threads=threads), like=info, sorted_already=True)
+    return prepare_splats(
+        scene, Options(packetization, tiers=tiers, threads=threads), template=info, sorted_already=True
+    )
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:

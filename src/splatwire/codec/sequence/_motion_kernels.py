@@ -100,7 +100,7 @@ def _magnitude_context(magnitude):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_interval(coder, low, span, at, start, size, bits):
+def _code_interval(coder, low, span, num_bytes, start, size, bits):
     """Encodes or decodes one symbol, given its probability interval; returns the new state of the range coder.
 
     Args:
@@ -108,7 +108,7 @@ def _code_interval(coder, low, span, at, start, size, bits):
         low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
             code value from this lower end (decoder). The code value is the bytes read, as a number.
         span: Size of the range coder's interval.
-        at: Number of bytes read or written so far.
+        num_bytes: Number of bytes read or written so far.
         start: Start of the symbol's probability interval, in units of `2**-bits`.
         size: Size of the symbol's probability interval, in units of `2**-bits`.
         bits: Number of bits of a probability.
@@ -120,30 +120,30 @@ def _code_interval(coder, low, span, at, start, size, bits):
         low = min(low - unit * start, span - 1)
         while span < BOTTOM:
             low <<= 8
-            if at < len(coder.data):
-                low |= np.int64(coder.data[at])
-            at += 1
+            if num_bytes < len(coder.data):
+                low |= np.int64(coder.data[num_bytes])
+            num_bytes += 1
             span <<= 8
-        return low, span, at
+        return low, span, num_bytes
     low += unit * start
     if low >> TOP:
         low &= (ONE << TOP) - 1
-        back = at - 1
+        back = num_bytes - 1
         while coder.data[back] == 255:
             coder.data[back] = 0
             back -= 1
         coder.data[back] += 1
     while span < BOTTOM:
-        coder.data[at] = low >> 40
-        at += 1
+        coder.data[num_bytes] = low >> 40
+        num_bytes += 1
         low = (low & LOW_MASK) << 8
         span <<= 8
-    return low, span, at
+    return low, span, num_bytes
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _bit(coder, low, span, at, context, bit):
+def _bit(coder, low, span, num_bytes, context, bit):
     """Encodes or decodes a bit with an adaptive model; returns the bit and the new state of the range coder."""
     zero = adaptive_size(coder.models, context)
     if coder.decoding:
@@ -152,15 +152,15 @@ def _bit(coder, low, span, at, context, bit):
         coder.bits[context, bit] += 1
     adaptive_update(coder.models, context, bit)
     if bit:
-        low, span, at = _code_interval(coder, low, span, at, zero, 65536 - zero, ADAPTIVE_BITS)
+        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, zero, 65536 - zero, ADAPTIVE_BITS)
     else:
-        low, span, at = _code_interval(coder, low, span, at, ZERO, zero, ADAPTIVE_BITS)
-    return bit, low, span, at
+        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, ZERO, zero, ADAPTIVE_BITS)
+    return bit, low, span, num_bytes
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _raw(coder, low, span, at, value, bits):
+def _raw(coder, low, span, num_bytes, value, bits):
     """Encodes or decodes an integer whose bits are equally probable.
 
     Args:
@@ -168,12 +168,12 @@ def _raw(coder, low, span, at, value, bits):
         low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
             code value from this lower end (decoder). The code value is the bytes read, as a number.
         span: Size of the range coder's interval.
-        at: Number of bytes read or written so far.
+        num_bytes: Number of bytes read or written so far.
         value: The integer to encode; ignored by a decoder.
         bits: Number of bits of the integer.
 
     Returns:
-        The integer, and the new values of `low`, `span` and `at`.
+        The integer, and the new values of `low`, `span` and `num_bytes`.
     """
     found = ZERO
     while bits > 0:
@@ -182,14 +182,14 @@ def _raw(coder, low, span, at, value, bits):
         part = (value >> bits) & ((ONE << some) - 1)
         if coder.decoding:
             part = min(low // (span >> some), (ONE << some) - 1)
-        low, span, at = _code_interval(coder, low, span, at, part, ONE, some)
+        low, span, num_bytes = _code_interval(coder, low, span, num_bytes, part, ONE, some)
         found = (found << some) | part
-    return found, low, span, at
+    return found, low, span, num_bytes
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_coefficient(coder, low, span, at, kind, order, magnitude_class, value):
+def _code_coefficient(coder, low, span, num_bytes, kind, order, magnitude_class, value):
     """Encodes or decodes the prediction residual of one polynomial coefficient of a Gaussian's motion.
 
     Args:
@@ -197,7 +197,7 @@ def _code_coefficient(coder, low, span, at, kind, order, magnitude_class, value)
         low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
             code value from this lower end (decoder). The code value is the bytes read, as a number.
         span: Size of the range coder's interval.
-        at: Number of bytes read or written so far.
+        num_bytes: Number of bytes read or written so far.
         kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
         order: Degree of the polynomial, part of the context.
         magnitude_class: Octave of the magnitude of neighbouring residuals, part of the context.
@@ -207,24 +207,24 @@ def _code_coefficient(coder, low, span, at, kind, order, magnitude_class, value)
         The residual, and the new state of the range coder.
     """
     zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + magnitude_class
-    some, low, span, at = _bit(coder, low, span, at, np.int64(zero), ONE if value else ZERO)
+    some, low, span, num_bytes = _bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
     if not some:
-        return ZERO, low, span, at
+        return ZERO, low, span, num_bytes
     magnitude, octave = abs(value), ZERO
     base = C_OCTAVE + (kind * LEVELS + magnitude_class) * MAGNITUDES
     while octave < MAX_OCTAVE:
         context, above = np.int64(base + min(octave, MAGNITUDES - 1)), ONE if magnitude >> (octave + 1) else ZERO
-        above, low, span, at = _bit(coder, low, span, at, context, above)
+        above, low, span, num_bytes = _bit(coder, low, span, num_bytes, context, above)
         if not above:
             break
         octave += 1
-    rest, low, span, at = _raw(coder, low, span, at, magnitude - (ONE << octave), octave)
+    rest, low, span, num_bytes = _raw(coder, low, span, num_bytes, magnitude - (ONE << octave), octave)
     magnitude = min((ONE << octave) + rest, MAX_QUANTISED)
     negative = ONE if value < 0 else ZERO
     if coder.decoding:
         negative = ONE if low >= span >> ONE else ZERO
-    low, span, at = _code_interval(coder, low, span, at, negative, ONE, ONE)
-    return -magnitude if negative else magnitude, low, span, at
+    low, span, num_bytes = _code_interval(coder, low, span, num_bytes, negative, ONE, ONE)
+    return -magnitude if negative else magnitude, low, span, num_bytes
 
 
 @njit(borrows=True, error_model="numpy")

@@ -14,14 +14,14 @@ _PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def add_known(positions, i, known, around, count):
+def add_known(positions, i, known, known_positions, count):
     """Adds a track (Gaussian over time) to the list of tracks from which the motion of later tracks is predicted.
 
     Args:
         positions: Positions of the packet's tracks, int64 (M, 3).
         i: Index of the track to add.
         known: Indices of the tracks with known motion, int64 (M); the new one is written.
-        around: Positions of these tracks, float64 (3, M); the new one is written.
+        known_positions: Positions of these tracks, float64 (3, M); the new one is written.
         count: Number of tracks with known motion, without the new track.
 
     Returns:
@@ -30,7 +30,7 @@ def add_known(positions, i, known, around, count):
     # One row per axis, for a search with SIMD.
     known[count] = i
     for a in range(3):
-        around[a, count] = positions[i, a]
+        known_positions[a, count] = positions[i, a]
     return count + 1
 
 
@@ -103,32 +103,34 @@ def _smallest_candidates(squares, candidates, count):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def nearest(positions, known, around, count, i, squares, group_minima, candidates, neighbours, far):
+def nearest(
+    positions, known, known_positions, count, i, squares, group_minima, candidates, neighbours, squared_distances
+):
     """Finds the tracks (Gaussians over time) with known motion that are nearest to a given track.
 
     Args:
         positions: Positions of the packet's tracks, int64 (M, 3).
         known: Indices of the tracks with known motion, from `add_known`.
-        around: Positions of the tracks with known motion, from `add_known`.
+        known_positions: Positions of the tracks with known motion, from `add_known`.
         count: Number of tracks with known motion.
         i: Index of the track whose neighbours are searched.
         squares: Working array, float64 (M).
         group_minima: Working array, float64 (LANES).
         candidates: Working array, int64 (M).
         neighbours: Output: indices of the neighbours, nearest first, int64 (NUM_NEIGHBOURS).
-        far: Output: squared distances of the neighbours, int64 (NUM_NEIGHBOURS).
+        squared_distances: Output: squared distances of the neighbours, int64 (NUM_NEIGHBOURS).
 
     Returns:
         Number of neighbours found.
     """
     x, y, z = np.float64(positions[i, 0]), np.float64(positions[i, 1]), np.float64(positions[i, 2])
     for m in range(count):
-        dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
+        dx, dy, dz = known_positions[0, m] - x, known_positions[1, m] - y, known_positions[2, m] - z
         squares[m] = dx * dx + dy * dy + dz * dz  # below 2**42, exact in float64
     found = 0
     for key in _smallest_candidates(squares, candidates, _find_candidates(squares, count, group_minima, candidates)):
         if found < count:
-            far[found], neighbours[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
+            squared_distances[found], neighbours[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
             found += 1
     return found
 

@@ -134,7 +134,7 @@ def _candidates(headers, begin, n):
 
 @njit(error_model="numpy")
 @no_type_check
-def _expected_tracks(costs, begin, end, scale, aim):
+def _expected_tracks(costs, begin, end, scale, target_bytes):
     """Estimates how many tracks (Gaussians over time), from track `begin` on, fit into a packet of a given size.
 
     Args:
@@ -142,10 +142,10 @@ def _expected_tracks(costs, begin, end, scale, aim):
         begin: Index of the first track.
         end: End of the tracks available (exclusive).
         scale: Factor that corrects `costs`.
-        aim: Intended size of the packet, bytes.
+        target_bytes: Intended size of the packet, bytes.
     """
     total, at = 0.0, begin
-    while at < end and (at == begin or (total + costs[at]) * scale <= aim):
+    while at < end and (at == begin or (total + costs[at]) * scale <= target_bytes):
         total += costs[at]
         at += 1
     return at - begin
@@ -164,7 +164,7 @@ def encode_cut(
     shifts,
     targets,
     rows,
-    most,
+    max_bytes,
     costs,
     buffer,
     out,
@@ -185,7 +185,7 @@ def encode_cut(
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
-        most: Maximum size of a packet's payload, bytes.
+        max_bytes: Maximum size of a packet's payload, bytes.
         costs: Expected number of bytes for each track, above 0, float64 (n).
         buffer: Output: the payloads one after another, uint8.
         out: Output: residuals of coefficients, int32 (n, channels, frames).
@@ -196,7 +196,7 @@ def encode_cut(
         Number of packets.
     """
     total, begin, at, packets = len(headers), 0, 0, 0
-    aim, scale = most - (most >> AIM), 1.0
+    aim, scale = max_bytes - (max_bytes >> AIM), 1.0
     kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
         left = _candidates(headers, begin, total - begin)
@@ -212,9 +212,9 @@ def encode_cut(
             )  # fmt: skip
             tries, last = tries + 1, n
             scale = max(length, 1) / costs[begin : begin + n].sum()
-            if length <= most or n == 1:
+            if length <= max_bytes or n == 1:
                 low = n
-                if n == left or length >= most - (most >> ENOUGH) or tries > 6:
+                if n == left or length >= max_bytes - (max_bytes >> ENOUGH) or tries > 6:
                     break
             else:
                 high = n

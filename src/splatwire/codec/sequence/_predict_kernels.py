@@ -107,14 +107,14 @@ def prediction_order(positions, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _neighbour_weights(positions, i, neighbours, far, found, offsets, near, weights):
+def _neighbour_weights(positions, i, neighbours, squared_distances, found, offsets, near, weights):
     """Computes the weights of a moving Gaussian's neighbours for the prediction of its motion.
 
     Args:
         positions: Positions of the packet's tracks from `relative_positions`, int64 (M, 3).
         i: Index of the track.
         neighbours: Indices of the neighbours.
-        far: Squared distances of the neighbours from the track.
+        squared_distances: Squared distances of the neighbours from the track.
         found: Number of neighbours.
         offsets: Working array, int64 (NUM_NEIGHBOURS, 3).
         near: Working array, int64 (NUM_NEIGHBOURS).
@@ -129,7 +129,7 @@ def _neighbour_weights(positions, i, neighbours, far, found, offsets, near, weig
         for m in range(found):
             for a in range(3):
                 radius = max(radius, abs(positions[neighbours[m], a] - positions[i, a]))
-        _plane(positions, i, neighbours, far, found, radius, offsets, near, weights)
+        _plane(positions, i, neighbours, squared_distances, found, radius, offsets, near, weights)
     left = ONE << WEIGHT_BITS
     for m in range(found):
         left -= weights[m]
@@ -139,12 +139,12 @@ def _neighbour_weights(positions, i, neighbours, far, found, offsets, near, weig
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _plane(positions, i, neighbours, far, found, radius, offsets, near, weights):
+def _plane(positions, i, neighbours, squared_distances, found, radius, offsets, near, weights):
     total = np.int64(0)
     x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
     for m in range(found):
         # Below 2**53 the rounded-down quotient of doubles equals the integer quotient, and takes a fifth of the time.
-        near[m] = w = 1 + np.int64(np.float64(2 * (far[0] + 1)) / np.float64(far[m] + 1))
+        near[m] = w = 1 + np.int64(np.float64(2 * (squared_distances[0] + 1)) / np.float64(squared_distances[m] + 1))
         for a in range(3):
             offset = (positions[neighbours[m], a] - positions[i, a]) * _RADIUS
             offsets[m, a] = np.int64(np.floor(np.float64(offset) / np.float64(radius)))
@@ -204,11 +204,11 @@ def _predict_coefficients(known, moving, neighbours, weights, found, means):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _quantise(wanted, means, octaves, dead, steps):
+def _quantise(targets, means, octaves, dead, steps):
     """Quantises the differences of a Gaussian's motion coefficients from their prediction.
 
     Args:
-        wanted: The U coefficients before quantisation, float64 (U).
+        targets: The U coefficients before quantisation, float64 (U).
         means: Predicted coefficients, float64 (U).
         octaves: log2 of the quantisation step of each coefficient, int64 (U).
         dead: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
@@ -216,7 +216,7 @@ def _quantise(wanted, means, octaves, dead, steps):
     """
     # Small differences become 0 even if they exceed half a step, because zeros take few bits.
     for u in range(len(means)):
-        value = np.int64(np.rint(wanted[u]) - means[u])
+        value = np.int64(np.rint(targets[u]) - means[u])
         some = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
         some = min(max(some, 0), MAX_QUANTISED)
         steps[u] = some if value >= 0 else -some
@@ -282,7 +282,7 @@ def pack_coefficients(values, rows, states, orders, flat):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def predict_from_neighbours(positions, states, shifts, orders, quantised, wanted, dead, coefficients):
+def predict_from_neighbours(positions, states, shifts, orders, quantised, targets, dead, coefficients):
     """Encodes or decodes the motion of a packet's tracks (Gaussians over time), predicted from neighbouring tracks.
 
     Args:
@@ -293,7 +293,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, wanted
         orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
             coded per channel, int64 (kinds).
         quantised: Residuals in quantisation steps, int32 (M, channels, frames); filled by an encoder.
-        wanted: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
+        targets: Coefficients before quantisation from `pack_coefficients`, float64 (M, U); of length 0 for a decoder.
         dead: Dead zone of the quantiser: extra width of the interval that is rounded to 0, in 64ths of a quantisation
             step.
         coefficients: Decoded coefficients, float32 (M, channels, K), which must be 0 before the call; of length 0 for
@@ -313,7 +313,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, wanted
     lanes, some = np.empty(LANES), np.empty(len(positions), np.int64)
     values, means, steps = np.zeros((len(positions), used)), np.empty(used), np.zeros((len(positions), used), np.int64)
     octaves = np.empty(used, np.int64)
-    if not len(wanted):
+    if not len(targets):
         pack_coefficients(quantised, np.arange(len(positions)), states, orders, steps)
     neighbours, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
@@ -327,10 +327,10 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, wanted
             for _ in range(orders[KIND_OF[c]]):
                 octaves[u] = shifts[i, c]
                 u += 1
-        if len(wanted):
-            _quantise(wanted[i], means, octaves, dead, steps[i])
+        if len(targets):
+            _quantise(targets[i], means, octaves, dead, steps[i])
         _reconstruct(means, octaves, steps[i], values[i])
         count = add_known(near, i, known, around, count)
-    if len(wanted):
+    if len(targets):
         _unpack_coefficients(steps, orders, quantised)
     _unpack_coefficients(values, orders, coefficients)

@@ -17,7 +17,7 @@ from splatwire.codec.memory import check_memory, words_bytes
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Run, SymbolRows
-from splatwire.codec.sequence.keyframes import scene_places
+from splatwire.codec.sequence.keyframes import scene_positions
 from splatwire.codec.sequence.layout import AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
@@ -79,7 +79,7 @@ class TracksDecoder:
         """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""
         self._lives = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
         self._splats = blank_splats(self._num_tracks, self.info.keyframes.degree)
-        self._places = np.zeros((self._num_tracks, 3), np.int64)
+        self._positions = np.zeros((self._num_tracks, 3), np.int64)
         self._shifts = np.zeros((self._num_tracks, NUM_CHANNELS), np.int8)
         self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = np.zeros(self._num_tracks, dtype=np.bool_)
@@ -100,7 +100,7 @@ class TracksDecoder:
         known = other._num_tracks
         for name in ("means", "quats", "scales", "opacities", "sh"):
             getattr(self._splats, name)[:known] = getattr(other._splats, name)
-        self._places[:known], self._shifts[:known] = other._places, other._shifts
+        self._positions[:known], self._shifts[:known] = other._positions, other._shifts
         self._received[:known] = other._received
         self._rounding[:known] = other._rounding
         self._loss_mask.received[: other._num] = other._loss_mask.received
@@ -133,7 +133,7 @@ class TracksDecoder:
         keyframes, block = self.info.shot_of(base)
         spacing = self.info.shot_spacing(base)
         store_block(self._splats, here, whole, harmonics, received, keyframes, block)
-        self._places[here] = scene_places(whole, keyframes, block, spacing)
+        self._positions[here] = scene_positions(whole, keyframes, block, spacing)
         self._shifts[here] = motion_shifts(whole, keyframes, self.info.coarser, spacing)
         self._received[here] = received
         exponents = self._shifts[here, 0].astype(np.int32) + keyframes.size_log - keyframes.unit - spacing - 1
@@ -237,13 +237,15 @@ class TracksDecoder:
         good = (tracks >= 0) & (tracks < self._num_tracks)  # malformed packets may contain other numbers
         own = np.where(good, tracks, 0)
         spacings = self._motion_spacings[self._spans.born[own]] - self._motion_spacings[group]
-        places, shifts = in_other_units(self._places[own], self._shifts[own].astype(np.int64), spacings)
+        positions, shifts = in_other_units(self._positions[own], self._shifts[own].astype(np.int64), spacings)
         found, end = list["_Moved | None"](), 0
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count
             some = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
             known = good[begin:end].any() and received[tracks[some]].all()
-            does = coefficients_of(headers[some], residuals[some], order, places[some], shifts[some]) if known else None
+            does = (
+                coefficients_of(headers[some], residuals[some], order, positions[some], shifts[some]) if known else None
+            )
             found.append(None if does is None else (headers[some], PacketMoves(does, order)))
         return found
 

@@ -291,7 +291,7 @@ class TracksEncoder:
         shifts = self._keyframes.shifts_of(coded.rows, COARSER)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
-            keyframes, group.keys[born], coded.places, shifts, self._keyframes.motion_spacing
+            keyframes, group.keys[born], coded.positions, shifts, self._keyframes.motion_spacing
         )
         for rows in coded.digested:
             digest_bases(self._digest, rows)
@@ -323,7 +323,7 @@ class TracksEncoder:
         if len(rows) and len(rows) + (entries.start or 0) == len(track_indices):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[entries], coder.costs[entries] = rows, self._costs[tracks]
-        coder.places[entries], coder.shifts[entries] = known.in_units(tracks, self._keyframes.motion_spacing)
+        coder.positions[entries], coder.shifts[entries] = known.in_units(tracks, self._keyframes.motion_spacing)
 
     def _encode_motion(
         self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]

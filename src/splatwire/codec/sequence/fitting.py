@@ -59,18 +59,18 @@ class Fitting:
         self._add(self._targets.select(some), moves.select(some), self.numbers, self._end, end)
         self._end = end
 
-    def finish(self, keys: np.ndarray, moves: Trajectories, stay: np.ndarray) -> Targets:
+    def finish(self, keys: np.ndarray, moves: Trajectories, full_length: np.ndarray) -> Targets:
         """Completes the fit of a group after all frames were added; returns the motion of all tracks.
 
         Args:
             keys: Keys (identifiers) of all tracks of the group: first the tracks of this fit, then tracks that appeared
                 later.
             moves: Trajectories of all tracks over the group.
-            stay: Mask of tracks present in all frames, bool (n).
+            full_length: Mask of tracks present in all frames, bool (n).
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
-        again, found = np.flatnonzero(~stay), self._targets.select(slice(len(keys)))
+        again, found = np.flatnonzero(~full_length), self._targets.select(slice(len(keys)))
         others = Targets.zero(len(again), moves.num_frames)
         self._add(others, moves.select(again), self.numbers[again], 0, moves.num_frames)
         found.put(again, others)

@@ -49,8 +49,8 @@ class CodedKeyframes:
     Attributes:
         order: Index in the encoder's input of each keyframe Gaussian, in coding order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns), with positions relative to their blocks.
-        places: Positions relative to the scene's origin, in the unit in which the motion of positions is coded, int64
-            (n, 3).
+        positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
+            int64 (n, 3).
         digested: Decoded integers of each block, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
@@ -58,7 +58,7 @@ class CodedKeyframes:
 
     order: np.ndarray
     rows: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     digested: list[tuple[np.ndarray, np.ndarray]]
     packets: list[Packet]
     num_blocks: int
@@ -211,7 +211,7 @@ class KeyframeEncoder:
 
     def _fitted(
         self, splats: Splats, classes: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,
-        like: SideInfo | None,
+        template: SideInfo | None,
     ) -> "_Fitted":  # fmt: skip
         """Sorts Gaussians into blocks and computes their side information.
 
@@ -221,11 +221,11 @@ class KeyframeEncoder:
                 coarser; None for the finest.
             plan: Packet plan of the Gaussians.
             coding: Quantisation parameters; None to choose them.
-            like: Side information with probability tables to use; None to fit new tables.
+            template: Side information with probability tables to use; None to fit new tables.
         """
         source = SourceScene.of(splats, plan, classes, None, self._quality, coding, most_unit=FINEST_UNIT)
         known = None if coding is None else coding.transform
-        fitted = fit_side_info(source, {}, known, like, self._threads_for(plan))
+        fitted = fit_side_info(source, {}, known, template, self._threads_for(plan))
         return _Fitted(source, plan, read_side_info(write_side_info(fitted), plan.num_blocks))
 
     def _coding(self, splats: Splats, classes: np.ndarray | None, info: SideInfo, median_class: int) -> SplatCoding:
@@ -258,7 +258,7 @@ class KeyframeEncoder:
         def encode(block: int):  # type: ignore[no-untyped-def]
             return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
 
-        order, rows, places, digested, packets = [], [], [], [], []
+        order, rows, positions, digested, packets = [], [], [], [], []
         spacing = spacing_of(info, self.reference)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
@@ -267,9 +267,9 @@ class KeyframeEncoder:
             order.append(source.ranked(block, info, coded.sizes))
             digested.append((coded.rows, coded.harmonics))
             rows.append(coded.rows)
-            places.append(scene_places(coded.rows, info, block, spacing))
+            positions.append(scene_positions(coded.rows, info, block, spacing))
         return CodedKeyframes(
-            np.concatenate(order), np.concatenate(rows), np.concatenate(places), digested, packets, plan.num_blocks
+            np.concatenate(order), np.concatenate(rows), np.concatenate(positions), digested, packets, plan.num_blocks
         )
 
 
@@ -277,7 +277,7 @@ def _num_bytes(coded: CodedKeyframes) -> int:
     return sum(packet.num_bytes for packet in coded.packets)
 
 
-def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
+def scene_positions(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
     """Converts the positions of a block's Gaussians to the fixed-point unit in which the motion of positions is coded.
 
     Args:
@@ -290,6 +290,6 @@ def scene_places(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> 
     Returns:
         Positions in the unit of motion, int64 (n, 3).
     """
-    places = rows[:, :3] + 2 * info.boxes.corners[block]
-    scaled = places << spacing if spacing > 0 else places >> -spacing
+    positions = rows[:, :3] + 2 * info.boxes.corners[block]
+    scaled = positions << spacing if spacing > 0 else positions >> -spacing
     return np.clip(scaled, -MAX_PLACE, MAX_PLACE)

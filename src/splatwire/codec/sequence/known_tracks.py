@@ -19,10 +19,10 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Track indices sorted by key, int64 (T).
         keyframes: Keyframe Gaussian of each track as a decoder obtains it, as trajectories of one frame.
-        places: Decoded position of each keyframe Gaussian, in the unit of positions of its shot (groups of frames
+        positions: Decoded position of each keyframe Gaussian, in the unit of positions of its shot (groups of frames
             between scene cuts), int64 (T, 3).
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
-        spacings: log2 of the unit of each track in `places`, relative to the unit of the first shot, int64 (T).
+        spacings: log2 of the unit of each track in `positions`, relative to the unit of the first shot, int64 (T).
         weights: Visibility of each track (squared opacity times area), float64 (T).
         alive: Indices of the tracks present at the end of the last group, ascending, int64.
     """
@@ -30,7 +30,7 @@ class KnownTracks:
     keys: np.ndarray
     by_key: np.ndarray
     keyframes: Trajectories
-    places: np.ndarray
+    positions: np.ndarray
     shifts: np.ndarray
     spacings: np.ndarray
     weights: np.ndarray
@@ -41,8 +41,8 @@ class KnownTracks:
         """Returns a collection without tracks, the state of an encoder before the first group of frames."""
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
-        places, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))
-        return KnownTracks(none, none, empty, places, shifts, none, np.zeros(0), none)
+        positions, shifts = (np.zeros((0, count), np.int64) for count in (3, NUM_CHANNELS))
+        return KnownTracks(none, none, empty, positions, shifts, none, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
         """Returns the track index for each key, int64; -1 for unknown keys."""
@@ -60,7 +60,7 @@ class KnownTracks:
             tracks: Indices of the tracks.
             spacing: log2 of the common unit, relative to the unit of the first shot.
         """
-        return in_other_units(self.places[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
+        return in_other_units(self.positions[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
 
     def empty_group(self, frames: int) -> TrackGroup:
         """Returns a group of frames without visible Gaussians.
@@ -92,7 +92,7 @@ class KnownTracks:
             names,
             np.argsort(names, kind="stable"),
             Trajectories(**joined),
-            np.concatenate([self.places, positions]),
+            np.concatenate([self.positions, positions]),
             np.concatenate([self.shifts, shifts]),
             np.concatenate([self.spacings, np.full(len(keys), spacing, np.int64)]),
             np.concatenate([self.weights, weights_of(keyframes.scales[:, 0], keyframes.opacities[:, 0])]),

@@ -68,8 +68,8 @@ class MotionCoder:
 
     Attributes:
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        places: Positions of the tracks' keyframe Gaussians, in the fixed-point unit in which the motion of positions is
-            coded, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians, in the fixed-point unit in which the motion of positions
+            is coded, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, F), in any order.
         rows: Index in `targets` of each track, int64 (n).
@@ -79,7 +79,7 @@ class MotionCoder:
     """
 
     headers: np.ndarray
-    places: np.ndarray
+    positions: np.ndarray
     shifts: np.ndarray
     targets: np.ndarray
     rows: np.ndarray
@@ -88,7 +88,7 @@ class MotionCoder:
     costs: np.ndarray
 
     @staticmethod
-    def of(count: int, targets: np.ndarray, first_new: int, most: int) -> "MotionCoder":
+    def of(count: int, targets: np.ndarray, first_new: int, max_bytes: int) -> "MotionCoder":
         """Creates a coder with empty arrays, which the caller fills before encoding.
 
         Args:
@@ -96,11 +96,11 @@ class MotionCoder:
             targets: Motion coefficients before quantisation, float64 (N, channels, frames), of these and possibly other
                 tracks.
             first_new: Index in the stream of the first track that begins in the group.
-            most: Maximum size of a packet's payload, bytes.
+            max_bytes: Maximum size of a packet's payload, bytes.
         """
         headers, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
-        places, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
-        return MotionCoder(headers, places, shifts, targets, rows, first_new, most, np.zeros(count))
+        positions, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
+        return MotionCoder(headers, positions, shifts, targets, rows, first_new, max_bytes, np.zeros(count))
 
     def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
         """Fits the initial states of the adaptive bit models to a sample of the blocks.
@@ -140,7 +140,7 @@ class MotionCoder:
         buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
             models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.headers[some],
-            self.places[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
+            self.positions[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
             self.costs[some], buffer, residuals, sizes, stops,
         )  # fmt: skip
         bounds = [0, *stops[:used].tolist()]

@@ -152,15 +152,15 @@ def _with_copies(
     num_before = base.manifest.num_elements
     if (copies := read_copies(info, num_before)) is None:
         return stream
-    chosen = np.flatnonzero(np.isin(kept, copies.places))
+    chosen = np.flatnonzero(np.isin(kept, copies.indices))
     if not len(chosen):
         return stream
     decoded = decode_stream(stream).scene.splats
-    place_at = np.empty(len(decoded.means), np.int64)
-    place_at[ranked_by_attributes(splats)] = ranked_by_attributes(decoded)
+    new_index = np.empty(len(decoded.means), np.int64)
+    new_index[ranked_by_attributes(splats)] = ranked_by_attributes(decoded)
     own = open_side_info(stream.manifest, stream.side_info)
     level = copies_level(info, num_before)
-    data = write_copies(decoded, np.sort(place_at[chosen]), own, precision_class=level, growth=copies.growth)
+    data = write_copies(decoded, np.sort(new_index[chosen]), own, precision_class=level, growth=copies.growth)
     return add_concealment(stream, SKETCH, data)
 
 

@@ -138,7 +138,7 @@ def encode_change(
 
 
 def _encode_new(
-    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None, most: int,
+    base: SceneStream, info: SideInfo, coding: SplatCoding, new: Splats, classes: np.ndarray | None, finest_class: int,
     threads: int | None,
 ) -> SceneStream:  # fmt: skip
     """Encodes the new Gaussians of an update as a stream, with the quantisation steps of the old stream.
@@ -148,15 +148,17 @@ def _encode_new(
         info: Its side information.
         coding: Quantisation steps of the old stream.
         new: The new Gaussians.
-        classes: Their precision classes, 0 for `most` and negative for coarser; None for `most`.
-        most: Number of the finest precision class in the bitstream.
+        classes: Their precision classes, 0 for `finest_class` and negative for coarser; None for `finest_class`.
+        finest_class: Number of the finest precision class in the bitstream.
         threads: Number of threads; None for one per processor.
     """
     packetization = base.manifest.packetization
     info = replace(info, sections={})
     if not new.num_gaussians:
         return _without_gaussians(base, info)
-    levels = raise_flat(new, coded_classes(classes, new.num_gaussians, most), most, info.bases, coding.size_log)
+    levels = raise_flat(
+        new, coded_classes(classes, new.num_gaussians, finest_class), finest_class, info.bases, coding.size_log
+    )
     scene = SplatScene(new, coding=replace(coding, classes=np.array(levels)))
     prepared = prepare_splats(scene, Options(packetization, threads=threads), info)
     return encode_prepared(SCHEMA, prepared, threads, None)

@@ -8,18 +8,20 @@ from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
 
 
-def find_unchanged(before: Splats, coding: SplatCoding, after: Splats, least: np.ndarray | None = None) -> np.ndarray:
+def find_unchanged(
+    before: Splats, coding: SplatCoding, after: Splats, coarsest_class: np.ndarray | None = None
+) -> np.ndarray:
     """Returns the index in `before` of each Gaussian of `after`, int64 (M); -1 for new and changed Gaussians.
 
     Args:
         before: Decoded Gaussians of the stream.
         coding: Quantisation steps and precision classes of these Gaussians.
         after: Gaussians of the edited scene, of the same degree.
-        least: Coarsest class of a match for each Gaussian of `after`, uint8 (M); None for any class.
+        coarsest_class: Coarsest class of a match for each Gaussian of `after`, uint8 (M); None for any class.
     """
     found = np.full(after.num_gaussians, -1, np.int64)
     for level in np.unique(coding.classes)[::-1]:
-        allowed = True if least is None else least <= level
+        allowed = True if coarsest_class is None else coarsest_class <= level
         own, left = np.flatnonzero(coding.classes == level), np.flatnonzero((found < 0) & allowed)
         if not len(left):
             continue
@@ -40,23 +42,23 @@ def _attribute_rows(splats: Splats) -> np.ndarray:
     return np.ascontiguousarray(np.concatenate(columns, axis=1, dtype=np.float32) + np.float32(0)).view(np.uint32)
 
 
-def _find_rows(known: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Finds an equal row in `known` for each row of `wanted`; each row of `known` is used at most once.
+def _find_rows(known: np.ndarray, queries: np.ndarray) -> np.ndarray:
+    """Finds an equal row in `known` for each row of `queries`; each row of `known` is used at most once.
 
     Returns:
-        Index in `known` for each row of `wanted`, int64; -1 if there is none.
+        Index in `known` for each row of `queries`, int64; -1 if there is none.
     """
-    hashes = [_hashes(rows) for rows in (known, wanted)]
+    hashes = [_hashes(rows) for rows in (known, queries)]
     orders = [np.argsort(each, kind="stable") for each in hashes]
     sorted_hashes = [each[order] for each, order in zip(hashes, orders, strict=True)]
     # The n-th of several equal rows is matched with the n-th of the others.
-    number = np.arange(len(wanted)) - np.searchsorted(sorted_hashes[1], sorted_hashes[1], side="left")
+    number = np.arange(len(queries)) - np.searchsorted(sorted_hashes[1], sorted_hashes[1], side="left")
     at = np.searchsorted(sorted_hashes[0], sorted_hashes[1], side="left") + number
     inside = at < len(known)
-    candidates = orders[0][np.where(inside, at, 0)] if len(known) else np.zeros(len(wanted), np.int64)
-    found = np.full(len(wanted), -1, np.int64)
+    candidates = orders[0][np.where(inside, at, 0)] if len(known) else np.zeros(len(queries), np.int64)
+    found = np.full(len(queries), -1, np.int64)
     if len(known):
-        equal = inside & (known[candidates] == wanted[orders[1]]).all(axis=1)
+        equal = inside & (known[candidates] == queries[orders[1]]).all(axis=1)
         found[orders[1][equal]] = candidates[equal]
     return found
 

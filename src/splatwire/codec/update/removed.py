@@ -23,10 +23,10 @@ def curve_order(splats: Splats, coding: SplatCoding) -> np.ndarray:
         coding: Quantisation parameters of the scene.
     """
     # The input order differs between receivers: a page appends new Gaussians, `apply_update` encodes the scene again.
-    places = to_lattice(splats.means.astype(np.float64), coding.unit, coding.size_log)
-    places -= places.min(axis=0)
-    shift = max(int(places.max()).bit_length() - MAX_AXIS_BITS, 0)
-    codes = morton_encode(places >> shift)
+    positions = to_lattice(splats.means.astype(np.float64), coding.unit, coding.size_log)
+    positions -= positions.min(axis=0)
+    shift = max(int(positions.max()).bit_length() - MAX_AXIS_BITS, 0)
+    codes = morton_encode(positions >> shift)
     order = np.argsort(codes, kind="stable")
     same = codes[order[1:]] == codes[order[:-1]]
     tied = np.flatnonzero(np.append(same, False) | np.append(False, same))

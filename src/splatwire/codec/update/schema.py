@@ -52,7 +52,7 @@ def _prepare(scene: Any, options: Options) -> Prepared:
 def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
     info = open_side_info(stream.manifest, stream.side_info)
     scene = decode_stream(stream, threads=threads).scene
-    return prepare_splats(scene, Options(packetization, threads=threads), like=info)
+    return prepare_splats(scene, Options(packetization, threads=threads), template=info)
 
 
 SCHEMA = schema_for(

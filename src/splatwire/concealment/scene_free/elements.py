@@ -80,7 +80,7 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
     return ElementInputs(rows, np.stack(columns, axis=1), lost, opacities[rows])
 
 
-def _spacing(distance: np.ndarray, received: np.ndarray, own: np.ndarray) -> Float[np.ndarray, "M"]:
+def _spacing(distance: np.ndarray, received: np.ndarray, log_sizes: np.ndarray) -> Float[np.ndarray, "M"]:
     """Measures how sparse the received Gaussians around each received Gaussian are.
 
     The measure is the logarithm of the distance to the sixth nearest one, float (M).
@@ -88,12 +88,12 @@ def _spacing(distance: np.ndarray, received: np.ndarray, own: np.ndarray) -> Flo
     Args:
         distance: Distances to the nearest neighbours, world units, (M, k).
         received: 1 for received neighbours, 0 for lost ones, (M, k).
-        own: Logarithms of the Gaussians' sizes, (M).
+        log_sizes: Logarithms of the Gaussians' sizes, (M).
     """
     if distance.shape[1] < _SPACING_RANK:
-        return own
+        return log_sizes
     ranked = np.partition(np.where(received > 0, distance, np.inf), _SPACING_RANK - 1, axis=1)[:, _SPACING_RANK - 1]
-    return np.where(np.isfinite(ranked), np.log(np.maximum(ranked, MIN_SIZE)), own)
+    return np.where(np.isfinite(ranked), np.log(np.maximum(ranked, MIN_SIZE)), log_sizes)
 
 
 class ElementNetwork(Perceptron):

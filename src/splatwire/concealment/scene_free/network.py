@@ -36,15 +36,15 @@ class GainInputs:
     grown: Float[np.ndarray, "M"]
 
 
-def gain_inputs(partial: ReceivedScene, around: Surroundings) -> GainInputs:
+def gain_inputs(partial: ReceivedScene, surroundings: Surroundings) -> GainInputs:
     """Computes the inputs of the network that predicts the enlargement of received anchors.
 
     Args:
         partial: The received scene.
-        around: Neighbours and expected sizes of the received anchors.
+        surroundings: Neighbours and expected sizes of the received anchors.
     """
-    grown = Grow().gain(1 - near_losses(partial, around), partial.known, partial.tier_sizes)
-    return GainInputs(around.rows, signatures(partial, around), grown)
+    grown = Grow().gain(1 - near_losses(partial, surroundings), partial.known, partial.tier_sizes)
+    return GainInputs(surroundings.rows, signatures(partial, surroundings), grown)
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ _SPACING_RANK = 5
 _MOST_LOST = 0.97
 
 
-def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M signature"]:
+def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M signature"]:
     """Computes the inputs of the network of the concealer `scene_free`, one row for each received anchor.
 
     The inputs are:
@@ -35,35 +35,35 @@ def signatures(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Flo
 
     Args:
         partial: The received scene.
-        around: Neighbours and expected sizes of the received anchors.
+        surroundings: Neighbours and expected sizes of the received anchors.
     """
-    kind = around.log_size.dtype
+    kind = surroundings.log_size.dtype
     lost = (~partial.known).astype(kind)
-    area = np.exp(2 * around.log_size)
-    floor = kind.type(np.exp(around.log_size.min())) if len(lost) else kind.type(MIN_SIZE)
-    sizes = np.log(np.maximum(to_numpy(partial.scene.anchors.scalings)[around.rows], floor))
+    area = np.exp(2 * surroundings.log_size)
+    floor = kind.type(np.exp(surroundings.log_size.min())) if len(lost) else kind.type(MIN_SIZE)
+    sizes = np.log(np.maximum(to_numpy(partial.scene.anchors.scalings)[surroundings.rows], floor))
     own = sizes[:, 3:].mean(axis=1)
     overall = lost.mean() if len(lost) else lost.sum()
     columns = [np.full_like(own, log_gain(overall))]
-    columns += _losses_nearby(lost, area, own, around)
-    for members in around.classes:
-        columns += _losses_in_class(lost, area, own, around.rows, members)
-    columns += _sizes(sizes, own, around)
-    columns += _size_features(partial, around, own, lost)
+    columns += _losses_nearby(lost, area, own, surroundings)
+    for members in surroundings.classes:
+        columns += _losses_in_class(lost, area, own, surroundings.rows, members)
+    columns += _sizes(sizes, own, surroundings)
+    columns += _size_features(partial, surroundings, own, lost)
     return np.stack(columns, axis=1).astype(kind, copy=False)
 
 
-def near_losses(partial: ReceivedScene[AnchorScene], around: Surroundings) -> Float[np.ndarray, "M"]:
+def near_losses(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M"]:
     """Returns the lost share of the nearest neighbours of each of M anchors, 0 to 1; 0 for anchors without neighbours.
 
     Args:
         partial: The received scene.
-        around: Neighbours of the M anchors, and the weight of each neighbour in the share.
+        surroundings: Neighbours of the M anchors, and the weight of each neighbour in the share.
     """
-    near, weight = around.near.index, around.weights
+    near, weight = surroundings.near.index, surroundings.weights
     lost = (weight * ~partial.known)[near].sum(axis=1)
     tiny = np.finfo(weight.dtype).tiny
-    return (lost / np.maximum(weight[near].sum(axis=1), tiny)).astype(around.log_size.dtype)
+    return (lost / np.maximum(weight[near].sum(axis=1), tiny)).astype(surroundings.log_size.dtype)
 
 
 def log_gain(share: Any) -> Any:
@@ -92,9 +92,9 @@ def _weighting_inputs(
 
 
 def _losses_nearby(
-    lost: np.ndarray, area: np.ndarray, own: np.ndarray, around: Surroundings
+    lost: np.ndarray, area: np.ndarray, log_sizes: np.ndarray, surroundings: Surroundings
 ) -> list[Float[np.ndarray, "M"]]:
-    rows, near, tiny = around.rows, around.near.first(CLOSE), np.finfo(area.dtype).tiny
+    rows, near, tiny = surroundings.rows, surroundings.near.first(CLOSE), np.finfo(area.dtype).tiny
     there = lost[near.index]
     columns = [log_gain(_mean(there[:, :count])) for count in _COUNTS]
     theirs, far = _weighting_inputs(area, rows, near)
@@ -103,32 +103,34 @@ def _losses_nearby(
         gone = (weight * there).sum(axis=1)
         columns.append(log_gain(gone / np.maximum(weight.sum(axis=1) + area[rows], tiny)))
         if reach == _MIDDLE_REACH:
-            columns.append(np.log1p(gone / np.exp(2 * own)))
+            columns.append(np.log1p(gone / np.exp(2 * log_sizes)))
     columns.append(log_gain((theirs * there).sum(axis=1) / np.maximum(theirs.sum(axis=1), tiny)))
     return columns
 
 
 def _losses_in_class(
-    lost: np.ndarray, area: np.ndarray, own: np.ndarray, rows: np.ndarray, members: Neighborhood
+    lost: np.ndarray, area: np.ndarray, log_sizes: np.ndarray, rows: np.ndarray, members: Neighborhood
 ) -> list[Float[np.ndarray, "M"]]:
     there = lost[members.index]
     theirs, far = _weighting_inputs(area, rows, members)
     weight = theirs * np.exp(far / -_MIDDLE_REACH)
     gone = (weight * there).sum(axis=1)
     whole = np.maximum(weight.sum(axis=1) + area[rows], np.finfo(area.dtype).tiny)
-    return [log_gain(_mean(there)), log_gain(gone / whole), np.log1p(gone / np.exp(2 * own))]
+    return [log_gain(_mean(there)), log_gain(gone / whole), np.log1p(gone / np.exp(2 * log_sizes))]
 
 
-def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surroundings) -> list[Float[np.ndarray, "M"]]:
-    distance, expected = around.near.first(CLOSE).distance, around.log_size[around.rows]
+def _sizes(
+    sizes: Float[np.ndarray, "M 6"], log_sizes: np.ndarray, surroundings: Surroundings
+) -> list[Float[np.ndarray, "M"]]:
+    distance, expected = surroundings.near.first(CLOSE).distance, surroundings.log_size[surroundings.rows]
     if distance.shape[1] == 0:
         distance = np.exp(expected)[:, None]  # without neighbours the anchor's size is the only known length
     spacing = np.log(np.maximum(distance[:, min(_SPACING_RANK, distance.shape[1] - 1)], MIN_SIZE))
-    typical = lower_median(around.log_size) if len(around.log_size) else around.log_size.sum()
+    typical = lower_median(surroundings.log_size) if len(surroundings.log_size) else surroundings.log_size.sum()
     return [
-        own - spacing,
+        log_sizes - spacing,
         sizes[:, :3].mean(axis=1) - spacing,
-        sizes[:, 3:].max(axis=1) - own,
+        sizes[:, 3:].max(axis=1) - log_sizes,
         expected - spacing,
         expected - typical,
         np.log(np.maximum(distance[:, -1], MIN_SIZE)) - spacing,
@@ -136,7 +138,7 @@ def _sizes(sizes: Float[np.ndarray, "M 6"], own: np.ndarray, around: Surrounding
 
 
 def _size_features(
-    partial: ReceivedScene[AnchorScene], around: Surroundings, own: np.ndarray, lost: np.ndarray
+    partial: ReceivedScene[AnchorScene], surroundings: Surroundings, log_sizes: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
     """Returns network inputs for each of M anchors: its size, its number of offsets, and uncertainties of predictions.
 
@@ -144,26 +146,26 @@ def _size_features(
 
     Args:
         partial: The received scene.
-        around: Neighbours and expected sizes of the M anchors.
-        own: Logarithms of the actual sizes of the M anchors.
+        surroundings: Neighbours and expected sizes of the M anchors.
+        log_sizes: Logarithms of the actual sizes of the M anchors.
         lost: 1 for lost anchors of the scene, 0 for received ones.
     """
     anchors, prior, rows, near = (
         to_arrays(partial.scene.anchors),
         to_arrays(partial[Prior]),
-        around.rows,
-        around.near.first(CLOSE).index,
+        surroundings.rows,
+        surroundings.near.first(CLOSE).index,
     )
-    active = anchors.mask.sum(axis=1).astype(own.dtype) * (1 - lost)
+    active = anchors.mask.sum(axis=1).astype(log_sizes.dtype) * (1 - lost)
     typical = active[near].sum(axis=1) / np.maximum((1 - lost)[near].sum(axis=1), 1)
     arrived = anchors.features[partial.known]
-    spread = arrived.std(axis=0) if len(arrived) else np.ones(anchors.features.shape[1], own.dtype)
+    spread = arrived.std(axis=0) if len(arrived) else np.ones(anchors.features.shape[1], log_sizes.dtype)
     scaling = prior.scaling
     unsure = scaling.scale[rows].mean(axis=1) / np.maximum(np.abs(scaling.mean[rows]).mean(axis=1), MIN_SIZE)
     return [
         np.log(np.maximum(active[rows], 0.5)),
         np.log(np.maximum(typical, 0.5)),
-        own - around.log_size[rows],
+        log_sizes - surroundings.log_size[rows],
         np.log(np.clip(prior.feature.scale[rows] @ (1 / np.maximum(spread, 1e-6)) / len(spread), 1e-3, 1e3)),
         np.log(np.clip(unsure, 1e-4, 1e3)),
     ]

@@ -58,18 +58,18 @@ class Surroundings:
     near: Neighborhood
     classes: tuple[Neighborhood, ...]
 
-    def select(self, wanted: Bool[np.ndarray, "M"]) -> "Surroundings":
-        """Returns the neighbours of those of the M anchors that the mask `wanted` selects."""
+    def select(self, mask: Bool[np.ndarray, "M"]) -> "Surroundings":
+        """Returns the neighbours of those of the M anchors that the mask `mask` selects."""
 
         def of(part: Neighborhood) -> Neighborhood:
-            return Neighborhood(part.index[wanted], part.distance[wanted])
+            return Neighborhood(part.index[mask], part.distance[mask])
 
-        return replace(self, rows=self.rows[wanted], near=of(self.near), classes=tuple(map(of, self.classes)))
+        return replace(self, rows=self.rows[mask], near=of(self.near), classes=tuple(map(of, self.classes)))
 
 
 def surroundings_of(partial: ReceivedScene, rows: Int64[np.ndarray, "M"]) -> Surroundings:
     """Finds the nearest neighbours and expected sizes of the anchors with indices `rows`."""
-    positions, log_size = partial.places, partial.log_sizes
+    positions, log_size = partial.positions, partial.log_sizes
     near = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
     by_size = np.argsort(-log_size, kind="stable")
     classes = []

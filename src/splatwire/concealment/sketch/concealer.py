@@ -108,13 +108,13 @@ def grown_with_copies(
 
 def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
     """Returns the scene with lost Gaussians replaced by their copies and marked as received."""
-    lost = ~partial.known[copies.places]
-    places, chosen = copies.places[lost], copies.splats.select(lost)
+    lost = ~partial.known[copies.indices]
+    indices, chosen = copies.indices[lost], copies.splats.select(lost)
     splats = {name: values.copy() for name, values in vars(partial.scene.splats).items()}
     for name, values in splats.items():
-        values[places] = getattr(chosen, name)
+        values[indices] = getattr(chosen, name)
     received = partial.loss_mask.received.copy()
-    received[places] = True
+    received[indices] = True
     return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), loss_mask=LossMask(received))
 
 

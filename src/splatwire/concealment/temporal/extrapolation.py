@@ -92,12 +92,12 @@ def _query_neighbors(
         count: Maximum number of neighbours per track.
         smooth: True to interpolate with a quadratic fit to the neighbours, False with their weighted mean.
     """
-    places = sequence.tracks.splats.means
+    positions = sequence.tracks.splats.means
     if origins is not None:
-        places = places + before.offsets[:, PLACE]
-        places[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + origins[:, PLACE]
+        positions = positions + before.offsets[:, PLACE]
+        positions[tracks[observed]] = sequence.tracks.splats.means[tracks[observed]] + origins[:, PLACE]
     colours = sequence.tracks.splats.sh[:, 0]
-    return Neighbors.of(places, colours, tracks, observed, lost_tracks, count, smooth=smooth)
+    return Neighbors.of(positions, colours, tracks, observed, lost_tracks, count, smooth=smooth)
 
 
 def started_share(begins: np.ndarray, frames: int) -> np.ndarray:

@@ -64,11 +64,11 @@ def select(
     if grow:
         errors[:, -1] *= HIDE
     tested = arrived.tracks[order]
-    places, fresh = sequence.tracks.splats.means + before.offsets[:, PLACE], sequence.tracks.born == group
+    positions, fresh = sequence.tracks.splats.means + before.offsets[:, PLACE], sequence.tracks.born == group
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
         rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
         if len(rows) >= LEAST_TESTS and len(lost):
-            near = build_kd_tree(places[tested[rows]]).query(places[tracks[lost]], k=LEAST_TESTS)[1]
+            near = build_kd_tree(positions[tested[rows]]).query(positions[tracks[lost]], k=LEAST_TESTS)[1]
             found[lost] = errors[rows[near]].sum(axis=1).argmin(axis=1)
     return found
 
@@ -176,11 +176,11 @@ class _Field:
         weights *= np.exp(-(distance.reshape(near.shape) ** 2) / (2 * self._square[near]))
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
-    def error(self, around: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def error(self, background: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """Computes the error that results in a frame if tested tracks are drawn in an estimated state.
 
         Args:
-            around: Colour and opacity of the other Gaussians at the tracks' positions.
+            background: Colour and opacity of the other Gaussians at the tracks' positions.
             tested: Tested tracks, as indices into the received tracks, int64 (t).
             states: Two states of the tested tracks: the true one, then the estimated one. A state consists of
                 positions, (t, 3), and the mask of the tracks that exist, bool (t).
@@ -188,7 +188,7 @@ class _Field:
         Returns:
             Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
         """
-        points, density, colour = around
+        points, density, colour = background
         square, opacities, shown = self._square[tested], self._opacities[tested], []
         for place, exists in states:
             own = exists * opacities * np.exp(-((points - place) ** 2).sum(axis=1) / (2 * square))

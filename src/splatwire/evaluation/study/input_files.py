@@ -34,17 +34,17 @@ class InputFiles:
         return keep(self._scenes, path.resolve(), _SCENES, lambda: read_scene_file(path))
 
 
-def keep(cache: "OrderedDict[Key, Value]", key: Key, most: int, make: Callable[[], Value]) -> Value:
+def keep(cache: "OrderedDict[Key, Value]", key: Key, max_values: int, make: Callable[[], Value]) -> Value:
     """Returns a value from a cache of the most recently used ones; computes it if it is missing.
 
     Args:
         cache: The cache; changed in place.
         key: The key.
-        most: Maximum number of values.
+        max_values: Maximum number of values.
         make: Function that computes the value.
     """
     if key not in cache:
-        while len(cache) >= most:
+        while len(cache) >= max_values:
             cache.popitem(last=False)
         cache[key] = make()
     cache.move_to_end(key)

@@ -237,12 +237,12 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     return streams
 
 
-def _warn_of_another_scene(source: Source, drawn: Callable[[], Scene], stamp: str, store: Store) -> None:
+def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], stamp: str, store: Store) -> None:
     """Logs a warning if the reference is elsewhere or of another size; nothing is compared if a scene is empty.
 
     Args:
         source: The scene.
-        drawn: Function that loads the reference; called only if the store has no result.
+        load_scene: Function that loads the reference; called only if the store has no result.
         stamp: Digest of scene and reference, part of the name of the result in the store.
         store: Store for the result.
     """
@@ -250,7 +250,7 @@ def _warn_of_another_scene(source: Source, drawn: Callable[[], Scene], stamp: st
     assert entry.reference is not None
     name = f"inputs/extent_{digest_of(stamp, str(entry.source), str(entry.reference))}.json"
     if (known := read_json(store.root / name)) is None:
-        received, reference, why = source.received, drawn(), None
+        received, reference, why = source.received, load_scene(), None
         if len(received.positions) and len(reference.positions):
             evaluated = SceneExtent.of(received, entry.source)
             why = SceneExtent.of(reference, entry.reference).difference(evaluated)
@@ -289,14 +289,14 @@ def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
     return dataclasses.replace(entry, cameras=path)
 
 
-def _with_cameras(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
+def _with_cameras(entry: SceneEntry, load_scene: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
     """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos."""
     if entry.cameras is not None or entry.photos is not None:
         return entry
     name = f"inputs/around_{digest_of(stamp, CODE)}.json"
     if not (store.root / name).is_file():
         (store.root / name).parent.mkdir(parents=True, exist_ok=True)
-        save_cameras(surrounding_cameras(drawn(), AROUND_VIEWS, AROUND_SIZE), store.root / name)
+        save_cameras(surrounding_cameras(load_scene(), AROUND_VIEWS, AROUND_SIZE), store.root / name)
     return dataclasses.replace(entry, cameras=store.root / name)
 
 

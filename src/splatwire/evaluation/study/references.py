@@ -82,7 +82,7 @@ class References:
 
 
 def prepare_references(
-    study: Study, entry: SceneEntry, background: Background, drawn: Callable[[], Scene], stamp: str,
+    study: Study, entry: SceneEntry, background: Background, load_scene: Callable[[], Scene], stamp: str,
     store: Store, progress: Progress, *, frames: bool = False,
 ) -> References:  # fmt: skip
     """Finds the reference photos, or renders the reference images that are not in the store.
@@ -91,7 +91,7 @@ def prepare_references(
         study: The evaluation.
         entry: The scene.
         background: RGB of the background.
-        drawn: Function that loads the scene to render; called only if needed.
+        load_scene: Function that loads the scene to render; called only if needed.
         stamp: Digest of the scene to render.
         store: Store for the images.
         progress: Called with the name of the current task and its finished share, 0 to 1.
@@ -119,7 +119,7 @@ def prepare_references(
         def pictures() -> Iterable[Any]:
             if frames and entry.reference is not None:
                 return reference_pictures(entry.reference, cameras, chosen, study.renderer, background)
-            scene = drawn()
+            scene = load_scene()
             warn_of_near_plane(scene, cameras)
             return views_of(scene, cameras, study.renderer, background)
 

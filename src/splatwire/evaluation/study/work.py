@@ -245,33 +245,33 @@ class UnitRunner:
             "seconds_decode": arrived.seconds,
         }
 
-    def _scores(self, unit: Unit, view: int, both: Compared, *, lpips: bool) -> dict[str, Any]:
-        value = both.measure("psnr")
+    def _scores(self, unit: Unit, view: int, pictures: Compared, *, lpips: bool) -> dict[str, Any]:
+        value = pictures.measure("psnr")
         equal = math.isinf(value)  # slower metrics are known then
         scores: dict[str, Any] = dict.fromkeys(DEFAULT_METRICS)
         if "psnr" in unit.metrics:
             scores["psnr"] = value
         if "ssim" in unit.metrics:
-            scores["ssim"] = 1.0 if equal else both.measure("ssim")
+            scores["ssim"] = 1.0 if equal else pictures.measure("ssim")
         measured = [name for name in unit.metrics if name not in DEFAULT_METRICS]
-        scores["others"] = {name: None if name in LPIPS_SCALED else both.measure(name) for name in measured}
+        scores["others"] = {name: None if name in LPIPS_SCALED else pictures.measure(name) for name in measured}
         for name in LPIPS_SCALED.keys() & set(unit.metrics) if lpips else ():
             place = scores if name in scores else scores["others"]
-            place[name] = 0.0 if equal else self._distance(unit, view, both, scaled=LPIPS_SCALED[name])
+            place[name] = 0.0 if equal else self._distance(unit, view, pictures, scaled=LPIPS_SCALED[name])
         return scores
 
-    def _distance(self, unit: Unit, view: int, both: Compared, *, scaled: bool) -> float:
+    def _distance(self, unit: Unit, view: int, pictures: Compared, *, scaled: bool) -> float:
         if self._lpips is None:
             self._lpips = self._load_lpips()
         key = (unit.references.digest, view, scaled)
         features = self._features.get(key)
         if features is None:
-            features = self._lpips.features(both.reference, scaled=scaled)
+            features = self._lpips.features(pictures.reference, scaled=scaled)
             size = sum(tensor.nbytes for tensor in features)
             while self._features and (len(self._features) + 1) * size > _MAX_FEATURE_BYTES:
                 self._features.popitem(last=False)
             self._features[key] = features
-        return float(self._lpips.distance(self._lpips.features(both.image, scaled=scaled), features)[0])
+        return float(self._lpips.distance(self._lpips.features(pictures.image, scaled=scaled), features)[0])
 
     @staticmethod
     def _load_lpips() -> Any:

@@ -166,14 +166,14 @@ class _Sender:
         self.now = max(self.now, until)
 
 
-def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, came: np.ndarray) -> np.ndarray:
+def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
 
     Args:
         tiles: The B tiles.
         blocks: Index of each packet's tile, int64 (P).
-        came: Mask of received packets, bool (P).
+        received: Mask of received packets, bool (P).
     """
     # One packet suffices for tiles of the coarsest level, because no other level can replace them.
-    there = np.bincount(blocks[came], minlength=tiles.num_tiles)
+    there = np.bincount(blocks[received], minlength=tiles.num_tiles)
     return np.asarray((there >= MOST * tiles.packets) | ((tiles.parents < 0) & (there > 0)))

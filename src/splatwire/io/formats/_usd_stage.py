@@ -205,7 +205,7 @@ class Stage:
             check_count(self._path, count, self._limits.file_bytes)
         flips, own = self._axes()
         shifts = np.array([placement[:3, 3] for _, placement in found]).reshape(-1, 3) * flips
-        origin = choose_origin(shifts, wide=False) if found else NO_ORIGIN
+        origin = choose_origin(shifts, double_precision=False) if found else NO_ORIGIN
         if not all(np.isfinite(placement).all() for _, placement in found):
             raise DatasetError(f"{self._path}: a transform of its Gaussians is not finite")
         if any(splats.degree and not is_similarity(placement[:3, :3]) for splats, placement in found):

@@ -150,7 +150,7 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
     low, high = (chunks.select_wide(some) for some in names)
     wide = all(chunks.rows.dtype[name].itemsize > _FLOAT_BYTES for some in names for name in some)
-    origin = choose_origin(np.concatenate([low, high]), wide=wide)
+    origin = choose_origin(np.concatenate([low, high]), double_precision=wide)
     return (low - np.array(origin)).astype(np.float32), (high - np.array(origin)).astype(np.float32), origin, wide
 
 
@@ -247,9 +247,9 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     first, end = usual // CHUNK * CHUNK, min(-(-usual // CHUNK) * CHUNK, splats.num_gaussians)
     if end == usual:
         return splats
-    places, tops = splats.means[first:end].astype(np.float64), np.array([(1 << width) - 1 for width in _WIDE])
+    positions, tops = splats.means[first:end].astype(np.float64), np.array([(1 << width) - 1 for width in _WIDE])
     low, high = column.middle - column.reach, column.middle + column.reach
-    spans = [np.ptp(some, axis=0) / tops for some in (places, places.clip(low, high), places[: usual - first])]
+    spans = [np.ptp(some, axis=0) / tops for some in (positions, positions.clip(low, high), positions[: usual - first])]
     whole, clamped, alone = (float(span.max()) for span in spans)
     if whole < _COST * clamped:
         return splats
@@ -328,16 +328,16 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
     return found[0]
 
 
-def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
+def _with_values(splats: Splats, attribute: str, rows: np.ndarray, values: np.ndarray) -> Splats:
     """Returns a copy of the Gaussians with new scales or new colours for some of them.
 
     Args:
         splats: All Gaussians.
-        what: `scales` or `colours`.
+        attribute: `scales` or `colours`.
         rows: Mask of the Gaussians to change, bool (N).
         values: New values, (N, 3): logarithms of scales, or colours minus 0.5; only rows of the mask are used.
     """
-    if what == "scales":
+    if attribute == "scales":
         scales = splats.scales.copy()
         scales[rows] = np.exp(values[rows])
         return replace(splats, scales=scales)

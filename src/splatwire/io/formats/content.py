@@ -49,7 +49,7 @@ class FileContent(CheckedFields):
         """Returns the content relative to an origin near the Gaussians, if these are far from 0."""
         if self.origin != NO_ORIGIN:
             return self
-        return self.relative_to(choose_origin(self.splats.means, wide=False))
+        return self.relative_to(choose_origin(self.splats.means, double_precision=False))
 
 
 def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> None:

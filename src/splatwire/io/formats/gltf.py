@@ -170,7 +170,7 @@ class _Gltf:
         check_count(self._path, sum(counts[instance.mesh] for instance in shown), held)
         read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
         shifts = np.array([instance.matrix[:3, 3] for instance in shown]) * GLTF_FLIPS
-        origin = choose_origin(shifts, wide=False)
+        origin = choose_origin(shifts, double_precision=False)
         moved = [self._transformed(part, instance, origin) for instance in shown for part in read[instance.mesh]]
         primitives = [primitive for index in read for primitive in found[index]]
         antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)

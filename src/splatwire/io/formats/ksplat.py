@@ -42,7 +42,7 @@ class _Section:
     """Parsed header of one section of a `.ksplat` file."""
 
     count: int
-    places: int
+    capacity: int
     bucket_size: int
     buckets: int
     block_size: float
@@ -80,7 +80,7 @@ def read_ksplat(path: Path) -> Splats:
     parts: list[dict[str, np.ndarray]] = []
     for index in range(num_sections):
         section = _parse_section(path, data, index)
-        if section.places:
+        if section.capacity:
             part, at = _read_section(path, data, at, section, level, bounds)
             parts.append(part)
     if (found := sum(len(part["means"]) for part in parts)) != count:
@@ -96,7 +96,7 @@ def _parse_section(path: Path, data: memoryview, index: int) -> _Section:
     section = _Section(*_SECTION.unpack_from(data, _HEADER_BYTES + index * _SECTION_BYTES))
     if section.degree > _MAX_DEGREE:
         raise DatasetError(f"{path}: section {index} has harmonics of degree {section.degree}, not 0 to {_MAX_DEGREE}")
-    if section.count > section.places or section.partial + section.full > max(section.buckets, 0):
+    if section.count > section.capacity or section.partial + section.full > max(section.buckets, 0):
         raise DatasetError(f"{path}: section {index} has more Gaussians or buckets than room for them")
     return section
 
@@ -107,9 +107,9 @@ def _read_section(
     record = _record(compression_level, section.degree)
     centers_at = at + 4 * section.partial
     rows_at = centers_at + section.bucket_bytes * section.buckets
-    end = rows_at + record.itemsize * section.places
+    end = rows_at + record.itemsize * section.capacity
     if end > len(data):
-        raise DatasetError(f"{path}: a section of {section.places} Gaussians ends at byte {end} of {len(data)}")
+        raise DatasetError(f"{path}: a section of {section.capacity} Gaussians ends at byte {end} of {len(data)}")
     rows = np.frombuffer(data, record, section.count, rows_at)
     color = rows["color"].astype(np.float32) / 255
     sh = ((color[:, None, :3] - 0.5) / np.float32(DC)).astype(np.float32)

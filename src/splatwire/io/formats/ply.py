@@ -139,7 +139,7 @@ def _origin(vertices: PlyElement) -> Origin:
     if stated is not None and (apart := misses_positions(stated, means)) is None:
         return stated
     wide = any(vertices.rows.dtype[name] != np.float32 for name in _AXES)
-    chosen = choose_origin(means, wide=wide)
+    chosen = choose_origin(means, double_precision=wide)
     if stated is not None:
         LOG.warning(
             "%s: its comment has the origin (%s), which is %.6g away from the Gaussians: it may be of another file; "

@@ -63,28 +63,28 @@ class PlyElement:
         """Returns the number of properties whose name is the prefix followed by a number."""
         return sum(name.startswith(prefix) and name[len(prefix) :].isdigit() for name in self.names)
 
-    def select(self, wanted: list[str]) -> np.ndarray:
+    def select(self, names: list[str]) -> np.ndarray:
         """Returns the named properties of all rows as float32 (N, len(wanted)).
 
         Raises:
             DatasetError: If a property is missing.
         """
-        return self._select(wanted, np.float32)
+        return self._select(names, np.float32)
 
-    def select_wide(self, wanted: list[str]) -> np.ndarray:
+    def select_wide(self, names: list[str]) -> np.ndarray:
         """Returns the named properties of all rows as float64 (N, len(wanted)).
 
         Raises:
             DatasetError: If a property is missing.
         """
-        return self._select(wanted, np.float64)
+        return self._select(names, np.float64)
 
-    def _select(self, wanted: list[str], dtype: type[np.floating]) -> np.ndarray:
-        missing = [name for name in wanted if name not in self.names]
+    def _select(self, names: list[str], dtype: type[np.floating]) -> np.ndarray:
+        missing = [name for name in names if name not in self.names]
         if missing:
             raise DatasetError(f"{self.path}: property {missing[0]} is missing")
-        columns = np.empty((len(self.rows), len(wanted)), dtype)
-        for place, name in enumerate(wanted):
+        columns = np.empty((len(self.rows), len(names)), dtype)
+        for place, name in enumerate(names):
             columns[:, place] = self.rows[name]
         return columns
 

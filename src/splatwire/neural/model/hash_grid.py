@@ -55,17 +55,17 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
     return resolution**dims <= num_rows
 
 
-def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
+def _row_terms(corners: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
     """Computes one term per axis for each grid point; the terms of a point are combined to its row in the hash table.
 
     Args:
-        at: Coordinates of the lower and the upper neighbouring grid point along each axis.
+        corners: Coordinates of the lower and the upper neighbouring grid point along each axis.
         resolution: Number of grid points along each axis.
         num_rows: Number of rows of the table.
     """
-    # `at` has the coordinates of the lower and the upper neighbour along each axis. If the table has a row for
+    # `corners` has the coordinates of the lower and the upper neighbour along each axis. If the table has a row for
     # every grid point, the index is the sum of the terms. Otherwise it is their XOR, modulo the number of rows.
-    dims = at.shape[1]
+    dims = corners.shape[1]
     strides = [resolution**d for d in range(dims)]
     factors = strides if _is_dense(resolution, dims, num_rows) else list(_PRIMES[:dims])
-    return (at * torch.tensor(factors, dtype=torch.int64, device=at.device)[:, None]) & 0xFFFFFFFF
+    return (corners * torch.tensor(factors, dtype=torch.int64, device=corners.device)[:, None]) & 0xFFFFFFFF

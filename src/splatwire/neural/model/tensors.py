@@ -37,22 +37,22 @@ def run_network(network: Mlp, x: Float[Tensor, "N in"]) -> Float[Tensor, "N out"
     return functional.linear(h, network.output.weight, network.output.bias)
 
 
-def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
+def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], prefix: str) -> None:
     """Copies tensors into the parameters and buffers of a network.
 
     Args:
         network: The network; changed in place.
         tensors: All tensors of the network by name.
-        where: Prefix of error messages, such as the path of the file.
+        prefix: Prefix of error messages, such as the path of the file.
 
     Raises:
         BitstreamError: If a tensor is missing, unknown, of another shape, or not finite.
     """
-    check_tensors(network, tensors, where)
+    check_tensors(network, tensors, prefix)
     network.load_state_dict({name: value.float() for name, value in tensors.items()})
 
 
-def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
+def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], prefix: str) -> None:
     """Checks that tensors have the names and shapes of a network's parameters and buffers, and finite values.
 
     Raises:
@@ -61,10 +61,10 @@ def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: s
     wanted = network.state_dict()
     if set(tensors) != set(wanted):
         odd = sorted(set(tensors) ^ set(wanted))
-        raise BitstreamError(f"{where}tensors of the network are missing or unknown: {', '.join(odd[:3])}")
+        raise BitstreamError(f"{prefix}tensors of the network are missing or unknown: {', '.join(odd[:3])}")
     for name, value in wanted.items():
         found = tensors[name]
         if found.shape != value.shape or not found.dtype.is_floating_point:
-            raise BitstreamError(f"{where}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
+            raise BitstreamError(f"{prefix}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
         if not bool(found.isfinite().all()):
-            raise BitstreamError(f"{where}'{name}' of the network is not finite")
+            raise BitstreamError(f"{prefix}'{name}' of the network is not finite")

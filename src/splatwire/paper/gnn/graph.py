@@ -97,7 +97,7 @@ def source_inputs(context: ReceivedScene, rows: Int64[Tensor, "S"]) -> Float[Ten
         rows: Indices of the known anchors.
     """
     anchors = context.scene.anchors.select(rows)
-    return torch.cat([context.places[rows], context[Prior].context[rows], attribute_columns(anchors)], dim=1)
+    return torch.cat([context.positions[rows], context[Prior].context[rows], attribute_columns(anchors)], dim=1)
 
 
 def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q D"]:
@@ -110,7 +110,7 @@ def query_inputs(context: ReceivedScene, graph: RepairGraph) -> Float[Tensor, "Q
     rows, prior = graph.queries, context[Prior]
     no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)
     means = [part.mean[rows] for part in (prior.feature, prior.scaling, prior.offset)]
-    own = [context.places[rows], prior.context[rows], *means, no_mask]
+    own = [context.positions[rows], prior.context[rows], *means, no_mask]
     return torch.cat([*own, attribute_columns(graph.given)], dim=1)
 
 

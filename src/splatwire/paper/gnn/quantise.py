@@ -177,9 +177,9 @@ def read_parameters(reader: ByteReader, network: InpaintingNetwork) -> None:
     network.load_state_dict(state)
 
 
-def _checked(values: np.ndarray, most: int) -> np.ndarray:
-    if len(values) and int(np.abs(values).max()) > most:
-        raise BitstreamError(f"GNN weights: a number is beyond {most}")
+def _checked(values: np.ndarray, max_magnitude: int) -> np.ndarray:
+    if len(values) and int(np.abs(values).max()) > max_magnitude:
+        raise BitstreamError(f"GNN weights: a number is beyond {max_magnitude}")
     return values
 
 

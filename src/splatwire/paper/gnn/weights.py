@@ -55,7 +55,7 @@ def scene_fingerprint(context: ReceivedScene) -> str:
     """Returns the SHA-256 hash (hex) of positions and layout, both of which a receiver knows in spite of losses."""
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
-    digest.update(np.ascontiguousarray(to_numpy(context.places), "<f4").tobytes())
+    digest.update(np.ascontiguousarray(to_numpy(context.positions), "<f4").tobytes())
     return digest.hexdigest()
 
 

@@ -113,7 +113,7 @@ def plan_sequence(
 
 
 def _efficient_choices(
-    variant: SequenceVariant, group: int, loss: LossModel, most: float | int | None, trials: int, seed: int
+    variant: SequenceVariant, group: int, loss: LossModel, max_bytes: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
     """Returns the amounts of parity for a group of pictures that lie on the upper convex hull of PSNR over bytes.
 
@@ -124,16 +124,16 @@ def _efficient_choices(
         variant: Encoded variant of the sequence.
         group: Index of the group of pictures.
         loss: Loss model of the channel, in datagrams.
-        most: Maximum bytes of motion and parity of the group; None for no limit.
+        max_bytes: Maximum bytes of motion and parity of the group; None for no limit.
         trials: Number of simulated transfers.
         seed: Seed of the simulated losses.
 
     Returns:
-        The possible amounts, ascending by bytes; empty if the motion alone exceeds `most`.
+        The possible amounts, ascending by bytes; empty if the motion alone exceeds `max_bytes`.
     """
     load, motion = variant.load, list(variant.load.groups[group].motion)
     plain = int(load.packet_bytes[motion].sum())
-    if most is not None and plain > most:
+    if max_bytes is not None and plain > max_bytes:
         return []
     pairs = [(0.0, 0.0), *(itertools.product(PARTS, REPAIRS) if motion else ())]
     longest = len(motion) + len(load.groups[group].keyframes) + int(2.0 * len(motion)) + 1
@@ -143,7 +143,7 @@ def _efficient_choices(
     for pair in pairs:
         way = model_motion_transfer(load, Protection(motion=(pair,)), group)
         extra = way.parity_bytes
-        if most is not None and plain + extra > most:
+        if max_bytes is not None and plain + extra > max_bytes:
             continue
         importance = load.importance[way.order]
         lost = ~way.received_packets(traces) @ importance / max(importance.sum(), 1e-30)

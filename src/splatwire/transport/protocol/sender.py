@@ -175,18 +175,23 @@ class Server:
                     self._heard(key, frame, now)
         return None
 
-    def poll(self, now: float, most: int = 64) -> list[tuple[Hashable, bytes]]:
+    def poll(self, now: float, max_datagrams: int = 64) -> list[tuple[Hashable, bytes]]:
         """Returns datagrams that are due, each with the address to send to.
 
         Args:
             now: Time, seconds.
-            most: Maximum number of datagrams.
+            max_datagrams: Maximum number of datagrams.
         """
         self._now = now
         self._end_silent(now)
         out: list[tuple[Hashable, bytes]] = []
         total = self.total_pacer
-        while self._due and len(out) < most and self._due[0][0] <= now and (total is None or total.next_at() <= now):
+        while (
+            self._due
+            and len(out) < max_datagrams
+            and self._due[0][0] <= now
+            and (total is None or total.next_at() <= now)
+        ):
             at, _, key = heapq.heappop(self._due)
             if self._planned.get(key) != at:
                 continue

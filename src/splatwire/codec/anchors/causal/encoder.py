@@ -128,7 +128,7 @@ class CausalEncoder:
     def __init__(self, scene: AnchorScene, info: SideInfo, voxels: np.ndarray) -> None:
         anchors, groups, known = scene.anchors, info.config.layout.feature_groups, info.positions.known
         self._context = CodingContext.of(info)
-        self._places = replace(known, codes=morton_encode(voxels - known.origin))
+        self._known_positions = replace(known, codes=morton_encode(voxels - known.origin))
         self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.astype(np.uint8)
         logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOGS]) * 2.0**LOG_BITS - info.centres
@@ -162,5 +162,5 @@ class CausalEncoder:
         return CodedPackets(counts, encode_packets(self._context, found, counts), (found.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:
-        positions = self._places.select(ranks)
+        positions = self._known_positions.select(ranks)
         return quantise(self._context, positions, self._masks[ranks], self._values[ranks], self._octaves)

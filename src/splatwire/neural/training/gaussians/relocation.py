@@ -48,12 +48,12 @@ def shared_appearance(
 
 
 @torch.no_grad()
-def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
+def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> None:
     """Moves nearly transparent Gaussians to the places of visible ones, and adds new Gaussians at visible ones.
 
     Args:
         state: State of the training; changed in place.
-        wanted: Number of Gaussians afterwards, at least the present one.
+        num_gaussians: Number of Gaussians afterwards, at least the present one.
         dead_opacity: Gaussians with at most this opacity are moved.
     """
     # The targets are drawn at random, with a probability proportional to the opacity. Adam's moments of all moved,
@@ -62,7 +62,7 @@ def relocate(state: GaussianState, wanted: int, dead_opacity: float) -> None:
     dead = (opacities <= dead_opacity).nonzero()[:, 0]
     alive = (opacities > dead_opacity).nonzero()[:, 0]
     count = state.num_gaussians
-    added = wanted - count
+    added = num_gaussians - count
     if not len(alive) or not len(dead) + added:
         return
     drawn = torch.multinomial(opacities[alive], len(dead) + added, replacement=True, generator=state.generator)
