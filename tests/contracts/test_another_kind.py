@@ -68,8 +68,8 @@ class Points:
     def select(self, index: np.ndarray) -> "Points":
         return Points(self.positions[index], self.colors[index])
 
-    def with_losses(self, known: np.ndarray, places: np.ndarray) -> "Points":
-        return Points(np.where(known[:, None], self.positions, places), self.colors * known[:, None])
+    def with_losses(self, known: np.ndarray, positions: np.ndarray) -> "Points":
+        return Points(np.where(known[:, None], self.positions, positions), self.colors * known[:, None])
 
     def with_estimates(self, loss_mask: LossMask, proposed: "Points") -> "Points":
         return replace(self, colors=np.where(loss_mask.known[:, None], self.colors, proposed.colors))
