@@ -52,7 +52,7 @@ _ANYTHING = Rule("", lambda value: True)
 
 
 def annotation_of(owner: Any, name: str) -> Any:
-    """Returns the annotation of a parameter or field as a type; Any if it cannot be evaluated.
+    """Returns the annotation of a parameter or field as a type, or Any if the annotation cannot be evaluated.
 
     Args:
         owner: The function or class.
@@ -281,7 +281,7 @@ def _checked_items(values: Any, item: Rule) -> Any:
 
 
 def _protocol_rule(kind: type) -> Rule:
-    """Builds the check of a value that is annotated as a protocol: it must have all members of the protocol."""
+    """Builds the check of an argument annotated as a protocol: the argument must have all members of the protocol."""
     # Unlike `isinstance`, the check does not evaluate properties of the object.
     plain = set(dir(typing.Protocol)) | {"__annotations__", "__dataclass_fields__", "__protocol_attrs__"}
     found = {name for base in kind.__mro__ if getattr(base, "_is_protocol", False) for name in vars(base)}

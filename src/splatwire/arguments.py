@@ -43,7 +43,7 @@ def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
     @functools.cache
     def known() -> tuple[list[str], dict[str, Rule]]:
-        """Returns the names of the decorated function's parameters, and the check of each parameter by name."""
+        """Returns the parameter names of the decorated function, and the type check of each parameter by name."""
         # Built at the first call, because annotations may name classes that are defined later.
         parameters = inspect.signature(function).parameters.values()
         names = [parameter.name for parameter in parameters if parameter.kind not in _VARIADIC]
@@ -67,7 +67,9 @@ def _checking(function: Callable[P, R], own: tuple[str, ...]) -> Callable[P, R]:
 
 
 def check_fields(record: Any) -> None:
-    """Checks and converts the fields of a dataclass instance by their annotations; call it in `__post_init__`.
+    """Checks and converts the fields of a dataclass instance by annotation.
+
+    Call this function in `__post_init__`.
 
     Raises:
         InvalidValueError: If a field has another type; the message names the field and what it accepts.

@@ -141,7 +141,9 @@ class SceneReader:
 
 @contextmanager
 def open_scene_file(path: Path, file_format: str, version: int, kind: str | None) -> Iterator[SceneReader]:
-    """Opens a scene file, and checks format, version and kind (complete or lossy; None for any) in its header.
+    """Opens a scene file and checks format, version and kind in the header.
+
+    The kind is complete or lossy; None accepts both.
 
     Raises:
         UnsupportedVersionError: If the file has a version that this release does not support.

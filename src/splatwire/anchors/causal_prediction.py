@@ -39,7 +39,7 @@ class CausalPrediction:
 def position_inputs(
     coordinates: Float[Any, "M 3"], join: Callable[[list[Any], int], Any] = np.concatenate
 ) -> Float[Any, "M P"]:
-    """Computes the inputs of the position network: coordinates mapped to (-1, 1), and a positional encoding of them.
+    """Computes the inputs of the position network: coordinates in (-1, 1) and their positional encoding.
 
     Args:
         coordinates: Positions relative to the centre of the scene, divided by the extent of the scene.

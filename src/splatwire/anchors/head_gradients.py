@@ -40,7 +40,7 @@ def sigmoid(values: np.ndarray) -> np.ndarray:
 
 
 def unit_quaternions(raw: Float[np.ndarray, "G 4"]) -> tuple[Float[np.ndarray, "G 4"], Float[np.ndarray, "G 1"]]:
-    """Normalises quaternions; returns them and their original lengths."""
+    """Returns normalised quaternions, and the lengths before the normalisation."""
     norm = np.maximum(np.linalg.norm(raw, axis=1, keepdims=True), raw.dtype.type(_LEAST_NORM))
     return raw / norm, norm
 

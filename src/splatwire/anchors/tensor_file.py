@@ -69,7 +69,10 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndar
 
 
 def parse_header(text: str | None) -> dict[str, Any]:
-    """Parses the JSON header; empty if it is invalid."""
+    """Parses the JSON header of a tensor file.
+
+    Returns an empty dictionary for an invalid header.
+    """
     try:
         header = json.loads(text or "null")
     except (ValueError, RecursionError):

@@ -29,7 +29,7 @@ class FollowingStoppedError(Exception):
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields a scene when it has arrived, and again after each of its updates.
+    """Yields a scene when it has been received, and the updated scene after each of its updates.
 
     Only complete scenes are yielded. The generator ends when the transfer of the scene or of an update ends with the
     reason "stopped", because the caller stopped it.
@@ -79,7 +79,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
 
 
 async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields each update of a scene when it has arrived, until the server has no further one.
+    """Yields each update of a scene when it has been received, until the server has no further update.
 
     Args:
         fetch: Receives the stream of a given name.
@@ -109,7 +109,7 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
 
 
 async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:
-    """Receives a stream. Repeats this while there is no route to the server, or while its host name is unknown."""
+    """Receives a stream, and retries while the server's host name is unknown or no route to the server exists."""
     pause, warned = RETRY_S, False
     while True:
         try:

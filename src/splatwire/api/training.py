@@ -48,7 +48,7 @@ class _Settings:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """A server that runs in a thread, its event loop, and the event that stops it."""
+    """Server that runs in a thread of its own: server, event loop of the thread, and event that stops the server."""
 
     running: RunningServer
     loop: asyncio.AbstractEventLoop
@@ -56,7 +56,7 @@ class _Opened:
 
 
 class TrainingServer:
-    """Serves a scene while it is trained; made by `serve_training`.
+    """Server of a scene in training, created by `serve_training`.
 
     The methods may be called by any thread.
     """
@@ -91,7 +91,7 @@ class TrainingServer:
 
     @property
     def facts(self) -> dict[str, str]:
-        """URL of the viewer page (`page`), and fingerprint of its certificate (`fingerprint`), if any."""
+        """Facts for clients: URL of the viewer page (`page`), and fingerprint of its certificate (`fingerprint`)."""
         return dict(self._opened.running.facts)
 
     @property
@@ -227,7 +227,7 @@ class TrainingServer:
     def _published(
         self, state: PartialUpdates | None, splats: Splats, share: float, updates: OfferedUpdates
     ) -> PartialUpdates:
-        """Encodes a scene, and offers it and its update to clients.
+        """Encodes a scene, and offers the stream and the update to this stream to clients.
 
         Args:
             state: State of the updates after the preceding scene; None if `splats` is the first scene.
@@ -279,7 +279,7 @@ class TrainingServer:
 
 
 def _stop(opened: _Opened) -> None:
-    """Stops a server; has no effect if it has ended."""
+    """Stops a server, unless the server has already stopped."""
     with contextlib.suppress(RuntimeError):  # the loop is closed already
         opened.loop.call_soon_threadsafe(opened.stop.set)
 

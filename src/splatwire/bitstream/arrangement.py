@@ -52,7 +52,7 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Received packets that are decoded together, such as those of one spatial block.
+    """Received packets that a decoder processes together, such as all packets of one spatial block.
 
     Attributes:
         block: Index of the block of the first packet.

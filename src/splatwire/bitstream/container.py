@@ -53,7 +53,7 @@ def file_head(manifest: Manifest, side_info: bytes) -> bytes:
 
 
 def file_record(packet: bytes) -> bytes:
-    """Serialises one packet for a stream file: the packet's size (4 bytes), then its bytes."""
+    """Serialises one packet for a stream file: packet size (4 bytes), then packet bytes."""
     if not isinstance(packet, bytes):  # no `checked`: called once per packet
         raise InvalidValueError(f"packet: expected bytes, not {shown(packet)}")
     return RECORD_PREFIX.pack(len(packet)) + packet
@@ -124,7 +124,9 @@ def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
 
 
 def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: int, intake: PacketIntake) -> None:
-    """Reads the packets of a stream file and passes them to `intake`. Damaged bytes are skipped up to the next packet.
+    """Reads the packets of a stream file and passes each packet to `intake`.
+
+    Damaged bytes are skipped up to the start of the next packet.
 
     Args:
         file: The open file, at `position`.

@@ -14,7 +14,9 @@ _HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
 
 
 def json_size(head: bytes, name: str) -> int:
-    """Returns the number of bytes to read after the first 20 bytes of a binary glTF file to locate its stream.
+    """Returns the number of bytes between byte 20 of a binary glTF file and its binary data.
+
+    These bytes are the JSON and the header of the next chunk.
 
     Args:
         head: The first 20 bytes of the file.

@@ -145,14 +145,14 @@ class PacketIntake:
         return None
 
     def count(self, kind: str, problem: str) -> None:
-        """Counts a rejected packet; `kind` is `corrupt`, `foreign` (of another stream) or `duplicate`."""
+        """Counts a rejected packet of the kind `corrupt`, `foreign` (from a different stream) or `duplicate`."""
         with self._lock:
             self._counts[kind] += 1
             if len(self._problems) < MAX_PROBLEMS:
                 self._problems.append(problem)
 
     def _check(self, packet: Packet) -> None:
-        """Checks that the stream may contain a packet with this id and this number of elements.
+        """Checks that the packet plan of the stream contains a packet with a given id and number of elements.
 
         Raises:
             CorruptPacketError: If the plan has no such packet.

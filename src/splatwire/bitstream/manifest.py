@@ -147,7 +147,7 @@ _PACKETIZATION_TYPES: dict[str, type] = {f.name: type(f.default) for f in fields
 
 @checked
 def manifest_to_bytes(manifest: Manifest) -> bytes:
-    """Writes a manifest as compact JSON, with a digest of its other fields."""
+    """Serialises a manifest as compact JSON that ends with a digest of all other fields."""
     content = _content(manifest)
     return _dump({**content, "digest": _digest(content)})
 

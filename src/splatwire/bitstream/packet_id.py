@@ -19,7 +19,9 @@ SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
 
 @dataclass(frozen=True, order=True, slots=True)
 class PacketId:
-    """Id of a packet within its stream; sorts by block, then packet of the block, then attribute.
+    """Id of a packet within a stream.
+
+    Ids are ordered by block, then packet of the block, then attribute.
 
     Attributes:
         block: Index of the spatial block.
@@ -38,7 +40,7 @@ class PacketId:
 
     @property
     def filename(self) -> str:
-        """File name of the packet in a stream directory: `pak_lane{lane}_s{block}.pak` for whole anchors."""
+        """File name of the packet in a stream directory, such as `pak_lane{lane}_s{block}.pak` for atomic packets."""
         suffix = f"_{PARTS[self.part]}" if self.part else ""
         return f"pak_lane{self.lane}_s{self.block}{suffix}.pak"
 

@@ -99,7 +99,7 @@ class Packetization:
 
     @property
     def unit(self) -> str:
-        """Unit of simulated losses: `datagram` if every packet fits one datagram, else `pak` (a whole packet)."""
+        """Unit of simulated losses: `datagram` if every packet fits one datagram, else `pak` (packet)."""
         return "datagram" if self.hashed else "pak"
 
     @property

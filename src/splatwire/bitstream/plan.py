@@ -102,7 +102,7 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Values of `PacketId.part` in this stream: the indices of the attributes that have packets of their own.
+        """Values of `PacketId.part` in this stream: indices of the attributes with separate packets.
 
         If packets contain whole elements, the only value is 0.
         """
@@ -203,7 +203,7 @@ class PacketPlan:
         return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Number of elements of a packet; 0 if there is no such packet.
+        """Number of elements of a packet, or 0 if the plan has no packet with this id.
 
         If packets are filled up to a size limit (grouping `hashed`), it is an upper limit.
         """
@@ -217,7 +217,7 @@ class PacketPlan:
         return int(_lane_counts(self, packet_id.block)[packet_id.lane])
 
     def fits(self, packet_id: PacketId, num_elements: int) -> bool:
-        """True if the stream can have a packet with this id and this number of elements."""
+        """True if the packet plan of the stream contains a packet with a given id and number of elements."""
         count = self.count(packet_id)
         return 1 <= num_elements <= count if self.packetization.hashed else num_elements == count > 0
 
@@ -249,7 +249,7 @@ class PacketPlan:
             raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
 
     def _lanes_of(self, span: Span) -> np.ndarray:
-        """Returns for each element of an importance tier the index of its packet within its block, uint8."""
+        """Returns, for each element of an importance tier, the index of the packet within the block, uint8."""
         p = self.packetization
         if p.grouping == "stratified":
             return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)

@@ -26,7 +26,7 @@ RECORD_PREFIX = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class SceneStream:
-    """An encoded scene: manifest, side information and packets, some of which may be missing.
+    """Encoded scene: manifest, side information, and all or a part of the packets.
 
     Attributes:
         manifest: Description of the complete stream.
@@ -64,7 +64,7 @@ class SceneStream:
         }
 
     def still(self, source: object = "the stream") -> "SceneStream":
-        """Returns this stream after checking that it contains a static scene, not a sequence.
+        """Returns the stream itself after checking that the stream contains a static scene, not a sequence.
 
         Args:
             source: Source of the stream, for the message.

@@ -64,7 +64,7 @@ def _problem(sections: Mapping[str, bytes]) -> str | None:
 
 
 def split_sections(side_info: bytes, codec: str) -> tuple[bytes, dict[str, bytes]]:
-    """Splits side information into its fixed part (bytes) and its named sections (content by name).
+    """Divides side information into the fixed part and the named sections (content by name).
 
     Raises:
         BitstreamError: If the bytes are not side information.

@@ -109,7 +109,7 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks that a sequence has two tiers for each group of pictures, and that a static scene has no empty tier.
+    """Checks that a sequence has two importance tiers per group of pictures, and a static scene no empty tier.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.

@@ -20,7 +20,9 @@ SECTION = "tiles"
 
 @dataclass(frozen=True, eq=False)
 class TileIndex:
-    """Index of the tiles of a stream: spatial blocks of one level of detail. Tiles are in the stream's block order.
+    """Index of a stream's tiles in the order of its blocks.
+
+    A tile is a spatial block of one level of detail.
 
     Attributes:
         packets: Number of packets of each tile, int64 (B).

@@ -145,7 +145,7 @@ def cut_of(tiles: Tiles, received: np.ndarray, viewpoint: Viewpoint | None, budg
 
 
 def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarray:
-    """Selects the tiles to draw or to request for a viewpoint; returns them with the most useful first."""
+    """Selects the tiles to draw or to request for a viewpoint, sorted by usefulness, most useful first."""
     errors, useful = _errors_and_usefulness(tiles, viewpoint)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
         here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))

@@ -111,7 +111,7 @@ class Sketch(Protocol):
         # only in these can share it.
 
     def proposal(self, sketched: Any) -> tuple[ReceivedScene, Concealed]:
-        """Conceals losses as a receiver with this sketch does: enlarges received elements around missing ones.
+        """Conceals losses with this sketch, as a receiver would: enlarges received elements around missing ones.
 
         Args:
             sketched: Return value of the method `sketched`: the received scene, in which coarse copies replace lost

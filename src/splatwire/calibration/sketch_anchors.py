@@ -89,7 +89,7 @@ class AnchorSketch:
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Exponent of the enlargement of received anchors; weight of the neural network that corrects it, 0 to 1."""
+        """Parameters of the enlargement of received anchors: exponent, and weight of a correcting network, 0 to 1."""
         return self.copies.exponent, self.copies.trust
 
     def with_growth(self, growth: tuple[float, ...]) -> "AnchorSketch":
@@ -119,7 +119,7 @@ class AnchorSketch:
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
     def proposal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
-        """Conceals losses as a receiver with this sketch does: enlarges the drawn anchors around missing ones.
+        """Conceals losses with this sketch, as a receiver would: enlarges drawn anchors around missing ones.
 
         An anchor is drawn if it was received, or if a coarse copy replaces it.
 

@@ -291,7 +291,7 @@ def _rounded(numbers: np.ndarray) -> np.ndarray:
 
 
 def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:
-    """Returns the ideal code length of integers in bits, if their frequencies are those of a sample.
+    """Returns the ideal code length of integers in bits, given the symbol frequencies of a sample.
 
     Args:
         values: Integers to code.

@@ -130,7 +130,7 @@ class GaussianSketch:
         return filled, element_inputs(filled)
 
     def proposal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
-        """Conceals losses as a receiver with this sketch does: enlarges Gaussians to cover missing ones.
+        """Conceals losses with this sketch, as a receiver would: enlarges Gaussians around missing ones.
 
         Args:
             sketched: The received scene after coarse copies replaced lost Gaussians, and the inputs for computing the

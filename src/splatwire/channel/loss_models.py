@@ -36,7 +36,7 @@ class LossModel(Protocol):
 
     @property
     def unit(self) -> str:
-        """Unit of loss: `pak` (whole packets of the stream) or `datagram`."""
+        """Unit of loss: `pak` (packet of the stream) or `datagram`."""
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Draws which of n packets (or datagrams) are received.

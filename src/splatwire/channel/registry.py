@@ -18,7 +18,7 @@ Make = TypeVar("Make", bound=Callable[..., LossModel])
 
 @dataclass(frozen=True)
 class LossText:
-    """Entry of the registry: creates one kind of loss model from its parameters as text.
+    """Registry entry that creates one kind of loss model from parameters given as text.
 
     Attributes:
         make: Function or class that returns the loss model, given the text after the colon of `NAME:PARAMETERS` and the
@@ -84,7 +84,7 @@ def make_loss(name: str, text: str, unit: str) -> LossModel:
 
 @dataclass(frozen=True)
 class CheckedLoss:
-    """Loss model of another package, with a check of the masks that it returns.
+    """Loss model registered by an installed package, wrapped to check each mask that the model returns.
 
     Attributes:
         model: Loss model of the other package.

@@ -215,7 +215,9 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
 
 
 def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
-    """Draws the received packets; a packet is lost if any of its datagrams is.
+    """Draws at random which packets are received, given losses of datagrams.
+
+    A packet is lost if any of its datagrams is lost.
 
     Args:
         datagrams: Number of datagrams of each packet, in sending order, int64.

@@ -17,7 +17,7 @@ MAX_BYTES = 1 << 20
 
 
 def config_path(words: Sequence[str]) -> Path | None:
-    """Returns the value of `--config` among command-line arguments; None without this option."""
+    """Returns the value of the option `--config` among command-line arguments, or None."""
     for place, word in enumerate(words):
         name, equals, value = word.partition("=")
         if name == f"--{OPTION}":
@@ -105,7 +105,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _option_words(path: Path, key: str, value: object) -> list[str]:
-    """Converts the value of an option in a configuration file to the words that follow the option on a command line."""
+    """Converts an option's value in a configuration file to command-line words after the option."""
     values = value if isinstance(value, list) else [value]
     for one in values:
         if isinstance(one, bool) or not isinstance(one, (str, int, float)):

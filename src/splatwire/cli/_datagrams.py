@@ -8,7 +8,7 @@ from splatwire.errors import InvalidValueError
 
 
 def in_datagrams(stream: SceneStream, path: str) -> SceneStream:
-    """Returns a stream whose packets fit into datagrams; packets that are too large are divided again.
+    """Returns a stream whose packets all fit into one datagram, dividing larger packets.
 
     Args:
         stream: The stream.

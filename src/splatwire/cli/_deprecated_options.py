@@ -9,7 +9,7 @@ minor release."""
 
 
 def with_current_names(verb: str, words: Sequence[str], renamed: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Replaces former option names in the arguments of a subcommand; prints a warning for each of them.
+    """Replaces deprecated option names in the arguments of a subcommand, with a warning for each.
 
     Args:
         verb: Name of the subcommand.

@@ -77,11 +77,13 @@ class MadeDownloads:
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """File formats offered for download: suffixes without their dot, such as `spz`, or names of folder formats."""
+        """File formats offered for download: suffixes without dot, such as `spz`, or names of folder formats."""
         return self._formats
 
     async def file(self, stream_bytes: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
-        """Returns the file of a stream in another format, which is made at the first request.
+        """Returns a stream converted to the file format `form`.
+
+        The conversion takes place at the first request.
 
         Args:
             stream_bytes: Content of the stream's `.swz` file.
@@ -106,7 +108,7 @@ class MadeDownloads:
         return DownloadedFile((self._target(tag, form) / part).read_bytes(), found.tags[part])
 
     async def close(self) -> None:
-        """Ends the conversion that is running in another process, if any."""
+        """Ends a running conversion process, if any."""
         for task in self._files.values():
             task.cancel()
         await asyncio.gather(*self._files.values(), return_exceptions=True)
@@ -196,7 +198,7 @@ def _opened_file(path: Path) -> _FinishedConversion:
 
 
 def _opened_folder(path: Path) -> _FinishedConversion:
-    """Prepares a folder for download: computes its size and the entity tag of each file."""
+    """Prepares a folder for download: computes the total size, and the entity tag of each file."""
     # Unlike a single file, the files of a folder are not kept open, because there may be thousands.
     total, tags = 0, {}
     for file in path.rglob("*"):

@@ -36,7 +36,7 @@ def cameras_of(command: Encode, scene: Scene) -> Cameras:
 
 
 def refiner(steps: int) -> Callable[..., Scene]:
-    """Returns a function that trains a scene's context model further, so that its stream takes fewer bits.
+    """Returns a function that refines the context model of a scene, for a smaller stream.
 
     Args:
         steps: Number of training steps.

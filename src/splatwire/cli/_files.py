@@ -69,7 +69,9 @@ def input_path(name: str) -> Iterator[Path]:
 
 @contextmanager
 def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[Path]:
-    """Yields the path to write to; for standard output a temporary file that is copied to it at the end.
+    """Yields the path to write to.
+
+    For standard output, this is a temporary file that is copied to standard output at the end.
 
     Args:
         name: Output path given by the user, or `-`.
@@ -171,7 +173,7 @@ def check_output(verb: Any) -> None:
 
 
 def check_inputs(*paths: Path | None) -> None:
-    """Raises an error if an input file or folder is missing; commands call this function before any computation.
+    """Raises an error if an input file or folder is missing, before any computation.
 
     Raises:
         InvalidValueError: If a path does not exist.

@@ -98,7 +98,7 @@ class _Repeated:
             self.others.add(path.name)
 
     def describe_others(self) -> str:
-        """Returns one line with the number of other files that have the same warning; empty if there are none."""
+        """Returns one line with the number of further files with the same warning, or an empty text."""
         if not self.others:
             return ""
         count = f"{len(self.others):,}{' or' if len(self.others) == _MAX_FILES else ''} more"

@@ -29,7 +29,7 @@ class Warnings:
         self._held = 0
 
     def __call__(self, text: str) -> None:
-        """Prints a warning, or counts it if another one was printed recently."""
+        """Prints a warning, or only counts the warning if the previous one was printed recently."""
         now = self._clock()
         if now < self._next_at:
             self._held += 1

@@ -33,7 +33,7 @@ def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
 
 
 def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
-    """Parses options such as `tier0=0.5`: repair symbols per source symbol of each importance tier.
+    """Parses options of the form `tier0=0.5`: repair symbols per source symbol of each importance tier.
 
     Raises:
         InvalidValueError: If the text has another form, or a tier is named twice.

@@ -31,7 +31,7 @@ _MARKERS = (
 
 
 def resource_problem(error: BaseException) -> str | None:
-    """Returns a message for an error caused by an exhausted resource; None for other errors.
+    """Returns an error message if an error was caused by an exhausted resource (memory, disk, files), else None.
 
     Args:
         error: The exception, with its chain of causes.

@@ -51,7 +51,7 @@ MOST_JOBS = 256
 
 @dataclass(frozen=True)
 class Conversion:
-    """One conversion: an input, its output, and the format of the output.
+    """Conversion job: input path, output path and output format.
 
     Attributes:
         source: Path of the input, or `-` for standard input.
@@ -217,7 +217,7 @@ def _form_of_name(output: str) -> str:
 
 
 def _convert_inputs(command: Convert, form: str) -> None:
-    """Converts several inputs to outputs in a folder; prints one result for all of them.
+    """Converts several inputs to outputs in a folder, and prints one common result.
 
     Raises:
         InvalidValueError: If no input is given, or two outputs would have one name.
@@ -257,7 +257,7 @@ def _convert_inputs(command: Convert, form: str) -> None:
 
 
 def _output_name(source: str, form: str) -> str:
-    """Returns the name of an output in a folder: that of its input, with the suffix of the output format."""
+    """Returns the file name of an output: name of the input with the suffix of the output format."""
     # Outputs that are folders, such as frames, have no suffix.
     path = Path(source).resolve()
     of_sequences = (suffix for known in SEQUENCE_FORMATS for suffix in known.suffixes)

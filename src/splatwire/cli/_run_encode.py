@@ -215,7 +215,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
 
 
 def _optional_steps() -> ModuleType:
-    """Imports the module of encoding steps that only some options need, such as pruning."""
+    """Imports the module with the optional encoding steps, such as pruning."""
     # Deferred, because the libraries of this module take a second to load.
     from splatwire.cli import _encode_extras
 
@@ -223,7 +223,7 @@ def _optional_steps() -> ModuleType:
 
 
 def _target(command: Encode) -> Target:
-    """Returns the size, PSNR or quality that the options set; the default quality without such an option."""
+    """Returns the size, PSNR or quality that the options set, or the default quality."""
     if command.size is not None:
         return Target(size=parse_size(command.size))
     if command.psnr is not None:
@@ -264,7 +264,10 @@ def _print_result(
 
 
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
-    """Returns the axis that viewers show as up, from `--up` or estimated; None if the stream need not store it."""
+    """Returns the up axis for viewers, from `--up` or estimated.
+
+    None if the stream need not store the up axis.
+    """
     # No axis is estimated if the metadata of the scene has an up axis or a view, or if cameras are given. An estimated
     # axis equal to the default, -y, is not stored either.
     if command.up != "auto":

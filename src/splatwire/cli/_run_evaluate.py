@@ -153,7 +153,7 @@ def _link(command: Evaluate) -> Link | None:
 
 
 def _parse_rate(text: str) -> float:
-    """Parses a bit rate such as `10M` or `800k`; returns bits per second."""
+    """Parses a bit rate with unit, for example `10M` or `800k`, and returns bits per second."""
     number, factor = (text[:-1], _FACTORS[text[-1]]) if text[-1:] in _FACTORS else (text, 1.0)
     try:
         return float(number) * factor

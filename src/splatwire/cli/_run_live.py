@@ -119,7 +119,10 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end after a stop request; returns True if compilation of a kernel delays it."""
+    """Waits for the encoder to end after a stop request.
+
+    Returns True if the compilation of a kernel delays the end.
+    """
     # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_S` after the request.
     end = time.monotonic() + STOP_S - COMPILING_S
     while not encoding.done():

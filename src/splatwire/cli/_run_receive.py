@@ -258,7 +258,7 @@ class TransferTimes:
 async def _stoppable(
     transfer: Callable[[asyncio.Future[None]], Awaitable[Receiver]],
 ) -> tuple[Receiver, bool]:
-    """Runs a transfer until its end, or until SIGINT or SIGTERM stops it.
+    """Runs a transfer until the transfer ends, or until SIGINT or SIGTERM.
 
     Returns:
         The receiver, and True if a signal stopped the transfer.
@@ -272,7 +272,7 @@ async def _stoppable(
 
 
 def parse_seconds(text: str) -> float:
-    """Parses a time such as 2s, 1.5 or 500ms; returns seconds.
+    """Parses a duration such as `2s`, `1.5` or `500ms`, and returns seconds.
 
     Raises:
         InvalidValueError: If the text is not a time.

@@ -54,7 +54,7 @@ def _read(command: View) -> SceneStream:
 
 
 async def _forward(command: View, cameras: Cameras | None) -> None:
-    """Receives a stream from another server, and shows it on the viewer page while it arrives."""
+    """Receives a stream from a remote server and shows the scene on the viewer page during the transfer."""
     name, url = parse_url(command.stream).name or "scene", without_token(command.stream)
     relay = _create_relay(command)
     receiving = asyncio.create_task(relay.run())

@@ -62,7 +62,7 @@ class ServedTraining:
 
     @contextmanager
     def _reported(self) -> Iterator[None]:
-        """Context manager that suppresses errors of the code within it, and prints them as warnings."""
+        """Context manager that prints an error as a warning instead of raising the error."""
         # A warning that repeats itself is printed once. Hours of training must not be lost to an unexpected error, such
         # as a lack of memory in the encoder, which `push` raises, too.
         try:

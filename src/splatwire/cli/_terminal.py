@@ -37,7 +37,9 @@ def _escaped(character: str) -> str:
 
 
 class PrintableStream:
-    """Text stream that escapes control characters; bytes written to its `buffer` are unchanged.
+    """Text stream that escapes terminal control characters.
+
+    Bytes written to the attribute `buffer` are not escaped.
 
     Args:
         target: Stream that receives the escaped text.
@@ -47,7 +49,7 @@ class PrintableStream:
         self.target = target
 
     def write(self, text: str) -> int:
-        """Writes a text; returns its length."""
+        """Writes a text with escaped control characters, and returns the length of the text."""
         self.target.write(printable(text))
         return len(text)
 

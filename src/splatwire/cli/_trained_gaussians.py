@@ -104,7 +104,10 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
 
 
 def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
-    """Writes the trained scene; returns the number of bytes of a stream, or None if `output` is not a `.swz` file."""
+    """Writes the trained scene.
+
+    Returns the number of bytes of a stream, or None if `output` is not a `.swz` file.
+    """
     if not output.name.lower().endswith(FILE_SUFFIX):
         save_scene(scene, output)
         return None

@@ -44,7 +44,7 @@ CPU_ITERATIONS = 2400
 
 
 def preset_of(command: Train) -> str:
-    """Returns the name of the training preset; `--preset auto` chooses it by the layout of the dataset."""
+    """Returns the name of the training preset, chosen by the layout of the dataset for `--preset auto`."""
     if command.preset != "auto":
         return command.preset
     return _PRESET_OF_LAYOUT.get(dataset_layout(Path(command.data)) or "", "mipnerf360")
@@ -230,7 +230,7 @@ def time_left(now: Progress) -> str:
 
 
 def parsed_size(text: str) -> int:
-    """Parses a size such as `500kB`; returns bytes.
+    """Parses a size with unit, for example `500kB`, and returns bytes.
 
     Raises:
         InvalidValueError: If the text is not a size, or is less than a byte.
@@ -243,7 +243,7 @@ def parsed_size(text: str) -> int:
 
 
 def checked_size(scene: AnchorScene, target_bytes: int) -> int | None:
-    """Returns the size of a trained scene's stream in bytes; prints a message if it misses the target.
+    """Returns the size of a trained scene's stream in bytes, and prints a message if the target size is missed.
 
     Args:
         scene: The scene.

@@ -170,7 +170,7 @@ def _print_damage(verb: Any) -> int:
 
 
 def _signal_status(error: BaseException) -> int | None:
-    """Returns the exit status if a signal caused an error; None for other errors."""
+    """Returns the exit status for an error that a signal caused, or None."""
     # Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
     cause: BaseException | None = error
     while cause is not None:

@@ -91,7 +91,7 @@ class Coder(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def new_coder(decoding, data, words, models, statistics, tables):
-    """Creates the coder of a packet; the caller then initialises the state of its range coder.
+    """Creates the entropy coder of a packet, without initialising the state of the range coder.
 
     Args:
         decoding: True for a decoder.
@@ -319,7 +319,7 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual that the probability tables omit; its probability interval is computed from the distribution.
+    """Encodes a residual outside of the tabulated range, with a probability interval computed from the distribution.
 
     Args:
         coder: Entropy coder.

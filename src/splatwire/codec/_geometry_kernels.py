@@ -43,7 +43,9 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the index at which a node of the position tree is split: the first code with a one in `bit`.
+    """Returns the index of the first Morton code of a tree node that has a one in `bit`.
+
+    At this index, the node of the position tree is divided.
 
     Args:
         codes: Sorted Morton codes.
@@ -103,7 +105,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes the number of points of a tree node that have a 0 in `bit` of their Morton code (see `encode_count`).
+    """Decodes how many points of a tree node have a 0 in `bit` of their Morton code (see `encode_count`).
 
     Args:
         data: Input bytes.

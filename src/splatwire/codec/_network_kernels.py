@@ -28,7 +28,7 @@ OUT_LIMIT = float(OUTPUT_LIMIT)
 @njit(borrows=True, nogil=True)
 @no_type_check
 def finish_hidden(sums, bias, leaky):
-    """Completes a hidden layer after the matrix product, in place: bias, rounding, (leaky) ReLU, clipping.
+    """Completes a hidden layer in place after the matrix product: adds bias, rounds, applies (leaky) ReLU, clips.
 
     Args:
         sums: Results of the matrix product, (N, hidden); overwritten by the outputs of the layer.
@@ -63,7 +63,7 @@ def finish_output(sums, bias, out):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
-    """Converts outputs of one network to inputs of another network; inputs have fewer fractional bits than outputs.
+    """Converts outputs of a network to inputs of the next network, which have fewer fractional bits.
 
     Args:
         outputs: Outputs of the first network, (N, outputs).

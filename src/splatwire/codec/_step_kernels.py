@@ -33,7 +33,7 @@ def step_exponent(bases, attribute, precision_class, area, long, thin, opacity):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def step_shift(bases, attribute, precision_class, area, long, thin, opacity, max_shift):
-    """Returns log2 of the quantisation step of one attribute of a Gaussian; it depends on size, shape and opacity.
+    """Returns log2 of an attribute's quantisation step, given the Gaussian's size, shape and opacity.
 
     Args:
         bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.

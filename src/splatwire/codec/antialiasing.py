@@ -9,5 +9,5 @@ SECTION = "antialiased"
 
 
 def antialiasing_sections(antialiased: bool) -> dict[str, bytes]:
-    """Returns the antialiasing flag as named sections of the side information; no section if it is not set."""
+    """Returns the antialiasing flag as a named section of the side information, or no section if unset."""
     return {SECTION: b""} if antialiased else {}

@@ -97,7 +97,7 @@ def encode_scene(
 def repack(
     stream: SceneStream, packetization: Packetization, *, threads: int | None = None, progress: Progress | None = None
 ) -> SceneStream:
-    """Rearranges a stream into other packets; the result decodes to exactly the same scene.
+    """Divides a stream into other packets, without changing the decoded scene.
 
     Args:
         stream: The complete stream; its tiers and named sections are kept.

@@ -41,7 +41,7 @@ MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
 
 @dataclass(frozen=True)
 class PreviewFrame:
-    """Ranges of a preview's positions and sizes, which determine its quantisation.
+    """Quantisation parameters of a preview: ranges of positions and sizes.
 
     A coordinate x is quantised as `asinh((x - middle) / spread)`, which is precise near the centre and coarse far away.
 

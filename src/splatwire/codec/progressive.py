@@ -109,7 +109,7 @@ class ProgressiveDecoder(Arrivals):
         return places if order is None else order[places]
 
     def snapshot(self) -> ReceivedScene:
-        """Returns a copy of the scene in its current state, which later packets do not change."""
+        """Returns a copy of the scene decoded so far, independent of later packets."""
         with self.lock:
             live = self.partial
             everyone = np.arange(live.scene.num_elements)

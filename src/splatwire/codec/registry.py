@@ -92,7 +92,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
 
 
 def _load_codec(stream_schema: StreamSchema) -> Schema:
-    """Imports the codec of a kind of stream: its encoder and decoder in addition to the properties of the streams.
+    """Imports the codec (encoder and decoder) of a kind of stream.
 
     Args:
         stream_schema: Properties of the streams, with the module and name of the codec. A complete codec (`Schema`) is
@@ -112,7 +112,7 @@ def _load_codec(stream_schema: StreamSchema) -> Schema:
 
 
 def _problem(schema: Schema) -> str:
-    """Returns a message about the first missing or invalid attribute of a codec (schema); empty if it is complete."""
+    """Returns a message about the first missing or invalid attribute of a codec, or an empty text."""
     if not isinstance(schema.name, str) or not _NAME.fullmatch(schema.name):
         return "its name must be 1 to 32 lower-case letters, digits and underscores"
     if type(schema.format_version) is not int or not 2 <= schema.format_version <= FORMAT_VERSION:

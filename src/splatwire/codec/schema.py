@@ -40,7 +40,7 @@ class Encoder(Protocol):
     """Typing protocol (structural type) for an encoder, which converts the elements of one scene to packets."""
 
     def runs(self) -> Iterator[Any]:
-        """Divides the stream into non-empty parts that can be encoded in parallel; yields them in order."""
+        """Yields the parts of the stream that can be encoded in parallel, in order and never empty."""
 
     def encode(self, run: Any) -> CodedPackets:
         """Encodes one part of the stream, as yielded by `runs`; may be called from several threads."""
@@ -48,7 +48,7 @@ class Encoder(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A scene that is ready to be encoded: its encoder, side information and packet plan.
+    """Scene prepared for encoding: encoder, side information and packet plan.
 
     Attributes:
         encoder: Encoder of the scene's elements.
@@ -129,7 +129,7 @@ class Decoder(Protocol):
         """
 
     def update_digest(self, digest: Any, rows: SymbolRows) -> None:
-        """Adds decoded integers to the hash of the whole stream, which is compared with the hash in the manifest."""
+        """Adds decoded integers to the hash of all integers, for comparison with the hash in the manifest."""
         # The division of the elements into runs does not change the hash. Runs with losses are not added.
 
     def scene(self) -> ReceivedScene:
@@ -169,7 +169,7 @@ class Schema(StreamSchema):
 
 
 def schema_for(stream_schema: StreamSchema, **codec: Any) -> Schema:
-    """Creates the definition of a codec (`Schema`): adds encoder, decoder and other parts to the properties of streams.
+    """Creates the definition of a codec (`Schema`) from stream properties, encoder and decoder.
 
     Args:
         stream_schema: Properties of the codec's streams, such as name and format version.

@@ -121,7 +121,7 @@ def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
 
 
 def viewpoint_section(cameras: "Cameras") -> bytes:
-    """Serialises the initial view of a scene: the view of its first camera.
+    """Serialises the initial view of a scene, which is the view of the first camera.
 
     Args:
         cameras: The scene's cameras.

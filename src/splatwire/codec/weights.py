@@ -36,7 +36,7 @@ anchors one network's error on other anchors was 1.5 times that on the sample.
 
 @dataclass(frozen=True, eq=False)
 class QuantisedLinear:
-    """A network layer (affine map) as it is coded: integer weights with quantisation steps.
+    """Quantised layer of a network (affine map): integer weights with quantisation steps.
 
     Attributes:
         symbols: Quantised weights, int32 (out, in).

@@ -164,6 +164,6 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
 
 
 def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:
-    """Returns the area that each Gaussian covers: its largest cross-section (square world units) times opacity."""
+    """Returns the covered area of each Gaussian: largest cross-section (square world units) times opacity."""
     ordered = np.sort(splats.scales.astype(np.float64), axis=1)
     return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

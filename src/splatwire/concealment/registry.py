@@ -156,7 +156,7 @@ def check_needs(method: Concealer, partial: ReceivedScene) -> None:
 def why_unfit(
     name: str, provides: Collection[type], sections: Iterable[str], options: Mapping[str, Any] | None = None
 ) -> str:
-    """Returns the reason why a concealer cannot be used for a stream; an empty string if it can be used.
+    """Returns why a concealer cannot conceal losses of a given stream, or an empty text.
 
     Args:
         name: Name of the concealer, or `name:FILE`.

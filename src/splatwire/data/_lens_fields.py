@@ -48,7 +48,7 @@ _AXES = re.compile(
 
 
 def states_axes(name: str, value: object) -> bool:
-    """True if a field probably names the camera axes, or the direction of the pose matrices (such as camera to world).
+    """True if a JSON field probably names the camera axes or the direction of the pose matrices.
 
     Args:
         name: Name of the field.
@@ -94,9 +94,10 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """True if a camera has equal focal lengths along x and y, so that its vertical angle of view can be ignored.
+    """True if the focal lengths of a camera along x and y are equal.
 
-    The fields of the focal lengths and of the horizontal angle of view must be present.
+    The field with the vertical angle of view then adds no information and can be ignored. The fields of the focal
+    lengths and of the horizontal angle of view must be present.
 
     Args:
         values: Fields of the camera.
@@ -131,7 +132,7 @@ def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()
 
 
 def _contains_lens(name: str, value: object) -> bool:
-    """True if a JSON field, or a field of an object in it, probably describes a lens other than a pinhole."""
+    """True if a JSON field, or a member of a JSON object, probably describes a lens other than a pinhole."""
     objects = [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, dict)]
     inner = [(word, part) for fields in objects for word, part in fields.items()]
     return _states_lens(name, value) or any(

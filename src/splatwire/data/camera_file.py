@@ -206,7 +206,7 @@ def _check_statements(
 
 
 def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
-    """Logs a warning if the file states other axes than OpenCV's, or poses other than world-to-camera matrices.
+    """Logs a warning if a cameras file states camera axes unlike OpenCV, or camera-to-world poses.
 
     Args:
         path: The camera file, for messages.

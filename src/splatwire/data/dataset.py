@@ -110,11 +110,12 @@ def open_dataset(
     test_views: str | None = None,
     background: Background = BLACK,
 ) -> Dataset:
-    """Opens a folder of posed photos; photos are loaded on demand.
+    """Opens a folder of posed photos.
 
-    Four layouts are supported. COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in Mip-NeRF 360,
-    Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`. Blender: `transforms_train.json` and
-    `transforms_test.json`. nerfstudio: one `transforms.json`, optionally with masks, points and splits.
+    Photos are loaded on demand. Four layouts are supported. COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and
+    `images`, as in Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`. Blender:
+    `transforms_train.json` and `transforms_test.json`. nerfstudio: one `transforms.json`, optionally with masks, points
+    and splits.
 
     Lens distortion is removed. Photos are rotated by their EXIF orientation if the cameras have the aspect ratio of the
     rotated photos.
@@ -211,9 +212,10 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Returns the views of a split, the file that lists them, and the point cloud that this file names.
+    """Returns the views of a split of a dataset with `transforms.json`.
 
-    The point cloud is None if the file names none.
+    Also returns the file that lists the views, and the point cloud that this file names. The point cloud is None if the
+    file names none.
 
     Args:
         path: Folder of the dataset.
@@ -261,13 +263,16 @@ def _transforms_views(
 
 
 def _dataset_nearby(path: Path) -> str:
-    """Returns a hint for an error message: a dataset in a folder above or below a path; empty if there is none."""
+    """Returns a hint for an error message: the path of a dataset in a folder above or below.
+
+    The hint is empty if no dataset is found.
+    """
     found = folder_nearby(path, lambda folder: folder != path and _has_photos(folder))
     return "" if found is None else f"; {found} looks like a dataset (layout: {dataset_layout(found)})"
 
 
 def _has_photos(folder: Path) -> bool:
-    """True if a dataset folder has photos where its layout expects them."""
+    """True if a dataset folder contains photos in the folder that its layout prescribes."""
     layout = dataset_layout(folder)
     if layout == "colmap" and find_reconstruction(folder) == folder:
         return file_kind(folder) == PHOTOS
@@ -330,7 +335,10 @@ def _views_of_split(views: list[TransformsView], found: Transforms, split: str) 
 
 
 def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
-    """Finds the photo of each view: by its path, by its file name, or by its stem with another suffix or case."""
+    """Finds the photo file of each view.
+
+    A photo matches by relative path, by file name, or by file name with another suffix or another case.
+    """
     if not folder.is_dir():
         raise DatasetError(f"{folder}: the image folder is missing")
     by_stem: dict[Path, dict[str, Path]] = {}
@@ -347,7 +355,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by name without suffix; each is listed by its exact and its lower-case name."""
+    """Returns the files of a folder by name without suffix, both in exact and in lower case."""
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 

@@ -161,7 +161,10 @@ class EucmLens(LensModel):
 
 
 def _equidistant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scales rays (x, y, 1) so that the length of (x, y) is the angle between ray and optical axis, radians."""
+    """Scales rays (x, y, 1) to the equidistant projection.
+
+    The length of (x, y) becomes the angle between ray and optical axis in radians.
+    """
     radius = np.hypot(x, y)
     safe = np.maximum(radius, 1e-12)
     factor = np.where(radius > 1e-9, np.arctan(safe) / safe, 1.0)

@@ -32,7 +32,10 @@ class LensModel(ABC):
 
     @abstractmethod
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane at distance 1; NaN for rays outside of the image."""
+        """Projects rays (x, y, 1) to points of the image plane at distance 1.
+
+        Rays outside of the image give NaN.
+        """
 
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.

@@ -128,7 +128,7 @@ def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, i
 
 
 def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
-    """Rejects an image with too many pixels for its file size, because a small file can decompress to a huge image.
+    """Rejects an image with implausibly many pixels for its file size (decompression bomb).
 
     Args:
         path: The file, for the message.

@@ -129,7 +129,7 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
 
 
 def _warn_of_conventions(path: Path, content: dict[str, Any], frames: list[dict[str, Any]]) -> None:
-    """Logs a warning about each field that declares camera poses with axes or a direction other than those of OpenGL.
+    """Logs a warning about each field that declares pose conventions unlike OpenGL (axes or direction).
 
     Args:
         path: The file, for the message.
@@ -257,7 +257,9 @@ def _has_size(values: dict[str, Any]) -> bool:
 
 
 def _with_size(values: dict[str, Any]) -> dict[str, Any]:
-    """Returns the fields of a view; adds the image size as `w` and `h` if the view has it under other names.
+    """Returns the JSON fields of a view with its image size as `w` and `h`.
+
+    Some files name the image size differently, such as `width`.
 
     Args:
         values: Fields of the view.
@@ -442,7 +444,7 @@ def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
 
 
 def _own_terms(frame: dict[str, Any]) -> dict[str, Any]:
-    """Returns the lens parameters that a frame states by their names; they replace those of the whole file."""
+    """Returns the lens parameters of a single frame, which take precedence over the lens parameters of the file."""
     return {key: frame[key] for key in _LISTED_TERMS if frame.get(key) is not None}
 
 

@@ -61,7 +61,7 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
 
 
 def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Renders a thumbnail of a stream from its initial view; for a sequence, of its first frame.
+    """Renders a thumbnail of a stream (of a sequence: the first frame) from the initial view of the scene.
 
     Args:
         stream: The stream; elements of lost packets are left out.

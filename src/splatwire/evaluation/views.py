@@ -100,7 +100,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def held_out_cameras(scene: Scene) -> Cameras:
-    """Places test cameras around a scene, some near and some far.
+    """Places test cameras at near and far distances around a scene.
 
     Args:
         scene: The scene.

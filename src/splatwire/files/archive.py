@@ -106,7 +106,9 @@ class Archive:
         return data
 
     def refuse_packed(self) -> None:
-        """Checks that all members are uncompressed and do not overlap, so that reading them is cheap.
+        """Checks that all members of the archive are uncompressed and do not overlap.
+
+        Reading the members then needs little memory.
 
         Raises:
             SplatwireError: If a member is compressed, or members overlap.

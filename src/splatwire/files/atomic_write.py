@@ -160,7 +160,7 @@ def _tidy_once(folder: Path) -> None:
 
 @contextmanager
 def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> Iterator[int]:
-    """Opens a folder if it belongs to this user; returns its file descriptor.
+    """Opens a folder of the current user and returns the file descriptor.
 
     Args:
         name: Name of the folder.

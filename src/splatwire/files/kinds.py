@@ -198,9 +198,9 @@ def file_kind(path: Path) -> Kind:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Path]:
-    """Opens a file, so that format detection and readers need not open it again; yields its path.
+    """Opens a file once for format detection and for the readers that follow.
 
-    Never raises and does not block. A path that cannot be opened is yielded too.
+    Yields the path of the file. Never raises and does not block. A path that cannot be opened is yielded too.
     """
     if isinstance(path, OpenedFile) and path.kind is not None:
         yield path
@@ -214,7 +214,10 @@ def opened(path: Path) -> Iterator[Path]:
 
 
 def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
-    """Detects the format of a file or folder; also returns the open file, None for a folder or an unreadable path."""
+    """Detects the format of a file or folder.
+
+    Also returns the open file, or None for a folder or an unreadable path.
+    """
     file = None
     try:
         status = path.stat()
@@ -281,7 +284,9 @@ def is_not(path: Path, wanted: str, why: str = "") -> str:
 
 
 def model_nearby(path: Path, *kinds: Kind) -> str:
-    """Returns a hint for an error message that names an accepted model folder above or below a path; may be empty.
+    """Returns a hint for an error message: an accepted model folder above or below a path.
+
+    The hint is empty if no such folder is found.
 
     Args:
         path: File or folder that was rejected.
@@ -292,7 +297,9 @@ def model_nearby(path: Path, *kinds: Kind) -> str:
 
 
 def folder_nearby(path: Path, accepts: Callable[[Path], bool]) -> Path | None:
-    """Finds the folder that a user probably meant: a parent of a path, or a folder up to two levels below.
+    """Finds the folder that a user probably meant by a path.
+
+    Searches the parents of the path, and folders up to two levels below.
 
     Args:
         path: File or folder that was rejected.
@@ -394,7 +401,10 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
 
 
 def _glb_json_end(head: bytes) -> int:
-    """Returns the byte offset of the end of a binary glTF file's JSON chunk; 0 if the stated size is implausible."""
+    """Returns the byte offset of the end of a binary glTF file's JSON chunk.
+
+    The offset is 0 if the size in the chunk's header is implausible.
+    """
     (size,) = struct.unpack("<I", head[12:16]) if len(head) >= 20 else (0,)
     return 20 + size if 0 < size <= MAX_GLB_JSON_BYTES else 0
 

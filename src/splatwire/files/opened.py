@@ -44,7 +44,7 @@ class OpenedFile(_NativePath):
         return super().stat(follow_symlinks=follow_symlinks)
 
     def reader(self) -> BufferedReader | None:
-        """Returns a file object to read the open file from its first byte; None if it is not open.
+        """Returns a file object at the first byte of the open file, or None if the file is not open.
 
         The caller closes it. All such objects share one position in the file.
         """

@@ -55,7 +55,7 @@ def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_
 
 
 def _refuse_calls(description: bytes | BinaryIO) -> None:
-    """Checks that a pickle refers to no other classes and functions than those of plain tensors."""
+    """Checks that a pickle refers only to the classes and functions of plain tensors."""
     for code, argument, _ in genops(description):
         odd = code.name == "GLOBAL" and not _PLAIN.fullmatch(str(argument))
         if odd or code.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
@@ -186,7 +186,7 @@ def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray
 
 
 def _interpreted(description: bytes | BinaryIO) -> Any:
-    """Returns the content of a pickle of plain tensors, without importing or calling anything that it refers to."""
+    """Returns the content of a pickle of plain tensors, without importing or calling what the pickle names."""
     stack, marks, known = list[Any](), list[int](), dict[int, Any]()
 
     def since_mark() -> list[Any]:

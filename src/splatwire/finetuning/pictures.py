@@ -73,7 +73,7 @@ class Pictures:
 
 
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
-    """Places cameras around a scene at different distances: some are close, and some see the whole scene.
+    """Places cameras around a scene at different distances, from close to the surfaces up to views of all Gaussians.
 
     Args:
         scene: The scene.

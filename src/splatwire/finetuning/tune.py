@@ -108,7 +108,7 @@ def tuned_gaussians(
     progress: Callable[[Progress], None] | None = None,
     classes: Int8[np.ndarray, "N"] | None = None,
 ) -> TunedGaussians:
-    """Changes Gaussians so that renderings of the decoded Gaussians are as similar to given pictures as possible.
+    """Optimises Gaussians so that renderings of the decoded Gaussians match given pictures.
 
     Centres, rotations, scales, opacities and harmonics are optimised with Adam; the number of Gaussians stays the same.
     Rounding is simulated, with straight-through gradients. The loss of a view is its mean squared error, divided by the
@@ -210,7 +210,9 @@ def picture_gradients(
     mask: Bool[np.ndarray, "H W"] | None = None,
     scale: float | None = None,
 ) -> tuple[float, Gradients]:
-    """Renders a view and compares it with a reference; returns the mean squared error and its scaled gradients.
+    """Renders a view and compares the picture with a reference.
+
+    Returns the mean squared error and its scaled gradients.
 
     Args:
         scene: The Gaussians.
@@ -303,7 +305,10 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
 def _first_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Chooses views and packet losses in which the fine-tuning repeatedly measures its loss; measures it once."""
+    """Chooses the views and packet losses in which the fine-tuning measures its loss.
+
+    Measures the loss once before the first step.
+    """
     # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[Reception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))

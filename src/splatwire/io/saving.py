@@ -85,7 +85,9 @@ def save_scene(
 
 
 def _saved_as_own_type(scene: Scene, target: Path) -> bool:
-    """Writes a scene in a format registered for its type; returns False if no such format has the file's suffix.
+    """Writes a scene in a file format that is registered for the type of the scene.
+
+    Returns False if no such format has the file's suffix.
 
     Raises:
         InvalidValueError: If the format is for scenes of another type.

@@ -20,7 +20,7 @@ def footprints(splats: Splats) -> np.ndarray:
 
 
 def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """Returns the weight of each Gaussian for merging, (N): its largest cross-section area times its opacity.
+    """Returns the weight of each Gaussian for merging: largest cross-section area times opacity, (N).
 
     Args:
         opacities: Opacities, (N).

@@ -170,7 +170,7 @@ def _node(splats: Splats, error: float, name: str) -> dict[str, Any]:
 
 
 def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
-    """Nests finer tiles below the coarser tiles that they replace when a viewer comes closer.
+    """Adds finer tiles of a 3D Tiles tileset as children of the coarser tiles that they refine.
 
     Args:
         nodes: JSON objects of the coarser tiles, changed in place.

@@ -81,7 +81,9 @@ class Lpips:
     def __call__(
         self, images: Float[Any, "C H W 3"], references: Float[Any, "C H W 3"], *, scaled: bool = True
     ) -> Float[np.ndarray, "C"]:
-        """Computes the distance of each view to its reference; 0 if they are equal.
+        """Computes the LPIPS distance between each picture and its reference picture.
+
+        The distance of equal pictures is 0.
 
         Args:
             images: RGB in [0, 1], at least 64 pixels on each side.

@@ -99,7 +99,7 @@ def _cached_well(kernel: Any) -> Any:
 
 
 def _in_turn(kernel: Any) -> Callable[[Any], Any]:
-    """Wraps the function that compiles a kernel, or loads it from the cache: one process compiles, the others load."""
+    """Wraps a kernel's compilation so that one process compiles, and the other processes load the cached code."""
     make = kernel.compile
     file = Path(kernel._cache.cache_path, f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}.lock")
 
@@ -145,9 +145,10 @@ def _file_lock(path: Path, kernel: str) -> Iterator[None]:
 
 
 def _wait_for(handle: int, kernel: str) -> None:
-    """Locks an open file, and waits up to `_TURN_S` for another process; only tries it if an earlier wait was in vain.
+    """Locks an open file, and waits up to `_TURN_S` seconds while another process holds the lock.
 
-    A wait that is longer than `_NOTICE_S` is logged, and counts as a compilation.
+    After a wait that timed out, later calls try only once. A wait that is longer than `_NOTICE_S` is logged, and counts
+    as a compilation.
     """
     waits = not _IN_VAIN.is_set()
     if _lock_within(_NOTICE_S if waits else 0.0, handle) or not waits:
@@ -250,7 +251,7 @@ def _only_ours(folder: Path) -> bool:
 
 
 def _is_safe_parent(parent: Path) -> bool:
-    """True if no other user (except root) can rename, replace or delete this user's files in a folder."""
+    """True if only the current user and root can rename, replace or delete files in a folder."""
     status = parent.stat()
     shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX
     return status.st_uid in (0, os.getuid()) and not shared
@@ -310,5 +311,5 @@ event.register("numba:compile", _COMPILATIONS)
 
 
 def is_compiling() -> bool:
-    """True if a thread of this process is compiling a kernel, or waits for another process that compiles it."""
+    """True if a thread of this process compiles a kernel, or waits for the compilation by another process."""
     return _COMPILATIONS.num_running > 0

@@ -77,7 +77,7 @@ def nearest_neighbors(
 def nearest_others(
     tree: NeighborTree, points: Float[Any, "Q 3"], own_indices: Int64[Any, "Q"], k: int
 ) -> tuple[Int64[np.ndarray, "Q kept"], Float[np.ndarray, "Q kept"]]:
-    """Finds the nearest other points of some points of the tree.
+    """Finds the nearest neighbours of points of the tree, without the points themselves.
 
     Args:
         tree: Search tree of all S points.

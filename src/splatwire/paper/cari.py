@@ -39,7 +39,7 @@ _CHUNK = 1 << 13
 @register_concealer("cari", needs=[Prior])
 @dataclass(frozen=True)
 class Cari:
-    """Estimates lost attributes of anchors by interpolating the residuals of neighbours (Section 3.3 of the paper).
+    """Estimates lost anchor attributes by interpolating the residuals of neighbours (CARI, Section 3.3 of the paper).
 
     A residual is the difference between an attribute and its mean as predicted by the hash grid (the prior). A lost
     attribute is estimated as the predicted mean plus a weighted mean of the neighbours' residuals.

@@ -15,7 +15,7 @@ MASK_RULES = ("majority", "count", "all")
 
 @dataclass(frozen=True)
 class MaskVote:
-    """Rule that decides from the neighbours of a lost anchor which of its offsets exist (its mask).
+    """Vote of a lost anchor's neighbours on which offsets of the lost anchor exist (offset mask).
 
     The support of an offset is the weight of the neighbours that have this offset, divided by the weight of all
     neighbours. The rules are:

@@ -47,7 +47,7 @@ class Correlogram:
 @register_concealer("kriging", needs=[Prior])
 @dataclass(frozen=True)
 class Kriging:
-    """Estimates the attributes of a lost anchor from its nearest received anchors by simple kriging.
+    """Estimates the attributes of a lost anchor by simple kriging from the nearest received anchors.
 
     The estimate of a lost anchor (query) is `v_q = m + r^T R^-1 (v_k - m)`. Here m is the expected value (`target`),
     and v_k are the values of the neighbours. R has the correlations between the neighbours, and r the correlations

@@ -68,7 +68,7 @@ class MahalanobisSearch:
         return torch.from_numpy(index), torch.from_numpy(np.sqrt(squared)).to(queries.dtype)
 
     def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
-        """Returns an upper bound of the squared Mahalanobis distance of each query to its `kept`-th nearest point.
+        """Returns an upper bound of the squared Mahalanobis distance of each query to the `kept`-th nearest point.
 
         Args:
             queries: Query positions as a tensor.

@@ -110,7 +110,9 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Lists how many of the most important tiers the planner may bundle in the init segment, for it to try each.
+    """Returns the shares of the packets that the planner tries to bundle in the init segment.
+
+    Each share comprises all packets of the most important tiers.
 
     Args:
         counts: Number of packets of each importance tier.

@@ -206,7 +206,7 @@ def measured_variant(
     stream: SceneStream, *, cameras: Cameras | None, num_views: int, concealer: str | None, seed: int,
     progress: Callable[[float], None],
 ) -> StreamVariant:  # fmt: skip
-    """Decodes a complete stream and returns it as a choice for the planner, with its measured loss of quality.
+    """Returns a complete stream as a choice for the planner, with a measured model of the quality lost to packet loss.
 
     Args:
         stream: Complete stream.

@@ -243,7 +243,7 @@ def decoded_finest(stream: SceneStream) -> Scene:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """A scene to encode, with the measurements that decide which Gaussians are kept and how finely they are quantised.
+    """Scene to encode, with measurements that decide on pruning and on the precision of each Gaussian.
 
     Attributes:
         source: The scene to encode.
@@ -306,7 +306,7 @@ class _Plan:
         return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns a plan for fine-tuning, with a precision of attributes between those of `quality` and this plan.
+        """Returns a plan for fine-tuning, with attribute precision between `quality` and this plan.
 
         This plan's precision is the one measured to be best without fine-tuning. The result is the mean of both.
 
@@ -501,7 +501,7 @@ class _Trials:
         return self.of_psnr(target.psnr)
 
     def of_psnr(self, psnr: float) -> EncodedScene:
-        """Encodes the scene so that its PSNR in the held-out views is as close as possible to `psnr`.
+        """Encodes the scene so that the PSNR in the held-out views is as close as possible to `psnr` decibels.
 
         Raises:
             InvalidValueError: If all views of the search equal those of the source at every level.

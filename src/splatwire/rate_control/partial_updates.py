@@ -86,7 +86,7 @@ class PartialUpdates:
 
     @staticmethod
     def start(splats: Splats, antialiased: bool = False) -> "PartialUpdates":
-        """Encodes a whole scene.
+        """Encodes all Gaussians of a scene as the first stream, to which later updates apply.
 
         Args:
             splats: The Gaussians.

@@ -90,7 +90,7 @@ def measured_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns the rounding errors of one attribute; those of all other attributes are set to 0.
+    """Returns the rounding errors of a single attribute, with the errors of all other attributes set to 0.
 
     Args:
         offsets: Rounding errors of all attributes.

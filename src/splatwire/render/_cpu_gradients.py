@@ -53,7 +53,7 @@ _AHEAD_ROWS = 16
 @njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue, out, row):
-    """Computes the gradient of the loss with respect to one Gaussian, from some pixel rows of one tile of the image.
+    """Computes the gradient of the loss with respect to one Gaussian from a few pixel rows of one image tile.
 
     Args:
         buf: Pixel buffer of the tile; changed in place.

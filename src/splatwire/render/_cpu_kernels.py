@@ -152,7 +152,7 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
 @njit()
 @no_type_check
 def tile_order(num_tiles, grid_x):
-    """Returns the order in which tiles are drawn: one square block of tiles after another, row by row in a block.
+    """Returns the order in which image tiles are drawn: square blocks of tiles, row by row within a block.
 
     Args:
         num_tiles: Number of tiles.

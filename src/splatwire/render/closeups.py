@@ -92,7 +92,7 @@ def _surface_point(
 
 
 def _moved_towards(pose: Float[np.ndarray, "4 4"], target: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """Turns a camera to a point, and moves it towards this point."""
+    """Turns a camera towards a point, and moves the camera closer to the point."""
     eye = -pose[:3, :3].T @ pose[:3, 3]
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(pose[1, :3], forward)

@@ -79,7 +79,7 @@ def each_gradient_cpu(
 
 @functools.cache
 def keep_freed_memory() -> None:
-    """Makes glibc keep up to 64 MiB of freed memory, so that the next image can reuse it."""
+    """Makes glibc keep up to 64 MiB of freed memory for reuse by the next image."""
     # Requesting it from the system for each image would cost a tenth of the rendering time.
     np.empty(_GLIBC_LARGEST, np.uint8)
 

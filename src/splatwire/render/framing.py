@@ -24,7 +24,7 @@ _ENCLOSING = 0.5
 
 
 def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
-    """Places cameras on a circle around a scene, slightly above it, so that the scene fills the image.
+    """Places cameras on a circle slightly above a scene so that the scene fills each image.
 
     Args:
         scene: The scene.

@@ -52,7 +52,7 @@ views around a scene."""
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around a scene that comes without cameras, for measuring its appearance.
+    """Places cameras around a scene without cameras, for measurements of the scene's appearance.
 
     Args:
         scene: The scene.
@@ -195,7 +195,7 @@ _ROOM = 1.04
 def orbiting_cameras(
     middle: Iterable[float], radius: float, num_views: int, up: str = "-y", size: int = 512
 ) -> Cameras:
-    """Places cameras on a circle around a sphere, slightly above it, so that all of it is in the image.
+    """Places cameras on a circle slightly above a sphere, far enough that each image contains the full sphere.
 
     Args:
         middle: Centre of the sphere.

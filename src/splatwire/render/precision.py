@@ -126,7 +126,7 @@ def precision_classes(
 
 @dataclass(frozen=True, eq=False)
 class MeasuredGaussians:
-    """Measurements of each Gaussian for an encoder: how finely to quantise it, and how much its removal costs.
+    """Measurements of Gaussians for an encoder: precision classes, and picture errors after removal.
 
     Attributes:
         classes: Precision class of each Gaussian, which selects its quantisation steps.

@@ -140,7 +140,7 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns for each anchor the squared ratio of two lengths: a Gaussian's shift for an offset of 1, and its size."""
+    """Returns, for each anchor, how far an offset of 1 shifts a Gaussian relative to the Gaussian's size, squared."""
     # An offset that changes by 1 moves its Gaussian by the offset scale. Scale and size are means along the three
     # axes.
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)

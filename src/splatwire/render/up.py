@@ -24,7 +24,7 @@ objects."""
 
 
 def estimate_up_axis(scene: Scene) -> str:
-    """Estimates whether the y axis of a scene points up (`y`) or down (`-y`, as in 3DGS files and scenes from photos).
+    """Estimates the up axis of a scene: `y`, or `-y` as in 3DGS files and scenes from photos.
 
     Returns `-y` for neural anchors and for uncertain cases.
 

@@ -226,7 +226,7 @@ class Patience:
         self._path, self._signature, self._changed = path, signature, now
 
     def is_over(self, now: float, *, behind: bool) -> bool:
-        """True if the file has stayed unreadable for so long that its frame is given up.
+        """True if a frame file has stayed unreadable for so long that the frame is skipped.
 
         Args:
             now: Current time, seconds.

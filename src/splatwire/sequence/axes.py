@@ -15,7 +15,7 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continue_axes(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Changes the order and signs of the Gaussians' axes so that they change little since the previous frame.
+    """Chooses the equivalent axis order and signs of each Gaussian that are closest to the previous frame.
 
     Args:
         previous: Previous frame.

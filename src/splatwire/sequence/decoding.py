@@ -147,7 +147,7 @@ class SequenceDecoder:
 def pose_frame(
     sequence: SequenceScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None
 ) -> SequenceFrame:
-    """Builds one frame of a sequence: the tracks that exist in the frame, as Gaussians moved to their poses in it.
+    """Builds one frame of a sequence: the Gaussians of the tracks that exist in the frame, with their motion applied.
 
     Args:
         sequence: Received sequence.

@@ -27,7 +27,7 @@ class BoundingSphere:
     radius: float
 
     def union(self, other: "BoundingSphere") -> "BoundingSphere":
-        """Returns the smallest sphere that contains this sphere and another one."""
+        """Returns the smallest sphere that contains two spheres."""
         apart = float(np.linalg.norm(other.middle - self.middle))
         if apart + other.radius <= self.radius:
             return self

@@ -260,10 +260,10 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
 
 
 def is_frame(path: Path) -> bool:
-    """True if a file can be a frame of a sequence: a file of Gaussians, such as PLY, SPZ or SOG."""
+    """True if a file contains explicit Gaussians (such as PLY, SPZ or SOG), so that it can be a frame of a sequence."""
     return format_of(file_kind(path)) is not None
 
 
 def by_number(path: Path) -> list[tuple[int, str]]:
-    """Returns a key for sorting paths by file name. Numbers in names are compared by value, so that 2 precedes 10."""
+    """Returns a key for sorting paths by file name with numbers compared by value, so that 2 precedes 10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

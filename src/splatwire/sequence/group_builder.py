@@ -110,7 +110,10 @@ class GroupBuilder:
         return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 
     def group(self) -> TrackGroup:
-        """Returns the group of all frames added so far; tracks are extrapolated to frames that lack them."""
+        """Returns the group of all frames added so far.
+
+        The motion of a track is extrapolated to frames in which the track does not exist.
+        """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}
         for some in values.values():

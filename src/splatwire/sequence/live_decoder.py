@@ -21,9 +21,10 @@ from splatwire.transport.protocol.events import PacketArrived, SideInfoArrived
 
 
 class LiveDecoder:
-    """Decoder of a live sequence that outputs each group of pictures when it is complete, or when the next one begins.
+    """Decoder of a live sequence that outputs the frames of one group of pictures at a time.
 
-    A receiver that joins late starts with the current group.
+    A group is output when it is complete, or when the next group begins. A receiver that joins late starts with the
+    current group.
 
     Args:
         concealer: Name of the concealer for tracks with lost motion.
@@ -170,7 +171,7 @@ class LiveDecoder:
 
 
 def frames_of_events(decoder: LiveDecoder, waiting: WaitingEvents) -> Iterator[SequenceFrame]:
-    """Decodes a live sequence from the events of its receiver; yields each frame once it is decoded.
+    """Decodes a live sequence from the events of its receiver, and yields each frame as soon as possible.
 
     Args:
         decoder: Decoder of the sequence.

@@ -14,7 +14,7 @@ LOG = logging.getLogger(__name__)
 
 
 class LiveFrames:
-    """Decodes a live stream while it is received, and writes each frame to a file of its own.
+    """Decodes a live stream during reception, and writes one file per frame.
 
     If this is slower than the stream for minutes, packets are dropped, and a warning is logged.
 

@@ -145,7 +145,10 @@ class LiveIngest:
         self._source.mark_read(self._waiting.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
-        """Returns a frame if it can follow the frames before it; None if it must be skipped."""
+        """Checks that a frame can follow the previous frames.
+
+        Returns the frame, or None if the encoder must skip the frame.
+        """
         count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")

@@ -115,7 +115,7 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
-    """Changes the order and signs of the Gaussians' axes so that they change little since the previous frame.
+    """Chooses the equivalent axis order and signs of each Gaussian that are closest to the previous frame.
 
     Args:
         previous: Previous frame.

@@ -54,7 +54,9 @@ def write_frames(
     stream: SceneStream, folder: Path, suffix: str, concealer: str, frame_number: int | None, report: Report,
     outliers: Outliers = "clamp",
 ) -> dict[str, Any]:  # fmt: skip
-    """Decodes a sequence and writes one file per frame, or a file of a single frame; returns counts for a summary.
+    """Decodes a sequence and writes one file per frame, or a single frame.
+
+    Returns counts for a summary.
 
     Args:
         stream: The sequence; packets may be missing.

@@ -8,7 +8,7 @@ _FIELDS = "splatwire_fields"
 
 
 def log_event(logger: logging.Logger, level: int, event: str, **fields: str | int | float | bool) -> None:
-    """Logs an event with its fields; the message is text such as `transfer ended bytes=812 reason="left"`.
+    """Logs an event with its fields as one line of text, such as `transfer ended bytes=812 reason="left"`.
 
     Args:
         logger: Logger that receives the event.

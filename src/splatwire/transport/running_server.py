@@ -45,7 +45,7 @@ class RunningServer:
     def replace(
         self, streams: Mapping[str, ServedStream], updates: Mapping[str, ServedStream | None] | None = None
     ) -> None:
-        """Replaces all streams, and reads the certificate from its files again; running transfers are not affected.
+        """Replaces all served streams and reads the certificate files again, without interrupting transfers.
 
         If the certificate is invalid, nothing is replaced.
 
@@ -88,7 +88,7 @@ class RunningServer:
             await asyncio.sleep(DRAIN_INTERVAL_S)
 
     def not_ready(self) -> str | None:
-        """Returns the reason why this server accepts no new clients; None if it does."""
+        """Returns the reason for refusing new clients, or None if the server accepts new clients."""
         if self.draining:
             return "the server is stopping"
         return None if self.server.core.num_streams else "no stream is available yet"

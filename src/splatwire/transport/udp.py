@@ -298,7 +298,7 @@ class _Client:
             self._over.set_result(None)
 
     def _replace_socket(self) -> None:
-        """Opens another socket, because a socket keeps the address of this machine, which may have changed."""
+        """Opens a new socket, because the local address of this machine may have changed."""
         with suppress(OSError):  # no route to the server yet
             fresh = connected_socket(self._socket.family, self._socket.getpeername())
             self._loop.remove_reader(self._socket)

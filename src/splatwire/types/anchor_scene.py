@@ -152,7 +152,10 @@ class AnchorScene:
 
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the anchors that can be visible in some view; only these are encoded."""
+        """Mask of the anchors that can be visible in at least one view.
+
+        An encoder drops all other anchors.
+        """
         return self.validity().kept
 
     def validity(self) -> ElementValidity:

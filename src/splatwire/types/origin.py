@@ -99,7 +99,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Checks if positions relative to an origin are too large for float32; if so, returns their distance from it.
+    """Returns the distance of positions from an origin if the distance is too large for float32, else None.
 
     Args:
         origin: The origin that a file declares.

@@ -114,7 +114,7 @@ class ReceivedScene(Generic[S]):
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
     def get(self, kind: type[Record]) -> Record | None:
-        """Returns the side information of a type, such as `TierSizes`; None if it is absent."""
+        """Returns the side information of a given type, such as `TierSizes`, or None if absent."""
         return next((record for record in self.records if isinstance(record, kind)), None)
 
     def __getitem__(self, kind: type[Record]) -> Record:
@@ -197,7 +197,10 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the set of all element counts that records of side information state; it has one entry if they agree."""
+    """Returns the set of the element counts in records of side information.
+
+    The set has one entry if all records agree.
+    """
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

@@ -109,7 +109,10 @@ class Scene(Protocol):
 
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the elements that can be visible in some view; only these are encoded."""
+        """Mask of the elements that can be visible in at least one view.
+
+        An encoder drops all other elements.
+        """
 
     def validity(self) -> ElementValidity:
         """Classifies the elements as drawable, invisible or invalid; only drawable ones are encoded."""

@@ -56,7 +56,7 @@ class Timeline:
 
 @dataclass(frozen=True, eq=False)
 class GroupMotion:
-    """Received motion of one group of pictures (GOP): the tracks that exist in it, and their changes in its frames.
+    """Received motion of one group of pictures (GOP): tracks and their changes in each frame.
 
     A track is one Gaussian over time. Changes are relative to its keyframe Gaussian, that is, to its first frame.
 

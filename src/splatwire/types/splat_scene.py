@@ -22,7 +22,7 @@ Own = TypeVar("Own", bound="SplatScene")
 
 @dataclass(frozen=True, eq=False)
 class SplatCoding(CheckedFields):
-    """Quantisation steps with which a scene of Gaussians was decoded; encoding with them again is lossless.
+    """Quantisation parameters of decoded Gaussians, with which encoding the Gaussians again is lossless.
 
     Attributes:
         size_log: log2 of the scene's size in world units.
@@ -125,7 +125,10 @@ class SplatScene:
 
     @property
     def drawable(self) -> Bool[np.ndarray, "N"]:
-        """Mask of the Gaussians that can be visible in some view; only these are encoded."""
+        """Mask of the Gaussians that can be visible in at least one view.
+
+        An encoder drops all other Gaussians.
+        """
         return self.validity().kept
 
     def validity(self) -> ElementValidity:

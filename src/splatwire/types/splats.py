@@ -82,7 +82,7 @@ class Splats:
         return found
 
     def fill(self, begin: int, source: "Splats") -> None:
-        """Overwrites the Gaussians from index `begin` on with those of another object, in place."""
+        """Overwrites consecutive Gaussians, from index `begin` on, with the Gaussians of `source`, in place."""
         for name, values in vars(self.run(begin, begin + source.num_gaussians)).items():
             values[:] = getattr(source, name)
 

@@ -76,7 +76,7 @@ class Relay:
             self._headed.set()
 
     def failure(self) -> str:
-        """Returns why the transfer ended before everything was received; empty if it did not."""
+        """Returns why the transfer ended incomplete, or an empty text if the transfer is complete."""
         end = self.ending
         wanted = ("complete", "seen", "sent") if self.is_live else ("complete", "seen")
         return "" if end is None or end.reason in wanted else end.reason
@@ -90,7 +90,7 @@ class Relay:
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:
-        """Yields the pieces of the stream's `.swz` file as they arrive, from its start."""
+        """Yields the bytes of the stream's `.swz` file piece by piece during the transfer."""
         given = 0
         while not self._pieces and not self._over:
             async with self._changed:
@@ -106,7 +106,9 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if more data may be appended to a `.swz` file: the transfer runs, and no new file has replaced this one.
+        """True if more data may be appended to a `.swz` file, because its transfer has not ended.
+
+        False once a new file has replaced the file.
 
         Args:
             pieces: Pieces of this file so far, in order.

@@ -11,7 +11,7 @@ from splatwire.types import AnchorScene
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """All Gaussians that an anchor scene can draw in some view: one for each existing offset of each anchor.
+    """All Gaussians that an anchor scene can draw: one for each existing offset of each anchor.
 
     Attributes:
         anchor_index: Anchor of each Gaussian, ascending.

@@ -60,7 +60,7 @@ def visible_areas(
     find: FindGradients,
     progress: Callable[[float], None] | None = None,
 ) -> VisibleAreas:
-    """Measures the visible area of each Gaussian in each view: its area without the parts behind nearer Gaussians.
+    """Measures the visible area of each Gaussian in each view, without parts behind nearer Gaussians.
 
     Args:
         scene: The scene.

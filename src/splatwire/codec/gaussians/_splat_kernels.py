@@ -73,7 +73,7 @@ def convert(
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _rotation(row, axes, quat):
-    """Computes a Gaussian's rotation as a quaternion, from its primary axis and the angle about this axis.
+    """Computes the rotation quaternion of a Gaussian from the primary axis and the angle about this axis.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (columns).

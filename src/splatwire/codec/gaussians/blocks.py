@@ -83,7 +83,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(positions: np.ndarray) -> np.ndarray:
-        """Compresses large distances from the centre of the scene logarithmically."""
+        """Maps positions logarithmically, so that few distant Gaussians do not dominate the extent of the scene."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
         return np.arcsinh((positions - middle) / spread * 2)
 
@@ -103,7 +103,9 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(positions: np.ndarray, bits: int) -> int:
-    """Returns log2 of the cell size of a block's grid. A position is coded as its cell, and as bits within the cell.
+    """Returns log2 of the cell size of the grid to which a block's positions are divided for coding.
+
+    A position is coded as a grid cell, and as bits within the cell.
 
     Args:
         positions: int64 (n, 3), positions relative to the corner of the block's box; the cell size is in the unit of

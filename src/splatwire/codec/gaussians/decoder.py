@@ -120,7 +120,7 @@ class GaussianDecoder:
 
 
 def coding_of(info: SideInfo, classes: np.ndarray) -> SplatCoding | None:
-    """Returns the quantisation parameters of a decoded scene, for encoding it again without further loss.
+    """Returns the quantisation parameters of a decoded scene, with which encoding the scene again is lossless.
 
     Args:
         info: The stream's side information.

@@ -101,7 +101,9 @@ def _magnitude_context(magnitude):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_interval(coder, low, span, num_bytes, start, size, bits):
-    """Encodes or decodes one symbol, given its probability interval; returns the new state of the range coder.
+    """Encodes or decodes one symbol with a given probability interval.
+
+    Returns the new state of the range coder.
 
     Args:
         coder: Entropy coder of the packet.

@@ -37,7 +37,7 @@ def add_known(positions, i, known, known_positions, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_candidates(squares, count, group_minima, candidates):
-    """Finds the tracks that can be nearest neighbours of a point; other tracks are too far away.
+    """Preselects tracks that can be nearest neighbours of a point, by a bound on their distance.
 
     Args:
         squares: Squared distance of each track from the point, float64.

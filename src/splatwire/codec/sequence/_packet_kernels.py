@@ -120,7 +120,7 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, positions, 
 @njit(error_model="numpy")
 @no_type_check
 def _candidates(headers, begin, n):
-    """Returns the maximum number of tracks of the next packet; the indices of its tracks must be close together.
+    """Returns the maximum number of tracks in the next packet, limited so that track indices are close together.
 
     Args:
         headers: Motion headers of the tracks, ascending by track index.
@@ -230,7 +230,9 @@ def encode_cut(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_packets(models, frames, first_new, data, ends, starts, headers, orders, quantised):
-    """Decodes P packets with the motion of n tracks (Gaussians over time) in total. All output arrays must be 0 before.
+    """Decodes P packets with the motion of n tracks (Gaussians over time) in total.
+
+    The caller initialises all output arrays with 0.
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).

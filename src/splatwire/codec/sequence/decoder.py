@@ -140,7 +140,7 @@ class TracksDecoder:
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
-        """Keeps the received packets of a block of motion in memory; they are decoded when their frames are requested.
+        """Stores the received packets of a block of motion, to decode them when their frames are requested.
 
         Args:
             block: Index of the block.

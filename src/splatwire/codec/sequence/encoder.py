@@ -98,7 +98,7 @@ class TracksEncoder:
         self._costs = np.zeros(0)
 
     def add_frames(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
-        """Starts to fit the motion of the next group before all of its frames are available, which reduces latency.
+        """Starts to fit the motion of the next group before all frames of the group are available, for lower latency.
 
         Args:
             keys: Keys (identifiers) of the group's tracks so far, see `TrackGroup`.
@@ -141,7 +141,7 @@ class TracksEncoder:
 
         @functools.cache
         def births() -> list[Packet]:
-            """Encodes the keyframe Gaussians of new tracks, and fits the motion of these tracks."""
+            """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
             packets = self._encode_keyframes(group, classes, born, numbers, cut=cut)
             threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
             fit(targets, group.moves, self._known, self._keyframes.reference, who, (0, group.moves.num_frames), threads)

@@ -85,7 +85,9 @@ def fit(
     found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
-    """Adds the motion of tracks (Gaussians over time) in a range of frames to the polynomials that are fitted to it.
+    """Continues the least-squares fit of motion polynomials with the motion of tracks in further frames.
+
+    A track is a Gaussian over time.
 
     Args:
         found: Polynomial coefficients of the motion of n tracks, changed in place.

@@ -17,7 +17,7 @@ def by_importance(packets: Sequence[Packet], importance: Mapping[PacketId, float
 
 
 def interleave_blocks(packets: Sequence[Packet], importance: Mapping[PacketId, float]) -> list[Packet]:
-    """Sorts packets so that blocks alternate, each with its most important packets first.
+    """Sorts packets for sending: round robin over the blocks, most important packets of each block first.
 
     Args:
         packets: The packets.

@@ -43,7 +43,7 @@ def encode_update(
     classes: np.ndarray | None = None,
     threads: int | None = None,
 ) -> SceneStream:
-    """Encodes the changes of a scene relative to its stream; `apply_update` applies the result.
+    """Encodes the difference between an encoded scene and a new scene, for `apply_update`.
 
     The changed stream keeps the settings of the old one, such as packetization, quantisation steps and background.
 

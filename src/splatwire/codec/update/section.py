@@ -14,7 +14,7 @@ _DIGEST_BYTES = 32
 
 
 class UpdateFields(NamedTuple):
-    """Data of an update besides its new Gaussians: digests of the streams before and after, and the removed Gaussians.
+    """Fields of an update besides new Gaussians: digests of old and new stream, and removed Gaussians.
 
     Attributes:
         base_digest: SHA-256 of the manifest before the update, hexadecimal.

@@ -54,7 +54,9 @@ def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) 
 
 
 def near_losses(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of the nearest neighbours of each of M anchors, 0 to 1; 0 for anchors without neighbours.
+    """Returns the lost share of the nearest neighbours of each of M anchors, 0 to 1.
+
+    The share is 0 for an anchor without neighbours.
 
     Args:
         partial: The received scene.
@@ -67,7 +69,7 @@ def near_losses(partial: ReceivedScene[AnchorScene], surroundings: Surroundings)
 
 
 def log_gain(share: Any) -> Any:
-    """Returns the logarithm of 1 / (1 - share), the area gain that compensates for a lost share of the neighbours."""
+    """Returns the logarithm of 1 / (1 - share): the gain in area that compensates for a lost share of neighbours."""
     return -np.log1p(-np.minimum(share, _MOST_LOST))
 
 
@@ -78,7 +80,7 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns inputs for the weights of neighbours: each neighbour's area, and its squared relative distance.
+    """Returns the inputs of the network that weights neighbours: area and squared relative distance of each neighbour.
 
     The squared distance is divided by twice the sum of two areas, that of the anchor and that of the neighbour.
 

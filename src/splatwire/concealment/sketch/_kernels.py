@@ -153,7 +153,7 @@ def code_levels(coder, models, precision_levels, buckets, num_levels):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def code_rows(coder, bit_models, models, precision_levels, masks, values, offsets):
-    """Encodes or decodes the content of each coarse copy: its offset mask, transform coefficients and existing offsets.
+    """Encodes or decodes the content of coarse copies: offset masks, transform coefficients and offsets.
 
     Args:
         coder: State of the range coder.

@@ -72,7 +72,7 @@ def _missing() -> InvalidValueError:
 
 
 def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) -> Concealed:
-    """Replaces lost anchors by coarse copies, hides the other lost anchors, and enlarges drawn anchors next to them.
+    """Draws coarse copies in place of lost anchors, hides lost anchors without a copy, and enlarges their neighbours.
 
     Args:
         partial: The received scene.
@@ -145,7 +145,7 @@ class SketchedLoss:
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     def proposal(self, section: SketchSection) -> Concealed:
-        """Leaves out lost anchors of which no coarse copy arrived, and enlarges the other anchors around them.
+        """Hides lost anchors without a coarse copy, and enlarges the drawn anchors next to hidden anchors.
 
         Args:
             section: The section `sketch` of the side information, which contains the parameters of the enlargement.

@@ -76,7 +76,7 @@ class SketchSizes:
 
     @property
     def num_channels(self) -> int:
-        """Number of values in the coarse copy of an anchor: its feature channels, and six logarithms of scalings."""
+        """Number of values in the coarse copy of an anchor: feature channels and six logarithms of scalings."""
         return self.feature_dim + SCALING_COLUMNS
 
 

@@ -77,7 +77,7 @@ class TemporalConcealer(Protocol):
 
 @dataclass(frozen=True)
 class MotionConcealer:
-    """Estimates lost motion: continues the last known motion of a track, or interpolates that of its neighbours.
+    """Estimates lost motion of tracks by continuing their last known motion or interpolating neighbours' motion.
 
     With interpolation, a lost track moves like its neighbours, stays at its last position, or is hidden. The choice is
     tested on the received tracks around it, and the one with the smallest error is used.

@@ -101,7 +101,7 @@ def _query_neighbors(
 
 
 def started_share(begins: np.ndarray, frames: int) -> np.ndarray:
-    """Returns, for each frame of a group of pictures, the share of the received tracks whose first frame is not later.
+    """Returns, for each frame of a group of pictures, the share of the received tracks that have begun.
 
     Args:
         begins: First frame of each received track within the group.

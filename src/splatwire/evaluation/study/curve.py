@@ -88,7 +88,7 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
 
 
 def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
-    """Returns the loss models for which a chart of PSNR over loss rate has points, in ascending order of loss rate.
+    """Returns the loss models at which a chart of PSNR over loss rate is measured, ascending by loss rate.
 
     Args:
         result: Results of the evaluation; only its first loss model is used.

@@ -282,7 +282,7 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Names a packetization by its preset and the parameters that differ from it."""
+    """Names a packetization by a preset and the parameters that differ from the preset."""
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
 

@@ -54,7 +54,7 @@ class Engine(Protocol):
 
 @dataclass(eq=False)
 class InProcess:
-    """Executes tasks in this process, one after another, with all of its threads.
+    """Executes the tasks of an evaluation sequentially in the current process, with all of its threads.
 
     Attributes:
         decode: Decoder of received streams.

@@ -35,7 +35,7 @@ class InputFiles:
 
 
 def keep(cache: "OrderedDict[Key, Value]", key: Key, max_values: int, make: Callable[[], Value]) -> Value:
-    """Returns a value from a cache of the most recently used ones; computes it if it is missing.
+    """Returns a value of a least-recently-used cache, and computes the value if absent.
 
     Args:
         cache: The cache; changed in place.

@@ -73,7 +73,7 @@ class PreparedScene:
     codec: str
 
     def why_unsupported(self, row: Row) -> str:
-        """Returns why a method cannot be evaluated on this scene; empty if it can."""
+        """Returns why a method cannot be evaluated on this scene, or an empty text if the method can be evaluated."""
         if row.needs_weights and self.entry.weights is None:
             return "it has no calibrated weights (splatwire calibrate makes them)"
         absent = [name for name in row.sections if name not in self.sections]
@@ -153,7 +153,7 @@ class Source:
 
     @property
     def sections(self) -> Mapping[str, bytes]:
-        """Named sections of side information in the stream, such as those that `splatwire calibrate` adds."""
+        """Named sections of side information in the stream, including sections that `splatwire calibrate` added."""
         return {} if self.stream is None else sections_of(self.stream)
 
     @property
@@ -169,7 +169,7 @@ class Source:
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
-    """Encodes a scene for every method, prepares its reference images and generates its loss masks.
+    """Encodes a scene for every method, prepares the reference images, and draws the loss masks.
 
     Results that are already in the store are reused.
 

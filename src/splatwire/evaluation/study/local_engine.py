@@ -95,7 +95,7 @@ class _Worker:
 
 
 def _await_finished(workers: list[_Worker]) -> list[_Worker]:
-    """Waits until at least one worker process has finished its task or died; returns these workers."""
+    """Waits until at least one worker process has finished a task or died, and returns all such workers."""
     busy = [worker for worker in workers if worker.unit is not None]
     sources: list[Any] = [source for worker in busy for source in (worker.pipe, worker.process.sentinel)]
     ready = wait(sources)

@@ -47,7 +47,7 @@ def measure_packet_loss(stream: SceneStream, model: str, seeds: tuple[int, ...],
 
 
 def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int) -> bytes:
-    """Serialises a mask as an npz file, so that another codec can be evaluated on the same losses.
+    """Serialises a packet loss mask as an npz file, for evaluating other codecs on the same losses.
 
     The file has these arrays with one entry per packet, ascending by packet id:
 
@@ -83,7 +83,7 @@ def mask_bytes(stream: SceneStream, mask: PacketLossMask, loss: Loss, seed: int)
 
 
 def anchor_bytes(stream: SceneStream, positions: np.ndarray) -> bytes:
-    """Returns an npz file that lists the anchors of each packet of a stream.
+    """Serialises, as an npz file, which anchors each packet of a stream contains.
 
     The file has these arrays:
 

@@ -72,7 +72,7 @@ def concealed_pictures(
     stream: SceneStream, mask: PacketLossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
     cameras: Cameras, chosen: Sequence[int], renderer: str,
 ) -> Iterator[Picture]:  # fmt: skip
-    """Simulates losses in a sequence, conceals them, and renders the selected frames, each with its camera.
+    """Simulates and conceals packet losses in a sequence, and renders the selected frames with one camera each.
 
     Args:
         stream: The complete stream.

@@ -128,7 +128,7 @@ def number(estimate: Estimate | None, digits: int) -> str:
 
 
 def signed(estimate: Estimate | None) -> str:
-    """Formats a difference in decibels with its sign and, if known, the half width of its confidence interval."""
+    """Formats a signed difference in decibels and, if known, the half width of its confidence interval."""
     if estimate is None:
         return ""
     half = "" if estimate.half_width is None else f" ± {estimate.half_width:.2f}"

@@ -81,7 +81,7 @@ class Unit:
 
     @property
     def concealer(self) -> str:
-        """Specification of the concealer: its name, with the path of its weights if it needs any."""
+        """Specification of the concealer: its name and, if needed, the path of its weights."""
         return self.conceal.replace(WEIGHTS, self.weights)
 
     def picture(self, view: int) -> str:

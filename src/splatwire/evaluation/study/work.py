@@ -155,7 +155,7 @@ class UnitRunner:
     def _images(
         self, unit: Unit, arrived: ReceivedInput, views: ReferenceViews
     ) -> Iterable[Float[np.ndarray, "H W 3"]]:
-        """Returns one image of each view to compare with its reference: a render, or the result of another codec."""
+        """Returns one image per view to compare with the reference image: a render, or the picture of another codec."""
         if arrived.scene is None:
             paths = picture_paths(Path(unit.stream.path), unit.references)
             return read_pictures(paths, views.cameras.height, views.cameras.width)
@@ -282,7 +282,7 @@ class UnitRunner:
 
 
 def erode(whole: ReceivedScene, anchors: Bool[np.ndarray, "N"], attribute: Attribute) -> ReceivedScene:
-    """Sets one attribute of some anchors to zero, as if only this attribute were lost.
+    """Sets one attribute of the given anchors to zero, to measure the effect of losing only this attribute.
 
     Section 3.2.1 of the paper (`docs/paper-map.md`) calls this a partial loss.
 

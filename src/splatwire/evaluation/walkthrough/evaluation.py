@@ -38,7 +38,7 @@ class ProgressiveSource(Protocol):
         """
 
     def complete(self, viewpoint: Viewpoint) -> Scene:
-        """Returns the scene as a receiver draws it for a viewpoint after everything was received."""
+        """Returns the scene that a receiver draws for a viewpoint once the full stream has been received."""
 
     def bytes_at(self, seconds: float) -> int:
         """Returns the number of bytes received until a time, in seconds since the request."""
@@ -164,7 +164,7 @@ class StreamedWalkthrough:
         return self._drawn(self.delivery.drawable(self.tiles, seconds), self.delivery.arrivals <= seconds, viewpoint)
 
     def complete(self, viewpoint: Viewpoint) -> Scene:
-        """Returns the scene as a receiver draws it for a viewpoint after everything was received."""
+        """Returns the scene that a receiver draws for a viewpoint once the full stream has been received."""
         everything = np.ones(self.tiles.num_tiles, dtype=bool), np.ones(len(self.delivery.arrivals), dtype=bool)
         return self._drawn(*everything, viewpoint)
 

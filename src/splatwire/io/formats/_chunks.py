@@ -60,7 +60,7 @@ def _half_steps(spans: np.ndarray) -> np.ndarray:
 
 
 def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sorts some Gaussians and divides them into chunks whose positions can be quantised with small errors.
+    """Sorts Gaussians and divides the result into chunks with small quantisation errors of positions.
 
     A chunk with fewer than 256 Gaussians is filled with copies of its last Gaussian (padding).
 
@@ -93,7 +93,7 @@ def _cut_into_chunks(splats: Splats, rows: np.ndarray, most_filled: int) -> tupl
 
 
 def _chunk_lengths(means: np.ndarray, limits: np.ndarray) -> list[int]:
-    """Divides sorted Gaussians into chunks so that no position is rounded by more than its limit.
+    """Divides sorted Gaussians into chunks so that the rounding of each position stays within a given limit.
 
     Args:
         means: Centres in the order of the file, world units, float64 (n, 3).

@@ -37,7 +37,7 @@ def is_in_folder_of(path: Path, other: Path) -> bool:
 
 
 def warn_of_bytes_outside(path: Path, count: int, where: str = "after its end") -> None:
-    """Logs a warning if a file has bytes outside of its content, such as an appended second file.
+    """Logs a warning if a file has bytes outside of the scene's data, such as an appended second file.
 
     Args:
         path: The file.

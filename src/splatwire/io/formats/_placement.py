@@ -195,7 +195,10 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
 
 
 def _value_as_text(value: object) -> str | None:
-    """Returns a metadata value of a JSON file as text, to search it for numbers; None if it cannot contain any."""
+    """Returns a metadata value of a JSON file as text that can be searched for numbers.
+
+    None if the value cannot contain numbers.
+    """
     if isinstance(value, dict):
         value = [part for pair in value.items() for part in pair]
     if isinstance(value, list):

@@ -109,7 +109,7 @@ def _extent(sample: PlyElement) -> float:
 
 
 def _unit_of_opacities(sample: PlyElement, values: np.ndarray) -> str | None:
-    """Returns the probable unit of opacities, such as `linear`, or None if they are probably logits.
+    """Returns the probable unit of opacities, such as `linear`, or None for logits.
 
     Args:
         sample: A sample of the vertices.

@@ -97,7 +97,9 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
 
 
 def _resolved_file(path: Path, layer: Sdf.Layer, name: str, opening: Callable[[Path], None]) -> tuple[str, bool]:
-    """Finds a file to which another file of an OpenUSD scene refers; logs a warning if it does not exist.
+    """Finds the file that an asset reference of an OpenUSD layer names.
+
+    Logs a warning if the file does not exist.
 
     Args:
         path: Path of the scene.

@@ -28,7 +28,7 @@ _BINARY = b"PXR-USDC"
 
 
 class Limits:
-    """Limits on memory and time of the process that reads an OpenUSD scene; they grow with the size of the scene.
+    """Memory and time limits of the process that reads an OpenUSD scene, growing with the size of the scene.
 
     Beyond the memory limit, allocations fail. After the time limit, the process ends.
 
@@ -53,7 +53,7 @@ class Limits:
 
     @property
     def memory(self) -> int:
-        """Memory that this process may use in addition to what it used at the start, bytes."""
+        """Memory that the reading process may use in addition to its use at the start, bytes."""
         binary = self._bytes + self._most_gaussians  # the previous frame may still be in memory
         return _FREE_BYTES + _BYTES_PER_BYTE * binary + _BYTES_PER_CHARACTER * self._characters
 
@@ -113,7 +113,7 @@ class Limits:
 
 
 def _limit(kind: int, value: int) -> None:
-    """Sets the soft limit of a resource of this process; a value above the hard limit is reduced to the hard limit.
+    """Sets the soft limit of a resource of this process, at most the hard limit.
 
     Args:
         kind: The resource, such as `resource.RLIMIT_AS`.

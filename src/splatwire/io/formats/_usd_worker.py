@@ -29,7 +29,7 @@ _NO_MEMORY = "std::bad_alloc"
 
 
 class _Sender(logging.Handler):
-    """Writer of messages from this process to the one that started it; also passes on log records."""
+    """Writer of messages and log records from the process that reads an OpenUSD scene to its parent process."""
 
     def __init__(self, sink: BinaryIO, limits: Limits) -> None:
         super().__init__()

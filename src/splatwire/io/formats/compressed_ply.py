@@ -259,7 +259,7 @@ def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _without_far(splats: Splats, path: Path) -> Splats:
-    """Removes distant Gaussians if they would make the other Gaussians' positions visibly coarse.
+    """Removes distant Gaussians if they would make the positions of the remaining Gaussians visibly coarse.
 
     A chunk's positions are quantised within the chunk's extent, so that a distant Gaussian enlarges the steps. At most
     half of all Gaussians are removed.
@@ -329,7 +329,7 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
 
 
 def _with_values(splats: Splats, attribute: str, rows: np.ndarray, values: np.ndarray) -> Splats:
-    """Returns a copy of the Gaussians with new scales or new colours for some of them.
+    """Returns a copy of Gaussians in which the scales or the colours of given Gaussians are replaced.
 
     Args:
         splats: All Gaussians.
@@ -359,7 +359,7 @@ def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps values, (N, 3), linearly to 0 to 1 within the range of each of C chunks, as a preparation for quantisation.
+    """Maps values, (N, 3), linearly to the range 0 to 1 within each of C chunks before quantisation.
 
     Returns:
         Minimum and maximum of each chunk, (C, 6); and the mapped values, (N, 3).

@@ -66,7 +66,10 @@ def find_format(kind: Kind) -> FileFormat | None:
 
 @checked
 def format_of(kind: Kind) -> str | None:
-    """Returns the name of the scene format of a detected kind of file, or None if it has no explicit Gaussians."""
+    """Returns the name of the scene format of a detected kind of file.
+
+    None if files of this kind contain no explicit Gaussians.
+    """
     form = find_format(kind)
     return None if form is None or form.scene_type is not None else form.name
 
@@ -416,7 +419,7 @@ _FACTS = frozenset(("antialiased", "metadata", "steps", "origin", "outliers"))
 
 
 def _lazy_import(module: str, name: str) -> Callable[..., Any]:
-    """Wraps a reader or writer of `splatwire.io.formats` so that its module is imported at the first call."""
+    """Wraps a reader or writer of `splatwire.io.formats` to import the module at the first call."""
 
     def call(*arguments: Any, **facts: Any) -> Any:
         return getattr(importlib.import_module(f"splatwire.io.formats.{module}"), name)(*arguments, **facts)

@@ -202,7 +202,7 @@ class _Gltf:
         return [instance for instance in shown if instance.matrix[:3, :3].any()]
 
     def _warn_of_extensions(self, nodes: list[dict[str, Any]]) -> None:
-        """Logs unknown extensions of the document, of its scenes and of its nodes, which may move or hide Gaussians."""
+        """Logs unknown glTF extensions of the document, scenes and nodes, which may move or hide Gaussians."""
         objects = [self._document, *self._document.get("scenes", []), *nodes]
         names = {str(name) for one in objects for name in one.get("extensions", {})}
         unknown = sorted(name for name in names if name not in _READ and not name.startswith(_HARMLESS))
@@ -319,7 +319,9 @@ class _Gltf:
         )
 
     def _buffer(self, index: int) -> memoryview:
-        """Returns the bytes of a glTF buffer, which may be a part of the file, another file or a `data:` URI.
+        """Returns the bytes of a glTF buffer.
+
+        A buffer is the binary chunk of the file, a separate file, or a `data:` URI.
 
         Raises:
             DatasetError: If the buffer is missing, or not in the file, the folder of the file or a `data:` URI.
@@ -397,7 +399,9 @@ class _Gltf:
         return replaced
 
     def _rows(self, name: str, source: dict[str, Any], dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
-        """Reads an array from a buffer of the document; it is zero if the document names no buffer for it.
+        """Reads an array from a buffer of the document.
+
+        The array is zero if the document names no buffer.
 
         Args:
             name: Name of the attribute, for messages.

@@ -136,7 +136,7 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
 
 def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
-    """Returns a length for each Gaussian; a position error is visible if it is large compared with this length.
+    """Returns a length in world units for each Gaussian, with which position errors are compared.
 
     Args:
         splats: All Gaussians.
@@ -269,7 +269,7 @@ def morton_order(means: np.ndarray) -> np.ndarray:
 
 
 def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray) -> Splats:
-    """Moves distant Gaussians into a box and shrinks them, so that they look the same from inside the box.
+    """Moves distant Gaussians into a box and shrinks them so that their appearance from inside the box is unchanged.
 
     Args:
         splats: All Gaussians.
@@ -292,7 +292,7 @@ def pull_into_box(splats: Splats, index: np.ndarray, middle: np.ndarray, low: np
 def treated_positions(
     splats: Splats, treatment: Outliers, index: np.ndarray, middle: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> Splats:
-    """Applies a treatment of outliers: moves them into a box, removes them, or keeps them.
+    """Applies a treatment to positions that are outliers: keep, remove, or move into a box.
 
     Args:
         splats: The Gaussians.

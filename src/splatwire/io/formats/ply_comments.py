@@ -89,7 +89,9 @@ def antialiasing_comments(antialiased: bool) -> list[str]:
 
 
 def origin_comments(keyword: str, origin: Origin) -> list[str]:
-    """Returns a list with one PLY comment that states the origin; the list is empty for the origin (0, 0, 0).
+    """Returns a list with the PLY comment that states a scene's origin.
+
+    The list is empty for the origin (0, 0, 0).
 
     Args:
         keyword: First word of the comment: `ORIGIN` or `OFFSET`.

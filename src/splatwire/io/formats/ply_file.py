@@ -24,7 +24,7 @@ _XZ_MEMORY_LIMIT = 80 << 20
 
 @dataclass(frozen=True, eq=False)
 class PlyElement:
-    """All rows of one element of a PLY file, such as its vertices.
+    """All rows of one element of a PLY file, for example of the element `vertex`.
 
     Attributes:
         path: Path of the file, for messages.
@@ -90,7 +90,9 @@ class PlyElement:
 
 
 def read_ply(path: Path) -> PlyElement:
-    """Reads a PLY with `vertex` as its only element and float properties: binary, text, or an xz archive of a PLY.
+    """Reads a PLY file whose only element is `vertex`, with float properties.
+
+    The file is binary, text, or an xz archive of a PLY file.
 
     Raises:
         DatasetError: If the file has other elements, or `read_ply_elements` fails.

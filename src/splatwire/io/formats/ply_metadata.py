@@ -95,13 +95,16 @@ def names_up(comment: str) -> bool:
 
 
 def named_up(comment: str) -> str | None:
-    """Returns the axis that a comment names as up, such as `-y`; None if it names none."""
+    """Returns the up axis that a PLY comment states, such as `-y`, or None."""
     match = _UP.fullmatch(comment.strip().rstrip(".;,"))
     return None if match is None else _axis((match[1] or match[2]).strip())
 
 
 def _axis(text: str) -> str | None:
-    """Returns the axis of a name such as `+Z`, or of a unit vector along an axis; None for anything else."""
+    """Returns the coordinate axis that a name such as `+Z` or a unit vector describes.
+
+    None for any other value.
+    """
     if axis := _AXIS.fullmatch(text):
         return f"{axis[1].replace('+', '')}{axis[2].lower()}"
     vector = _numbers(text)

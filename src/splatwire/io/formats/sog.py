@@ -332,7 +332,7 @@ class _Sog:
         return self._picture(section, file, pixels=self._count)[: self._count]
 
     def _warn_if_lossy(self, name: str, data: memoryview) -> None:
-        """Logs a warning if a WebP image is lossy, so that its values are wrong."""
+        """Logs a warning if a WebP image is lossy, because lossy compression makes the stored values wrong."""
         at = _WEBP_HEADER
         while at + 8 <= len(data) and bytes(data[at : at + 4]) != _LOSSY:
             at += 8 + -(-int.from_bytes(data[at + 4 : at + 8], "little") // 2) * 2

@@ -72,7 +72,7 @@ class _Header:
 
 
 def read_spz(path: Path) -> FileContent:
-    """Reads an SPZ file of version 1 to 4 in its declared axis convention, and its metadata.
+    """Reads Gaussians and metadata of an SPZ file of version 1 to 4, in the axis convention that the file declares.
 
     Harmonics of degree 4 and unknown extensions are dropped with a warning.
 
@@ -98,7 +98,7 @@ def read_spz(path: Path) -> FileContent:
 
 
 def _log_left_out(path: Path, header: _Header) -> None:
-    """Logs the parts of the file that are ignored because this package does not support them."""
+    """Logs the parts of an SPZ file that splatwire does not support and therefore ignores."""
     if header.degree > MAX_DEGREE:
         dropped = 3 * ((header.degree + 1) ** 2 - (MAX_DEGREE + 1) ** 2)
         LOG.warning(

@@ -108,7 +108,9 @@ def write_spz(
 
 
 def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats outliers that would make all other positions coarse; logs a warning if they stay coarse.
+    """Treats distant Gaussians (outliers) because of which SPZ would store all positions coarsely.
+
+    Logs a warning if positions stay coarse.
 
     Args:
         splats: The Gaussians.

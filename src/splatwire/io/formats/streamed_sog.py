@@ -121,7 +121,10 @@ def _is_here(chunk: Path) -> bool:
 
 
 def _file_of(chunk: Path) -> Path:
-    """Returns the path of the file to open for a chunk: the bundle itself, or the `meta.json` in the chunk's folder."""
+    """Returns the path of the file to open for a chunk of a streamed SOG.
+
+    A chunk is a bundle, or a folder with a `meta.json`.
+    """
     return chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME
 
 
@@ -265,7 +268,7 @@ def _read_pieces(
 
 
 def _with_capacity(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
-    """Returns larger arrays for the Gaussians of a scene, and copies those read so far into them.
+    """Returns larger arrays for the Gaussians of a scene, with a copy of the Gaussians read so far.
 
     Args:
         joined: Arrays of the Gaussians that were read so far; None for the first allocation.

@@ -69,7 +69,7 @@ def load_torch_file(path: Path) -> Any:
 
 
 def is_plain(value: Any) -> bool:
-    """Returns True if a value from a checkpoint is a safe tensor: dense, on the CPU, finite, and not too large."""
+    """Returns True if a value from a checkpoint is a dense CPU tensor with finite values and a permitted size."""
     if not isinstance(value, Tensor) or value.layout != torch.strided or value.device.type != "cpu":
         return False
     if value.is_complex() or value.is_quantized or 4 * value.numel() > MAX_TENSOR_FILE_BYTES:

@@ -37,7 +37,7 @@ _MASK_THRESHOLD = 0.01
 
 @checked
 def import_hacpp(model_dir: Path) -> AnchorScene:
-    """Reads an official HAC++ model folder. Nothing in the files is executed.
+    """Reads an official HAC++ model folder, without executing code in the files.
 
     Reads the newest `point_cloud/iteration_*` (`point_cloud.ply` or `point_cloud.ply.xz`, `checkpoint.pth`) and the
     bounds `bitstreams/x_bound_{min,max}.pkl`. The voxel size is read from `bitstreams/xyz_gpcc.npz`, `metrics.json` or

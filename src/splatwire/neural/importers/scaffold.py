@@ -27,7 +27,7 @@ _GROUPS = 5
 
 @checked
 def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> AnchorScene:
-    """Reads an official Scaffold-GS model folder. Nothing in the files is executed.
+    """Reads an official Scaffold-GS model folder, without executing code in the files.
 
     Reads `point_cloud.ply` of the newest `point_cloud/iteration_*`, and its networks: `opacity_mlp.pt`, `cov_mlp.pt`
     and `color_mlp.pt`, or all in `checkpoints.pth`. The networks may be TorchScript, as the official code saves them,
@@ -63,7 +63,7 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
 
 
 def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:
-    """Reads the tensors of all networks of a Scaffold-GS model by name, and its appearance embedding if it has one."""
+    """Reads the tensors of all networks of a Scaffold-GS model by name, and the appearance embedding if present."""
     if (iteration / "feature_bank_mlp.pt").exists():
         raise DatasetError(f"{iteration}: the model uses the feature bank (--use_feat_bank), which is not supported")
     together = iteration / "checkpoints.pth"

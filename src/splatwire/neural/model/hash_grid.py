@@ -51,12 +51,12 @@ def corner_rows(
 
 
 def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
-    """True if a level of the hash grid has a table row for every grid point, so that no hashing is needed."""
+    """True if the table of a grid level has a row for every grid point, so that grid points need not be hashed."""
     return resolution**dims <= num_rows
 
 
 def _row_terms(corners: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes one term per axis for each grid point; the terms of a point are combined to its row in the hash table.
+    """Computes, for each grid point and axis, the term of the hash that selects a row of the hash table.
 
     Args:
         corners: Coordinates of the lower and the upper neighbouring grid point along each axis.

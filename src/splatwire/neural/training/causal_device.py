@@ -25,7 +25,10 @@ _CHUNK = 1 << 16
 
 
 class DeviceCausal(TrainedCausal):
-    """The causal context model while it is trained on a GPU; the arguments are those of `TrainedCausal`."""
+    """Trainer of the causal context model on a GPU.
+
+    Arguments are the same as for `TrainedCausal`.
+    """
 
     # Needs fewer GPU operations than `TrainedCausal`, with the same results: visible and sampled anchors are
     # processed together, and all networks are packed into one.

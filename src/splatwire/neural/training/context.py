@@ -158,7 +158,7 @@ class TrainedContext:
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
     def bits_per_parameter(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Estimates the mean bits per attribute value of the whole scene, including those of the hash grid."""
+        """Estimates the mean number of bits per attribute value of a scene, including the bits of the hash grid."""
         # The bits of the attributes are estimated from a sample of anchors. The bits of the hash grid's signs
         # are added, divided by the number of attribute values of all anchors.
         layout = self._config.model.layout
@@ -213,7 +213,7 @@ def grid_features(
 def noisy_attributes(
     state: TrainState, index: Int64[Tensor, "M"], steps: Steps, uniform: Uniform = uniform_from_host
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]]:
-    """Returns features, scalings and offsets of some anchors, with uniform noise in place of rounding.
+    """Returns features, scalings and offsets of the given anchors, with uniform noise in place of rounding.
 
     The coordinates of an anchor's offsets are one vector.
     """

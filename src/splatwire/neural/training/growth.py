@@ -128,7 +128,7 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
 
 
 def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K"], cell: int) -> None:
-    """Adds anchors on a grid: one in each cell that has no anchor but contains the centre of a chosen Gaussian.
+    """Adds an anchor in each cell of a grid that contains the centre of a chosen Gaussian and no anchor yet.
 
     Args:
         state: State of the training; changed in place.

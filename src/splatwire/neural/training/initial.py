@@ -167,7 +167,7 @@ def check_cameras(dataset: Dataset) -> None:
 def initial_points(
     dataset: Dataset, random_points: int, generator: torch.Generator
 ) -> tuple[Float[Tensor, "P 3"], Float[Tensor, "P 3"] | None]:
-    """Returns the points that a training begins with: those of the dataset, or random ones if it has none.
+    """Returns the initial points of a training: the points of the dataset, or random points if the dataset has none.
 
     Args:
         dataset: Training views and points.

@@ -175,7 +175,9 @@ class PacketLosses:
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
     def _concealed(self, state: TrainState, known: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
-        """Conceals the loss of anchors; returns None if all of them or none of them are received.
+        """Conceals the loss of anchors.
+
+        Returns None if all anchors or no anchors are received.
 
         Args:
             state: State of the training.

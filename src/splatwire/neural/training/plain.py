@@ -136,7 +136,7 @@ class _PhotometricLoss(torch.autograd.Function):
 def _similarity(
     own: Float[Tensor, "3 3 H W"], other: Float[Tensor, "2 3 H W"]
 ) -> tuple[Float[Tensor, ""], Float[Tensor, "3 3 H W"]]:
-    """Computes SSIM from blurred images: its mean, and the gradient of its sum with respect to `own`.
+    """Computes the mean SSIM from blurred images, and the gradient of the sum of SSIM with respect to `own`.
 
     Args:
         own: Blurred picture, its blurred square, and its blurred product with the photo.

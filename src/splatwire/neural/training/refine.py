@@ -74,7 +74,10 @@ class _ConstantData:
 
 
 class _ScaledMlp:
-    """A network in training whose outputs are divided by their typical values, so that one learning rate suits all."""
+    """Network in training whose outputs are divided by typical values.
+
+    One learning rate then suits all outputs.
+    """
 
     # Scaled outputs need only one learning rate.
 

@@ -232,7 +232,7 @@ def group_of(name: str) -> str:
 
 
 def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"] | Int64[Tensor, "M"]) -> None:
-    """Removes all anchors of a state except those given by a mask or by indices, in place."""
+    """Keeps only the anchors of a training state that a mask or indices select, in place."""
     _map_rows(state, lambda _, rows: rows[keep])
     state.voxels = state.voxels[keep]
 
@@ -255,7 +255,7 @@ def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: 
 
 
 def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
-    """Applies a function to every tensor with one row per anchor in a state, and stores the results in the state.
+    """Applies a function in place to every tensor of a training state that has one row per anchor.
 
     Args:
         state: State of the training, changed in place.

@@ -207,7 +207,7 @@ class CalibrationRun:
         return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
 
     def keep_if_best(self) -> None:
-        """Measures the network on held-out losses; stores its weights if they are the best so far."""
+        """Measures the network on held-out losses, and stores the weights if the error is the lowest so far."""
         errors = self.validate()
         if self.score(errors) < self.score(self.best_errors):
             self.best, self.best_errors, self.stale = self._copy(), errors, 0

@@ -110,7 +110,7 @@ class _EdgeLayer(nn.Module):
 
 
 class _CrossAttention(nn.Module):
-    """Cross-attention of a lost anchor (query) to its hash-grid feature and its prior."""
+    """Cross-attention of a lost anchor (query) to the anchor's hash-grid feature and prior."""
 
     # Attends to three vectors: the feature from the hash grid, and the means of feature and scaling that the prior
     # predicts. The result is added to the query's hidden vector.

@@ -66,7 +66,7 @@ def sampled_frames(timeline: Timeline) -> list[list[int]]:
 
 
 def render_sampled_frames(sequence: SequenceScene, method: TemporalConcealer, cameras: Cameras) -> Pictures:
-    """Renders some frames of a decoded sequence after concealing its losses.
+    """Renders a sample of the frames of a decoded sequence after concealing packet losses.
 
     Args:
         sequence: The decoded sequence, with masks of received elements.

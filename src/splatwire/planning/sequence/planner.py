@@ -115,7 +115,7 @@ def plan_sequence(
 def _efficient_choices(
     variant: SequenceVariant, group: int, loss: LossModel, max_bytes: float | int | None, trials: int, seed: int
 ) -> list[_Choice]:
-    """Returns the amounts of parity for a group of pictures that lie on the upper convex hull of PSNR over bytes.
+    """Returns the efficient amounts of parity for a group of pictures: the upper convex hull of PSNR over bytes.
 
     Amounts below the hull are omitted. For the same bytes, a mix of two amounts on the hull (one for some groups, the
     other for the rest) gives a higher mean PSNR than an amount below.

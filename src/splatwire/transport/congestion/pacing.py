@@ -105,7 +105,7 @@ class _RateReduction:
 
 
 class RateControl:
-    """Rate control of a sender: chooses the sending rate from the receiver's feedback.
+    """Congestion control of a sender: chooses the sending rate from the receiver's feedback.
 
     The sending rate is CUBIC's congestion window (RFC 9438) divided by the round-trip time. Random loss does not reduce
     the window. If the queuing delay is long, the rate is lowered for a short time to empty the queue. If the delay

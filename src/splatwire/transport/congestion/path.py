@@ -100,7 +100,7 @@ class LossCounter:
     events: int = 0
 
     def add(self, other: "LossCounter") -> None:
-        """Adds the numbers of another counter to this counter."""
+        """Adds the counts of a second counter to this counter."""
         self.sent += other.sent
         self.lost += other.lost
         self.events += other.events
@@ -149,7 +149,7 @@ class LossMeter:
         return 3.0 * math.sqrt(self._spread * sent)
 
     def is_congested(self, seen: LossCounter) -> bool:
-        """Returns True if recent losses are significantly above the baseline loss, so that they are congestion.
+        """Returns True if recent losses are significantly above the baseline loss, which indicates congestion.
 
         Args:
             seen: Numbers of datagrams sent and lost in one control round (about one round trip), while the queue at the

@@ -324,7 +324,7 @@ class PageContent:
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
-        """Returns the HTML attributes of a stream in the list of scenes, such as its preview."""
+        """Returns the HTML attributes with a stream's preview, for the list of scenes."""
         stream = self.streams[name]
         return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}
 

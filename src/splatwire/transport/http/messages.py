@@ -43,7 +43,7 @@ class Request(NamedTuple):
 
 @runtime_checkable
 class GrowingFile(Protocol):
-    """File of a stream that is still being received, so that its length is unknown."""
+    """Stream file of unknown length that is still being received."""
 
     def pieces(self) -> AsyncIterator[bytes]:
         """Yields the pieces of the file as they are received."""
@@ -170,7 +170,7 @@ def make_part(
     kind: str, body: bytes | mmap, headers: str, request: Request, tag: str, *, packed: bool = False,
     private: bool = False,
 ) -> Answer:  # fmt: skip
-    """Returns the response to a GET or HEAD request for a file or a range of it (RFC 9110, sections 13 and 14).
+    """Returns the response to a GET or HEAD request for a file or a byte range (RFC 9110, sections 13 and 14).
 
     Args:
         kind: Media type of the file.

@@ -60,7 +60,7 @@ class PublishedScene:
 
 
 def published_files(scenes: Mapping[str, PublishedScene], url: str | None = None) -> dict[str, bytes]:
-    """Returns the files of a static site, by path relative to its folder, in the order in which they are to be written.
+    """Returns the content of each file of a static site, by relative path, in the order of writing.
 
     Args:
         scenes: Scenes by name; `index.html` shows the first, `NAME.html` each other one.

@@ -10,7 +10,9 @@ from splatwire.bitstream.sections import split_sections
 
 
 def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: Callable[[str], str]) -> str:
-    """Returns the HTML of the list of scenes, with a link and a preview for each; empty for a single scene.
+    """Returns the HTML list of the server's scenes, each with a link and a preview.
+
+    The list is empty for a single scene.
 
     Args:
         scenes: HTML attributes of each scene, by name (`preview_attributes`).

@@ -206,7 +206,7 @@ class PageServer:
     async def _respond(
         self, head: bytes, answer: Answer, network: Network, writer: asyncio.StreamWriter, *, close: bool = True
     ) -> None:
-        """Sends a response to the client, counts it and logs it."""
+        """Sends a response to the client, and counts and logs the response."""
         loop, status = asyncio.get_running_loop(), int(answer.head[9:12])
         began, sent, complete = loop.time(), _Count(), False
         self.statuses[status] += 1

@@ -174,7 +174,7 @@ async def _requests(asked: Any) -> AsyncIterator[Any]:
 
 
 def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
-    """Returns the content of a MoQ track as a list of data blocks (MoQ frames); None if no track has this name.
+    """Returns the data blocks (MoQ frames) of a MoQ track, or None for an unknown track name.
 
     Args:
         name: Name of the MoQ track.

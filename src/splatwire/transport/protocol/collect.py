@@ -231,7 +231,10 @@ class PacketCollector:
         return self._intake, taken
 
     def add(self, frame: Data) -> list[Packet]:
-        """Adds a received packet; returns it and all lost packets that can be recovered with it."""
+        """Adds a received packet.
+
+        Returns this packet and all lost packets that can now be recovered.
+        """
         if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
             return []
@@ -280,7 +283,10 @@ class PacketCollector:
                 yield first, np.packbits(some, bitorder="little").tobytes()
 
     def _take(self, index: int, data: bytes) -> Packet | None:
-        """Checks a received packet and stores it; returns None if it is invalid."""
+        """Validates and stores a received packet.
+
+        Returns None for an invalid packet.
+        """
         try:
             packet = packet_from_bytes(data, self._welcome.stream_id)
         except BitstreamError:
@@ -312,7 +318,7 @@ class PacketCollector:
             self._members.get(member[0], {}).pop(member[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
-        """Recovers the lost packets of a parity group from its repair symbols, if these suffice."""
+        """Recovers the lost packets of a parity group if enough repair symbols have been received."""
         group, repair = self._finder.group(number), self._repair.get(number, {})
         members = self._members.setdefault(number, {})
         if not repair or len(members) == group.size or len(members) + len(repair) < group.size:

@@ -34,7 +34,7 @@ class KnownPackets:
         return size
 
     def has(self, kind: int, symbol: int) -> bool:
-        """True if the client already has the content of a datagram, so that it need not be sent.
+        """True if the client already has the content of a datagram, so that the server can skip the datagram.
 
         Args:
             kind: Kind of the datagram, such as `DATA` (packet) or `SIDE` (init segment).

@@ -41,7 +41,7 @@ def bundled_bytes(packet_bytes: int, count: int) -> int:
 
 
 def split_init_segment(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
-    """Parses an init segment and returns its manifest, its side information and its bundled packets.
+    """Divides an init segment into manifest, side information and bundled packets.
 
     Raises:
         BitstreamError: If the data are not an init segment.

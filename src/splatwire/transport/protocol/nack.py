@@ -49,7 +49,10 @@ class NackTracker:
         self._last: dict[int, tuple[float, int]] = {}
 
     def attempts(self, index: int) -> int:
-        """Returns the number of NACKs sent so far for a packet, given by its index in sending order."""
+        """Returns the number of NACKs sent so far for a packet.
+
+        The packet is given by its index in sending order.
+        """
         return self._last.get(index, (0.0, 0))[1]
 
     def forget(self, index: int) -> None:

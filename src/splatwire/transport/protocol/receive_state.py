@@ -53,7 +53,9 @@ class ReceiveState:
             self._collector.add(frame)
 
     def _resume(self, before: Welcome, welcome: Welcome) -> bool:
-        """Continues an interrupted transfer with the data received before; returns False if it is another stream.
+        """Continues an interrupted transfer with the data received before the interruption.
+
+        Returns False if the server offers a different stream.
 
         Args:
             before: Server's response in the earlier transfer.

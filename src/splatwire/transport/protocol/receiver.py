@@ -200,7 +200,7 @@ class Receiver(ReceiveState):
         self._feedback_at = min(self._feedback_at, self._heard_at)
 
     def reconnect(self, now: float) -> list[Event]:
-        """Starts another connection attempt; received data are kept.
+        """Starts a new connection attempt that keeps all received data.
 
         Args:
             now: Time, seconds.

@@ -84,7 +84,7 @@ class SentLog:
         return self._indices[number % RECENT] - 1 if known and self._indices is not None else -1
 
     def answered(self, number: int | None) -> None:
-        """Removes a lost datagram from the log, so that further NACKs for it are ignored.
+        """Removes a lost datagram from the log, so that the server ignores further NACKs for this datagram.
 
         Args:
             number: Sequence number of the datagram; None has no effect.

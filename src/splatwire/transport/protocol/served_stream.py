@@ -163,7 +163,7 @@ class ServedStream:
 
     @property
     def counts_bytes(self) -> bool:
-        """True if retransmitted bytes or packets of this stream are limited, so that the server must count them."""
+        """True if retransmission of this stream is limited, so that the server must count retransmitted bytes."""
         return self.resend is not None or self.num_retransmittable < len(self.packets)
 
     @functools.cached_property

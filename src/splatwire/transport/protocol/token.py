@@ -40,7 +40,7 @@ class TokenMint:
         return self._made(int(now * _TICKS) & _MASK, address, nonce, name)
 
     def age(self, token: bytes, address: Hashable, nonce: int, name: str, now: float) -> float | None:
-        """Verifies a token and returns its age in seconds; None if it has expired or is invalid.
+        """Verifies a token and returns the token's age in seconds, or None for an expired or invalid token.
 
         Args:
             token: Token returned by the client.

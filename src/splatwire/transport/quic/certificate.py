@@ -97,7 +97,9 @@ class FileIdentity:
         return self._identity
 
     def reload(self) -> None:
-        """Reads the files again; keeps the current certificate and key if this raises an error.
+        """Reads certificate and key from their files again.
+
+        After an error, the previous certificate and key stay in use.
 
         Raises:
             InvalidValueError: If the data are not valid PEM, or the key does not match the certificate.

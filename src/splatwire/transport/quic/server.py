@@ -93,7 +93,7 @@ class QuicServer(SocketServer):
         self._configuration.certificate_chain = list(chain)
 
     def reload_identity(self) -> None:
-        """Reads the certificate from its files again, for connections that start from now on.
+        """Reads the certificate files again; new connections use the new certificate.
 
         Raises:
             InvalidValueError: If the files are invalid.
@@ -312,7 +312,9 @@ class _Connection(QuicConnectionProtocol):
                 self._sessions.event(event)
 
     def guarded(self, work: Callable[..., object], *arguments: object) -> None:
-        """Calls a function for this connection; an exception closes only this connection.
+        """Calls a function for this connection.
+
+        An exception of the function closes this connection only.
 
         Args:
             work: Function to call.

@@ -69,7 +69,7 @@ def scale_indices(log_deviations, powers, indices):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_predicted_means(symbols, outputs, first, numbers):
-    """Reconstructs attributes of anchors: the mean that a network predicts plus the decoded difference from it.
+    """Reconstructs attributes of anchors: adds the decoded differences to the means that a network predicts.
 
     Args:
         symbols: Decoded differences in quantisation steps, (n, size).

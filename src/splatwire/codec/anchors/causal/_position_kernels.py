@@ -148,7 +148,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def center_of_part(i, n, bits):
-    """Estimates the low bits of the position of an anchor whose packet is missing; only packets contain these bits.
+    """Estimates the low bits of an anchor's position if the packet with these bits is missing.
 
     Args:
         i: Index of the anchor among those of its tree leaf, in Morton order.
@@ -195,7 +195,7 @@ def encode_position(out, state, code, unknown, chances):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_position(data, end, state, code, unknown, chances):
-    """Decodes the low bits of an anchor's position; returns its complete Morton code.
+    """Decodes the low bits of an anchor's position, and returns the complete Morton code.
 
     Args:
         data: Input bytes of the range decoder.

@@ -174,7 +174,7 @@ def scale_indices(log_deviations: np.ndarray) -> np.ndarray:
 
 
 def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
-    """Dequantises features or offsets: multiplies them by the quantisation step.
+    """Dequantises features or offsets by multiplication with the quantisation step.
 
     Args:
         numbers: Features or offsets in quantisation steps, int32 (n, D), `NUMBER_BITS` fractional bits.

@@ -65,7 +65,7 @@ def _columns(stage: Stage) -> slice:
 def quantise(
     context: CodingContext, positions: AnchorPositions, masks: np.ndarray, values: np.ndarray, octaves: float
 ) -> Quantised:
-    """Quantises the attributes of anchors: predicts each one, and rounds its difference from the prediction.
+    """Quantises the attributes of anchors: rounds the difference of each value from its prediction.
 
     Args:
         context: The stream's networks and constants.

@@ -122,7 +122,7 @@ def _header(info: SideInfo) -> bytes:
 
 
 def _read_header(data: bytes, positions: SharedPositions) -> SideInfo:
-    """Parses the header of the side information, which precedes its networks and named sections."""
+    """Parses the header of the side information, which is followed by networks and named sections."""
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:

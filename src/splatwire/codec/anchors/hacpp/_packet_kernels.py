@@ -220,9 +220,9 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates the encoded size of each anchor without its offset mask, and writes it to `bits`, in bits.
+    """Estimates the encoded size of each anchor, without the offset mask, in bits.
 
-    All arguments except `bits` have the same meaning as in `encode_packets`.
+    The result is written to `bits`. All arguments except `bits` have the same meaning as in `encode_packets`.
     """
     for n in range(masks.shape[0]):
         total = 0.0

@@ -78,7 +78,9 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int) -> Decode
 
 
 class HacppDecoder(AnchorDecoder):
-    """Decodes streams of HAC++ anchors whose packets are atomic: each contains all attributes of its anchors.
+    """Decoder of HAC++ anchors in atomic packets.
+
+    An atomic packet contains all attributes of its anchors.
 
     Args:
         manifest: The stream's manifest.
@@ -113,7 +115,7 @@ class HacppDecoder(AnchorDecoder):
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
     def decode(self, run: Run) -> SymbolRows:
-        """Decodes packets to integers: the offset masks and quantised attributes of the anchors in these packets.
+        """Decodes packets of anchors to integers: offset masks and quantised attributes.
 
         Returns:
             One array with a row for each anchor, packet by packet (`Symbols.rows`).

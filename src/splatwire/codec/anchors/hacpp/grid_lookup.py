@@ -17,7 +17,7 @@ _PRIMES = (1, 2654435761, 805459861)
 
 @dataclass(frozen=True)
 class GridLevels:
-    """Layout of the hash table that contains all levels of the grid: 3D levels first, then those of the three planes.
+    """Layout of the hash table with all levels of HAC++'s grid: 3D levels first, then the levels of three planes.
 
     Attributes:
         starts: First table row of each level.
