@@ -189,7 +189,7 @@ class InvalidValueError(SplatwireError, ValueError):
 
 
 class UnknownHostError(InvalidValueError):
-    """The name service does not know a host, or does not answer; it may know the host later."""
+    """The name service does not know a host name, or does not answer; a later attempt may succeed."""
 
 
 def _quoted(name: object) -> str:
@@ -235,7 +235,7 @@ EXTRAS = {
 
 
 def how_to_install(module: str | None) -> str | None:
-    """Returns how to install an optional module; None for other modules."""
+    """Returns the command that installs an optional module, or None for any other module."""
     for extra, modules in EXTRAS.items():
         if (module or "").split(".")[0] in modules:
             return f"this needs {module}, which is not installed: pip install 'splatwire[{extra}]'"

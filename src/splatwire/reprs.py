@@ -11,7 +11,7 @@ _MAX_TEXT = 80
 
 
 def summary_repr(record: Any) -> str:
-    """Returns the text of a dataclass instance with a summary of each field; use it as `__repr__`."""
+    """Returns the text of a dataclass instance with a summary of each field, for use as `__repr__`."""
     fields = ", ".join(f"{f.name}={summarize(getattr(record, f.name))}" for f in dataclasses.fields(record) if f.repr)
     return f"{type(record).__name__}({fields})"
 

@@ -111,7 +111,7 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def view_names(paths: Sequence[str]) -> tuple[str, ...]:
-    """Returns a name for each view: the stem of its photo's file name, with the folder if stems are equal."""
+    """Returns a unique name for each view: file name of the photo without suffix, with the folder if needed."""
     pure = [PurePosixPath(path) for path in paths]
     if len({path.stem for path in pure}) == len(pure):
         return tuple(path.stem for path in pure)

@@ -234,7 +234,7 @@ def _name_in_3dgs(path: Path, number: int, view: dict[str, Any]) -> str:
 
 
 def _as_integer(value: object) -> object:
-    """Converts a float without fraction to an integer; returns other values unchanged."""
+    """Converts a float with an integral value to an integer, and returns any other value unchanged."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 

@@ -88,7 +88,10 @@ def _numbered_folders(folder: Path) -> list[Path]:
 
 
 def warn_of_other_reconstructions(folder: Path) -> None:
-    """Logs a warning about further reconstructions, which COLMAP writes if it cannot connect all photos."""
+    """Logs a warning about unused reconstructions in a COLMAP folder.
+
+    COLMAP writes several if it cannot connect all photos.
+    """
     if not folder.name.isdecimal():
         return
     found = [other.name for other in _numbered_folders(folder.parent) if other != folder and _has(other, "images")]
@@ -169,7 +172,7 @@ def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
 
 
 def read_points(folder: Path) -> SparsePoints | None:
-    """Reads the sparse points of a reconstruction; None if it has none.
+    """Reads the sparse points of a COLMAP reconstruction, or None without a points file.
 
     Raises:
         DatasetError: If the file is damaged or a point is not finite.

@@ -112,10 +112,13 @@ def open_dataset(
 ) -> Dataset:
     """Opens a folder of posed photos.
 
-    Photos are loaded on demand. Four layouts are supported. COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and
-    `images`, as in Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`. Blender:
-    `transforms_train.json` and `transforms_test.json`. nerfstudio: one `transforms.json`, optionally with masks, points
-    and splits.
+    Photos are loaded on demand. Four layouts are supported:
+
+    * COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in Mip-NeRF 360, Tanks & Temples and Deep
+      Blending.
+    * BungeeNeRF: `poses_enu.json` and `images`.
+    * Blender: `transforms_train.json` and `transforms_test.json`.
+    * nerfstudio: one `transforms.json`, optionally with masks, points and splits.
 
     Lens distortion is removed. Photos are rotated by their EXIF orientation if the cameras have the aspect ratio of the
     rotated photos.

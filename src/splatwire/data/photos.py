@@ -27,7 +27,7 @@ _PIXELS_PER_BYTE = 32
 
 
 def photo_size(path: Path, *, upright: bool = False) -> tuple[int, int]:
-    """Returns width and height of an image; reads only its header.
+    """Returns width and height of an image file in pixels, read from the header only.
 
     Args:
         path: The file.
@@ -98,7 +98,7 @@ def load_photo(
 
 
 def load_mask(path: Path, size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
-    """Loads a mask: True for pixels that are evaluated, i.e. those brighter than middle grey.
+    """Loads an evaluation mask: True for pixels that are evaluated (brighter than middle grey).
 
     Args:
         path: The file, 8 bits per channel.

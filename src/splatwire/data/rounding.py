@@ -12,7 +12,7 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to world coordinates for training; logs a warning if float32 rounds them noticeably.
+    """Converts cameras to world coordinates for training, with a warning if float32 rounds positions noticeably.
 
     Args:
         source: Source folder or file, for the message.

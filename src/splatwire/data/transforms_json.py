@@ -211,7 +211,7 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
 
 
 def _name(file_path: str, images: str | None) -> str:
-    """Returns the name of a view: the path of its image in the transforms file, without suffix.
+    """Returns the name of a view: path of the image in the transforms file, without suffix.
 
     Args:
         file_path: Path of the image in the transforms file.
@@ -396,7 +396,7 @@ def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, f
 
 
 def _lens(path: Path, name: str, values: dict[str, Any]) -> LensModel:
-    """Returns the lens of a frame: its distortion model and coefficients.
+    """Returns the lens of a frame in a transforms file: distortion model and coefficients.
 
     Raises:
         DatasetError: If the lens model is not supported, e.g. that of a panorama, or a parameter is invalid.
@@ -471,7 +471,7 @@ def _listed_terms(path: Path, name: str, values: dict[str, Any]) -> dict[str, fl
 
 
 def _as_bool(path: Path, name: str, values: dict[str, Any], key: str) -> bool:
-    """Interprets a JSON value as a flag: True for `true` and for numbers other than 0."""
+    """Interprets a JSON value as a flag: `true` and all numbers except 0 are True."""
     value = values.get(key)
     if value is not None and not isinstance(value, (bool, int, float)):
         raise DatasetError(f"{path}: view '{name}': '{key}' is {str(value)[:60]!r}, neither true nor false")

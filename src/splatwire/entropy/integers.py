@@ -18,7 +18,7 @@ def scale_index(scale: npt.ArrayLike) -> np.ndarray:
 
 
 def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
-    """Appends integers, coded under one normal distribution fitted to them; their number is not stored."""
+    """Appends integers, coded with a normal distribution fitted to them, but not their number."""
     mean = round(float(values.mean())) if len(values) else 0
     variance = ((values.astype(np.float64) - mean) ** 2).mean() if len(values) else 0.0
     scale = int(scale_index(np.sqrt(variance + 0.05))) if len(values) else 0

@@ -82,7 +82,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
-    """Returns the range of integers that are coded by a probability interval; others need an escape code.
+    """Returns the range of integers with a probability interval; integers outside of the range need an escape code.
 
     Args:
         mean0: Mean of the first component, see `entropy.coder.Mixtures`.

@@ -64,7 +64,7 @@ def bd_quality(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> fl
 
 
 def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[tuple[float, float]]) -> float | None:
-    """Returns the mean difference of two curves over the range of x that both cover; None without such a range.
+    """Returns the mean difference of two curves over their common range of x, or None without a common range.
 
     Args:
         reference: Points (x, y) of the curve that is subtracted.
@@ -83,6 +83,6 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
 
 
 def _sorted_points(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Sorts the points (x, y) of a curve by x; of points with equal x, only the lowest is kept."""
+    """Sorts the points (x, y) of a curve by x, and keeps only the lowest point for each x."""
     groups = itertools.groupby(sorted(points), key=lambda point: point[0])
     return [next(group) for _, group in groups]

@@ -66,7 +66,7 @@ class ReferenceViews(CheckedFields):
         return None if mask is None else to_numpy(mask)
 
     def compared(self, view: int, image: Float[np.ndarray, "H W 3"]) -> "Compared":
-        """Pairs an image of a view with its reference image; masked-out pixels are black in both."""
+        """Pairs a rendered image of a view with the reference image; both are black outside the view's mask."""
         reference, mask = self.reference(view)[None], self.mask(view)
         if mask is None:
             return Compared(image[None], reference, None)

@@ -33,7 +33,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 @contextmanager
 def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
-    """Yields a temporary path for a file or folder; on success it replaces the target atomically.
+    """Yields a temporary path for a file or folder, which replaces the target atomically on success.
 
     A folder that replaces a folder is missing for a moment between two renames.
 
@@ -65,7 +65,7 @@ def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> I
 
 
 def atomic_write(target: str | os.PathLike[str], data: bytes, *, parents: bool = False) -> Path:
-    """Writes a file atomically; returns its path.
+    """Writes a file atomically and returns the path of the file.
 
     Raises:
         InvalidValueError: As for `atomic_output`.
@@ -139,7 +139,7 @@ def _replaceable(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Cleans up after killed writers: removes their temporary folders, and restores folders that they moved aside."""
+    """Cleans up after killed writers: deletes temporary folders, and restores output folders moved aside."""
     if fcntl is None:
         return
     with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
@@ -239,7 +239,10 @@ def _workspace(folder: Path) -> Iterator[Path]:
 
 
 def _lock(handle: int) -> bool | None:
-    """Tries to lock an open folder; returns False if another process has the lock, None if locks are not supported."""
+    """Tries to lock an open folder.
+
+    Returns False if another process has the lock, None if locks are not supported.
+    """
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

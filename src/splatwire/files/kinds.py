@@ -262,14 +262,14 @@ def trained_ply(folder: Path) -> Path | None:
 
 
 def _iteration(folder: Path) -> int | None:
-    """Returns the number of a folder `iteration_N` of a trained model; None for other names."""
+    """Returns N for the folder `iteration_N` of a trained model, or None for any other folder name."""
     number = folder.name.removeprefix("iteration_")
     is_number = number != folder.name and number.isascii() and number.isdigit() and len(number) < _MAX_DIGITS
     return int(number) if is_number else None
 
 
 def is_not(path: Path, wanted: str, why: str = "") -> str:
-    """Returns the error message for a file of a wrong format; it names the expected and the detected format.
+    """Returns the error message for a file of a wrong format, with the expected and the detected format.
 
     Args:
         path: The file or folder.
@@ -410,7 +410,7 @@ def _glb_json_end(head: bytes) -> int:
 
 
 def _torch_kind(head: bytes) -> Kind | None:
-    """Detects a PyTorch archive from the first bytes of a file; None for other archives."""
+    """Detects a PyTorch archive from the first bytes of a file, or returns None."""
     (length,) = struct.unpack("<H", head[26:28]) if len(head) >= 28 else (0,)
     if not re.fullmatch(
         rb"[^/]+/(data\.pkl|data/\d+|constants\.pkl|version|byteorder|code/.*)", head[30 : 30 + length]

@@ -169,7 +169,7 @@ def _tensors_in(content: Any) -> dict[str, _Tensor]:
 
 
 def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray:
-    """Converts the description of a tensor to a read-only array, which may share memory with other arrays.
+    """Converts the description of a tensor to a read-only array, possibly a view of shared memory.
 
     Args:
         tensor: Description of the tensor: shape, strides and position of its data.

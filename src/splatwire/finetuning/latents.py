@@ -66,7 +66,7 @@ class Latents:
         return Latents(**{name: values.copy() for name, values in vars(self).items()})
 
     def trained(self) -> dict[str, np.ndarray]:
-        """Returns the trained arrays by name; changing them changes the parameters."""
+        """Returns the trained parameter arrays by name, without copying; changes of the arrays change the parameters."""
         names = ("shifts", "turns", "logs", "logits", "base", "harmonics")
         return {name: getattr(self, name) for name in names if getattr(self, name).size}
 

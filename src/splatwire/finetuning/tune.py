@@ -82,7 +82,7 @@ class TunedGaussians:
 
     @property
     def rounded(self) -> SplatScene:
-        """The rounded Gaussians with their quantisation steps; encoding them without a quality setting is lossless."""
+        """Rounded Gaussians with quantisation steps, for lossless encoding without a quality setting."""
         return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
 
 
@@ -260,7 +260,7 @@ class _Adam:
         self._steps = 0
 
     def update(self, trained: dict[str, np.ndarray], gradients: dict[str, np.ndarray], rate: float) -> None:
-        """Performs one step of the optimiser: changes the trained arrays in place."""
+        """Performs one step of the Adam optimiser on the trained arrays, in place."""
         # The learning rates are those of `RATES`, times `rate` and the factor of the Gaussian.
         self._steps += 1
         root = math.sqrt(1 - BETA2**self._steps)

@@ -117,7 +117,7 @@ def complete_scene(found: SceneFile, source: Path) -> Scene:
 
 @checked
 def read_scene_file(path: Path) -> SceneFile:
-    """Reads a scene and, if parts were lost in transmission, its loss mask; accepts the same files as `open_scene`.
+    """Reads a scene and, if packets were lost, the loss mask; accepts the same files as `open_scene`.
 
     Raises:
         DatasetError: If a file of explicit Gaussians is damaged.

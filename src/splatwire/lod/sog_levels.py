@@ -173,7 +173,7 @@ def _write_chunk(folder: Path, files: dict[str, bytes]) -> int:
 
 
 def _tree(nodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Builds the binary tree of a streamed SOG from JSON objects of the leaves; returns its root."""
+    """Builds the binary tree of a streamed SOG from the JSON objects of the leaves, and returns the root."""
     if len(nodes) == 1:
         return nodes[0]
     children = [_tree(half) for half in (nodes[: len(nodes) // 2], nodes[len(nodes) // 2 :])]

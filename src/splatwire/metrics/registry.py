@@ -47,7 +47,9 @@ PUBLISHED_LPIPS = "lpips_unscaled"
 
 @checked
 def register_metric(name: str, *, label: str | None = None, digits: int = 4) -> Callable[[Measure], Measure]:
-    """Registers a function that compares images; used as a decorator. See `Metric.measure` for its arguments.
+    """Decorator that registers a function that compares images.
+
+    Arguments of the function: see `Metric.measure`.
 
     Args:
         name: Name of the metric: letters, digits and underscores.

@@ -37,7 +37,7 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
 
 
 def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | range) -> None:
-    """Sorts some elements by their codes; one level of a radix sort.
+    """Sorts a subset of the elements by code: one level of a radix sort.
 
     Args:
         codes: Function that returns the codes of the elements with given indices.

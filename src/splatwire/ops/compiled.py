@@ -89,7 +89,10 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _cached_well(kernel: Any) -> Any:
-    """Compiles a kernel once for all processes; cached code is invalid if a source file or constant of it changes."""
+    """Compiles a kernel once for all processes.
+
+    Changes of a source file or of a constant invalidate the cached code.
+    """
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
@@ -160,7 +163,7 @@ def _wait_for(handle: int, kernel: str) -> None:
 
 
 def _lock_within(duration_s: float, handle: int) -> bool:
-    """Tries at least once to lock an open file; returns False if another process holds the lock all the time."""
+    """Tries to lock an open file, at least once, and returns False if another process keeps the lock."""
     end = time.monotonic() + duration_s
     while True:
         try:

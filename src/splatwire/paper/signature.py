@@ -64,7 +64,7 @@ def residuals_of(context: ReceivedScene) -> Residuals:
 
 
 def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
-    """Returns the paper's signature `g` of each anchor: the mean residual of each of its attribute groups."""
+    """Returns the signature `g` of each anchor (paper): mean residual of each attribute group."""
     # CARI compares signatures by cosine similarity. Missing attributes have residual zero, so a completely lost
     # anchor has the zero signature.
     *means, offsets = residuals.parts

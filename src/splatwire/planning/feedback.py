@@ -75,7 +75,7 @@ def _plan(
     max_protection: float,
     rendered_trials: int,
 ) -> ScenePlan | None:
-    """Plans the retransmission for one variant; None if the budget is too small for its side information."""
+    """Plans the retransmission for one variant, or returns None if the budget is too small for the side information."""
     sizes = model_transfer(variant.load, Protection(side_repair=0.0)).bytes_by_kind()
     again = OVERHEAD * _lost_per_received(received)
     extra = variant.concealment_bytes + variant.preview_bytes

@@ -269,7 +269,7 @@ class _Plan:
     def of(
         cls, source: SplatScene, effort: Effort, views: ViewSets, quality: Quality, encode: Encoder, progress: Progress
     ) -> "_Plan":
-        """Measures a scene before encoding: how much each Gaussian matters, and how finely it must be quantised.
+        """Measures a scene before encoding: importance and required precision of each Gaussian.
 
         Args:
             source: The scene.
@@ -461,7 +461,10 @@ class _Trials:
         self._found: list[tuple[float, EncodedScene]] = []
 
     def of_size(self, size: int) -> EncodedScene | None:
-        """Searches for a quantisation level; returns the largest stream found with at most `size` bytes, or None."""
+        """Searches the quantisation level with the largest stream of at most `size` bytes.
+
+        Returns None if no level fits.
+        """
         permitted = Interval(
             math.log(size * (1 - SIZE_TOLERANCE)), math.log(size * (1 - SIZE_TOLERANCE / 2)), math.log(size)
         )

@@ -103,7 +103,7 @@ class PartialUpdates:
         return PartialUpdates(chain, finest, splats, splats, known, coarse, count, size, antialiased=antialiased)
 
     def pushed(self, splats: Splats, share: float = SHARE) -> "PartialUpdates":
-        """Encodes the largest changes of the Gaussians as an update; the other changes remain for later calls.
+        """Encodes the largest changes of the Gaussians as an update, and leaves smaller changes for later calls.
 
         If the number of Gaussians is unchanged, their order must be unchanged, too. Otherwise, Gaussians are matched by
         position, and Gaussians without a match are new or removed. The whole scene is encoded again if an update cannot

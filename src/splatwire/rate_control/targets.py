@@ -15,7 +15,7 @@ _BY_LOWER_CASE = {unit.lower(): factor for unit, factor in _UNITS.items()}
 
 @dataclass(frozen=True)
 class Target:
-    """Size, PSNR or quality setting of a stream; exactly one of them.
+    """Target of an encoding: exactly one of size, PSNR and quality setting.
 
     Attributes:
         size: Maximum number of bytes of the stream as one file.

@@ -125,7 +125,7 @@ def tuned_to_pictures(
 
 
 def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -> Cameras:
-    """Chooses the views for fine-tuning; the views for the final PSNR are never among them.
+    """Chooses the views for fine-tuning, disjoint from the views for the reported PSNR.
 
     Args:
         scene: The scene.

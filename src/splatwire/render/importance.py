@@ -20,7 +20,7 @@ from splatwire.types.splats import Splats
 
 
 def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
-    """Computes the importance of each element: opacity times projected area, summed over its Gaussians and all views.
+    """Computes the importance of each element: opacity times projected area, summed over Gaussians and views.
 
     Args:
         scene: The complete scene.

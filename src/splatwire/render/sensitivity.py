@@ -114,7 +114,7 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated change of a function of the image, such as a sum of pixels, if one Gaussian is removed.
+        """Estimated change of a function of the image, such as a sum of pixels, after removal of each Gaussian, (G).
 
         There is one value per Gaussian: the first-order change, computed from the gradients of the function.
         """

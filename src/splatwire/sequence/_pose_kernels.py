@@ -12,7 +12,7 @@ _LEAST, _MOST = 1e-12, 1.0 - 1e-6
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _rotate(quat, offset, found):
-    """Rotates the unit quaternion `quat` by the rotation `offset`; writes the result to `found`."""
+    """Rotates the unit quaternion `quat` by the rotation `offset`, and writes the product to `found`."""
     # A rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
     x, y, z = offset[3] / np.float64(4.0), offset[4] / np.float64(4.0), offset[5] / np.float64(4.0)
     square = x * x + y * y + z * z
@@ -53,7 +53,7 @@ def _scale(scales, offset, found):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def move(bases, tracks, offsets, found):
-    """Computes the Gaussians of some tracks in one frame: their keyframe Gaussians, moved by decoded motion.
+    """Computes the Gaussians of tracks in one frame: keyframe Gaussians moved by decoded motion.
 
     Args:
         bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T), harmonics (T, 3 B); float32.

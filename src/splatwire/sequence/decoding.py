@@ -96,7 +96,7 @@ def decode_group(
 
 @checked
 def decode_frame(sequence: SequenceScene, number: int, concealer: TemporalConcealer | str = DEFAULT) -> SequenceFrame:
-    """Decodes a single frame; losses are concealed from its group of pictures only."""
+    """Decodes a single frame, with losses concealed from the frame's group of pictures only."""
     return next(decode_frames(sequence, concealer, first=number))
 
 
@@ -175,7 +175,7 @@ def pose_frame(
 
 
 def apply_motion(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
-    """Computes the Gaussians of some tracks in one frame: their keyframe Gaussians, moved by decoded motion.
+    """Computes the Gaussians of tracks in one frame: keyframe Gaussians moved by decoded motion.
 
     Args:
         splats: Keyframe Gaussians of all tracks.

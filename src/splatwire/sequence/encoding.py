@@ -122,7 +122,7 @@ class SequenceEncoder:
         return other
 
     def push(self, frame: Frame | Splats) -> list[Packet]:
-        """Adds the next frame, and encodes the group of pictures that this frame completes, if any.
+        """Adds the next frame, and encodes a group of pictures if this frame completes the group.
 
         Returns:
             Packets of the completed group, most visible first; empty if no group is complete.
@@ -176,7 +176,7 @@ class SequenceEncoder:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:
-        """Returns the importance of each packet of the last group: the amount of visible motion in it."""
+        """Returns the importance of each packet of the last group: the amount of visible motion in the packet."""
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
@@ -267,7 +267,7 @@ class SequenceEncoder:
         return classes
 
     def _median_classes(self, count: int) -> np.ndarray:
-        """Returns a precision class for tracks that were not measured: the median of all classes measured so far.
+        """Returns the precision class for tracks without a measurement: the median of all measured classes.
 
         Args:
             count: Number of tracks that were not measured.

@@ -105,7 +105,7 @@ class GroupBuilder:
             self._around.append(self._tree.around(means, came, count))
 
     def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
-        """Returns the group in progress: keys of its tracks, their values in each frame, and the number of frames."""
+        """Returns the incomplete group: keys of the tracks, their values in each frame, and the number of frames."""
         count = len(self._keys)
         return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 

@@ -198,7 +198,7 @@ def frames_of_events(decoder: LiveDecoder, waiting: WaitingEvents) -> Iterator[S
 
 
 def first_frame(sections: Mapping[str, bytes]) -> int:
-    """Returns the number of a sequence's first frame, which is above 0 if the sequence continues another one.
+    """Returns the number of a sequence's first frame, above 0 in a sequence that continues an earlier one.
 
     Args:
         sections: Named sections of the side information.

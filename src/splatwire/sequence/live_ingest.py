@@ -120,7 +120,7 @@ class LiveIngest:
             )
 
     def _next_frame(self) -> Frame | None:
-        """Reads the next file of the queue; returns None if it is skipped or not complete yet."""
+        """Reads the next file of the queue, or returns None if the file is skipped or incomplete."""
         path, now = self._waiting[0], self._clock()
         signature = signature_at(path)
         if not self._patience.is_unchanged(path, signature):
@@ -167,7 +167,7 @@ class LiveIngest:
         return frame
 
     def _push(self, frame: Frame) -> bool:
-        """Encodes a frame; returns False if encoding its group of pictures failed."""
+        """Encodes a frame, and returns False if the encoding of the frame's group of pictures failed."""
         try:
             update = self._encoder.push(frame)
         except BackendUnavailableError:

@@ -244,7 +244,7 @@ def _distance_scale(values: np.ndarray) -> float:
 
 
 def _one_to_one(score: np.ndarray, candidates: np.ndarray, count: int) -> np.ndarray:
-    """Matches Gaussians one to one: repeatedly matches pairs that are each other's best candidate.
+    """Matches Gaussians one to one by repeatedly matching mutual best candidates.
 
     Args:
         score: Cost of matching each Gaussian with each of its candidates, (N, candidates); a low cost is good.

@@ -75,7 +75,7 @@ class NeighborSet:
         return NeighborSet(*(np.concatenate(values[name]) for name in names))
 
     def only(self, exists: np.ndarray, means: np.ndarray) -> "NeighborSet":
-        """Returns the set without the neighbours that are not allowed; weights are computed again.
+        """Returns the set restricted to permitted neighbours, with recomputed weights.
 
         Args:
             exists: Mask of the tracks that are allowed as neighbours, bool (T).

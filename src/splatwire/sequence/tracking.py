@@ -78,7 +78,7 @@ class Tracker:
         self.report = TrackingReport()
 
     def add(self, frame: Frame) -> TrackedFrame:
-        """Adds the next frame; returns its Gaussians with the keys of their tracks.
+        """Adds the next frame, and returns its Gaussians with the keys of their tracks.
 
         Raises:
             InvalidValueError: If the order is `tracked` and the number of Gaussians changes.

@@ -25,7 +25,7 @@ class WaitingEvents:
         self.num_bytes = 0
 
     def put(self, event: Event) -> bool:
-        """Adds an event; returns False if it is a packet and was dropped, because the queue is full."""
+        """Adds an event to the queue, and returns False if the event is a packet dropped from a full queue."""
         if not isinstance(event, (PacketArrived, SideInfoArrived)):
             return True
         with self._changed:
@@ -46,7 +46,10 @@ class WaitingEvents:
             self._changed.notify()
 
     def get(self) -> PacketArrived | SideInfoArrived | None:
-        """Removes and returns the oldest event, after waiting for it; None after the end of the transfer."""
+        """Waits for the oldest event and removes this event from the queue.
+
+        Returns None after the end of the transfer.
+        """
         with self._changed:
             self._changed.wait_for(lambda: self._events or self._ended)
             if not self._events:

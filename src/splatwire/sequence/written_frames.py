@@ -96,7 +96,7 @@ def write_frames(
 
 
 def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
-    """Writes the frames of a sequence as files of another format, one per frame; returns their number.
+    """Writes the frames of a sequence in a frame format, one file per frame, and returns the number of files.
 
     Args:
         sequence: The frames.
@@ -155,7 +155,7 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 
 
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
-    """Yields each frame with a number for its file name; the numbers always increase."""
+    """Yields each frame with an increasing number for the file name."""
     # Even if the server restarts and counts its frames from 0 again, no file is overwritten.
     last, offset = -1, 0
     for frame in frames:

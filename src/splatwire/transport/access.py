@@ -27,7 +27,7 @@ class Access:
         return name not in self.private and name not in self.unlisted
 
     def refusal(self, name: str, token: str, *, exists: bool = True) -> str | None:
-        """Returns the reason why a request for a scene is refused; None if it is allowed.
+        """Returns the reason for refusing a request for a scene, or None for a permitted request.
 
         Args:
             name: Name of the scene.

@@ -42,7 +42,7 @@ def cannot_listen(kind: str, host: str, port: int, error: OSError | UnicodeError
 
 
 def without_token(url: str) -> str:
-    """Returns a URL without its query, which may contain a token."""
+    """Returns a URL without query, because the query may contain a token."""
     return url.partition("?")[0]
 
 

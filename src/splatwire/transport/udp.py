@@ -115,7 +115,7 @@ class UdpServer(SocketServer):
         self._loop.add_reader(self._socket, self._readable)
 
     def close(self) -> None:
-        """Stops the server and closes its socket; running transfers are cut off."""
+        """Stops the server by closing its socket, which cuts off running transfers."""
         self._loop.remove_reader(self._socket)
         self._loop.remove_writer(self._socket)
         self._cancel_timer()

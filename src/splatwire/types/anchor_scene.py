@@ -77,7 +77,7 @@ class ContextModel(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class HacppCoding(CheckedFields):
-    """Networks and quantisation steps of codec schema `hacpp`; renderers do not read them.
+    """Networks and quantisation steps of the codec schema `hacpp`, unused by renderers.
 
     Attributes:
         context: The networks that predict the anchors' attributes.

@@ -56,7 +56,7 @@ class CausalConfig(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class CausalCoding(CheckedFields):
-    """Networks and quantisation steps of codec schema `causal`; renderers do not read them.
+    """Networks and quantisation steps of the codec schema `causal`, unused by renderers.
 
     Attributes:
         networks: The networks of `CausalConfig.shapes`, by name.

@@ -37,7 +37,7 @@ class StartView:
 
     @staticmethod
     def of(values: object) -> "StartView | None":
-        """Builds a view from nine numbers (eye, target, up); None if they are not a valid view."""
+        """Builds a view from nine numbers (eye, target, up), or returns None for invalid numbers."""
         if not isinstance(values, Sequence) or len(values) != 9 or not all(map(_is_coordinate, values)):
             return None
         numbers = [float(value) for value in values]
@@ -118,7 +118,10 @@ def metadata_from_json(content: object) -> SceneMetadata:
 
 
 def clean_text(value: object) -> str:
-    """Returns a text as one line without control characters, at most `MAX_TEXT` long; empty for other types."""
+    """Returns a text as one line without control characters, at most `MAX_TEXT` long.
+
+    Other types give an empty text.
+    """
     if not isinstance(value, str):
         return ""
     text = "".join(" " if unicodedata.category(char) in ("Cc", "Zl", "Zp") else char for char in value[: 4 * MAX_TEXT])

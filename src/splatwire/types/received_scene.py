@@ -67,7 +67,7 @@ class TierSizes(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class Copies(CheckedFields):
-    """Redundant coarse copies of some Gaussians, which a receiver draws if the originals are lost.
+    """Coarse redundant copies of Gaussians, drawn by a receiver if the originals are lost.
 
     Attributes:
         indices: For each copy, index of its original Gaussian in coding order, without duplicates.
@@ -172,7 +172,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def tier_sizes(self) -> Float[np.ndarray, "N"] | None:
-        """Approximate size of each element, typical of its importance tier; None if the stream contains no sizes."""
+        """Typical size of the elements in each element's importance tier, or None without sizes in the stream."""
         tiers = self.get(TierSizes)
         return None if tiers is None else tiers.sizes
 

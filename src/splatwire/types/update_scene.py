@@ -8,7 +8,7 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """Content of an update of a stream: new Gaussians, which this scene contains, and a mask of removed ones.
+    """Content of an update: new Gaussians (the elements of this scene), and a mask of removed Gaussians.
 
     Attributes:
         base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.

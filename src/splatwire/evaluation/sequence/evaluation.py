@@ -24,7 +24,7 @@ NUM_VIEWS, VIEW_SIZE = 4, 320
 
 @dataclass(frozen=True)
 class SequenceRow:
-    """Experiment on a sequence: a loss model with its seed, and the concealer of lost motion.
+    """Experiment on a sequence: loss model, seed of the loss, and concealer of lost motion.
 
     Attributes:
         concealer: Name of the concealer of lost motion.

@@ -26,7 +26,7 @@ STYLE: dict[str, Any] = {
 
 @rc_context(STYLE)
 def seeds_chart(shown: Sequence[Summary]) -> str | None:
-    """Draws the PSNR of every method: a dot per seed, the mean and its confidence interval."""
+    """Draws the PSNR of every method: one dot per seed, with mean and confidence interval."""
     rows = [s for s in shown if s.figures.get("psnr") is not None]
     if not rows:
         return None

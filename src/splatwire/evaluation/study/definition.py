@@ -94,7 +94,7 @@ class Decoded:
 
 @dataclass(frozen=True)
 class Row:
-    """One row of the result table: a method with its packetization and concealment.
+    """Row of the result table of an evaluation: a method with packetization and concealment.
 
     Attributes:
         key: Short identifier by which published figures, and the choice of the baseline, refer to this row.

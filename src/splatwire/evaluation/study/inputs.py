@@ -86,7 +86,7 @@ class PreparedScene:
         return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
 
     def _why_unfit(self, row: Row) -> str:
-        """Returns why a method cannot be applied to the scene's stream; empty if it can."""
+        """Returns why a method cannot be applied to the scene's stream, or an empty text."""
         # Its concealer may need data that the stream lacks, or it loses single attributes of elements (`Row.erode`),
         # which only anchors have in packets of their own.
         name = row.conceal.partition(":")[0]
@@ -238,7 +238,9 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], stamp: str, store: Store) -> None:
-    """Logs a warning if the reference is elsewhere or of another size; nothing is compared if a scene is empty.
+    """Logs a warning if the position or size of the scene differs strongly from the reference.
+
+    Empty scenes are not compared.
 
     Args:
         source: The scene.

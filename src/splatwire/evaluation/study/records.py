@@ -87,7 +87,7 @@ class Record:
     others: Mapping[str, float | None] = field(default_factory=dict)
 
     def figure(self, metric: str) -> float | None:
-        """Returns the value of the metric with a given name; None if it was not measured."""
+        """Returns the value of a metric by name, or None if the metric was not measured."""
         found: float | None = self.others[metric] if metric in self.others else getattr(self, metric)
         return found
 

@@ -26,7 +26,7 @@ LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole pi
 
 @dataclass(frozen=True)
 class ReportImages:
-    """Selection of the pictures of a scene that a report shows: one packet loss, and some views.
+    """Selection of the pictures in a report: one packet loss, and some views of each scene.
 
     Attributes:
         loss: Loss model; None to show images without loss only.
@@ -76,7 +76,10 @@ class StudyResult:
 
     @property
     def lpips_note(self) -> str:
-        """Note for the report on LPIPS: why values are missing, or which views and pixels it covers; may be empty."""
+        """Remark on LPIPS for the report: why values are missing, or which views and pixels are measured.
+
+        May be empty.
+        """
         if LPIPS_SCALED.keys().isdisjoint(self.study.metrics):
             return ""
         if not any(cell.unit.lpips_digest for cell in self.cells):
@@ -96,7 +99,7 @@ class StudyResult:
 
 
 def run_study(study: Study, store: Store, engine: Engine, progress: Progress) -> StudyResult:
-    """Executes an evaluation; results that are in the store are not computed again.
+    """Runs an evaluation; results that the store already has are not computed again.
 
     Args:
         study: The definition.

@@ -28,7 +28,7 @@ Picture = Float[np.ndarray, "H W 3"]
 
 
 def frame_cameras(stream: SceneStream, frames: Path, cameras: Path | None) -> Cameras:
-    """Returns one camera per frame: those of a file, repeated as often as needed, or generated ones.
+    """Returns one camera per frame: the cameras of a file, repeated if needed, or generated cameras.
 
     Args:
         stream: The stream of the sequence.

@@ -37,7 +37,7 @@ _OURS = {
 
 @dataclass(frozen=True)
 class SceneSizes:
-    """Sizes of one scene: as official HAC++ files, and as streams of this package with several packetizations.
+    """Sizes of a scene as official HAC++ files and as splatwire streams with several packetizations, bytes.
 
     Bytes are divided into categories: positions, hash grid, attributes and masks, networks, and headers.
 
@@ -136,7 +136,7 @@ def our_parts(stream: PreparedStream) -> dict[str, int]:
 
 
 def native_parts(entry: SceneEntry) -> dict[str, int] | None:
-    """Returns the bytes of the official HAC++ files by category (`SceneSizes`); None if the scene has no such files."""
+    """Returns the bytes of the official HAC++ files by category (`SceneSizes`), or None without such files."""
     # The official bitstream omits the networks although its decoder needs them. They are counted as float32, as in the
     # official total.
     folder = entry.source / "bitstreams"

@@ -131,7 +131,10 @@ def _report_finished(store: Store, left: dict[str, Unit], listener: Listener) ->
 
 
 def _run(root: str, units: Sequence[Unit]) -> dict[str, str] | None:
-    """Executes the tasks of a job one after another; returns the key and error of a failed task, or None."""
+    """Executes the tasks of a cluster job sequentially.
+
+    Returns the key and the error of the failed task, or None.
+    """
     use_one_thread()
     for unit in units:
         try:

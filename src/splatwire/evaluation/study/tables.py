@@ -120,7 +120,7 @@ def _figure(summary: Summary, metric: str) -> str:
 
 
 def number(estimate: Estimate | None, digits: int) -> str:
-    """Formats a value with the half width of its confidence interval, if known."""
+    """Formats a value and, if known, the half width of the value's confidence interval."""
     if estimate is None:
         return ""
     half = "" if estimate.half_width is None else f" ± {estimate.half_width:.{digits}f}"

@@ -72,7 +72,7 @@ def _silent(task: str, share: float) -> None:
 
 
 def use_one_thread() -> None:
-    """Limits this process to one thread; for worker processes."""
+    """Limits a worker process to one thread."""
     # Workers share the processors, and floating-point sums must not depend on the number of threads.
     use_single_thread()
     if "torch" in sys.modules:

@@ -28,7 +28,7 @@ class Pictures:
         self.taken: list[tuple[float, str, str]] = []
 
     def add(self, seconds: float, shown: np.ndarray, reference: np.ndarray) -> None:
-        """Adds the images of a time, RGB, uint8, if the report shows this time."""
+        """Adds the images of a point in time, RGB, uint8, if the report shows images of this time."""
         if seconds in self._wanted:
             self.taken.append((seconds, jpeg(shown), jpeg(reference)))
 

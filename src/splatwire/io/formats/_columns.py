@@ -143,7 +143,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
-    """Drops empty batches of Gaussians; checks that the others have harmonics of one degree.
+    """Drops empty batches of Gaussians, and checks that all remaining batches have the same degree of harmonics.
 
     Args:
         path: Path of the output, for messages.

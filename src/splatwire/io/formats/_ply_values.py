@@ -95,7 +95,7 @@ def _warn_of_scales(path: Path, scales: np.ndarray) -> None:
 
 
 def _extent(sample: PlyElement) -> float:
-    """Returns the extent of the scene along its longest axis, world units; outliers are ignored.
+    """Returns the extent of the scene along its longest axis, without outliers, world units.
 
     Args:
         sample: A sample of the vertices.

@@ -148,7 +148,9 @@ class Stage:
             LOG.warning("%s: animations of transforms and visibility are left out", self._path)
 
     def frames(self) -> tuple[list[float], float] | None:
-        """Returns the frames of a moving scene; None if its Gaussians have values at fewer than two times.
+        """Returns the frames of a moving OpenUSD scene.
+
+        None if the values of the Gaussians exist at fewer than two times.
 
         Returns:
             Time codes of the frames, ascending, and frames per second.
@@ -316,7 +318,10 @@ def _visibility_times(prim: Usd.Prim) -> list[Usd.TimeCode]:
 
 
 def _attribute(prim: Usd.Prim, name: str) -> Usd.Attribute | None:
-    """Returns an array attribute of a prim, float32 if possible, else float16; None if it has no value."""
+    """Returns an array attribute of a prim as float32, or float16 if float32 is absent.
+
+    None if the attribute has no value.
+    """
     for each in (name, f"{name}h"):
         attribute = prim.GetAttribute(each)
         if attribute and attribute.HasAuthoredValue():

@@ -46,7 +46,7 @@ class FileContent(CheckedFields):
         )
 
     def with_chosen_origin(self: Content) -> Content:
-        """Returns the content relative to an origin near the Gaussians, if these are far from 0."""
+        """Returns the content relative to an origin near the Gaussians if the Gaussians are far from 0."""
         if self.origin != NO_ORIGIN:
             return self
         return self.relative_to(choose_origin(self.splats.means, double_precision=False))

@@ -394,7 +394,7 @@ def register_format(form: FileFormat) -> FileFormat:
 
 
 def _problem(form: FileFormat) -> str:
-    """Returns a message about a missing or invalid part of a registered format; empty if it is complete."""
+    """Returns a message about a missing or invalid part of a registered format, or an empty text."""
     if not isinstance(form.name, str) or not re.fullmatch("[a-z0-9][a-z0-9_.]{0,31}", form.name, re.ASCII):
         return "its name must be 1 to 32 lower-case letters, digits, dots and underscores"
     if not isinstance(form.what, str) or not form.what:

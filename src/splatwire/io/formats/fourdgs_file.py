@@ -56,7 +56,10 @@ class FourdgsFrames:
     scene: Any
 
     def read(self) -> Iterator[FileContent]:
-        """Yields the Gaussians of each frame, at the middle of its duration; a frame may be empty."""
+        """Yields the Gaussians of each frame at the middle of the frame's duration.
+
+        A frame may be empty.
+        """
         axes = self.scene.header.attributes.get(_AXES, "")
         metadata = SceneMetadata(up="z") if axes == _Z_UP else SceneMetadata()
         for number in range(self.num_frames):
@@ -188,7 +191,7 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Ends all intervals of constant values, and returns one Gaussian for each; call it after the last frame.
+        """Ends all intervals of constant values after the last frame, and returns one Gaussian per interval.
 
         Returns:
             The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.

@@ -179,7 +179,9 @@ class _Gltf:
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
-        """Returns all meshes with Gaussians and their transforms; logs what is left out, such as animations.
+        """Returns all meshes with Gaussians and their transforms.
+
+        Logs the parts of the document that are ignored, such as animations.
 
         Args:
             found: Primitives with Gaussians by index of the mesh.

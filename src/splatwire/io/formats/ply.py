@@ -248,7 +248,7 @@ def property_names(degree: int) -> list[str]:
 
 
 def _header(count: int, degree: int, steps: PlySteps | None, digest: str, remarks: list[str], origin: Origin) -> bytes:
-    """Returns the header of a PLY file; its length is the same for any number of Gaussians.
+    """Returns the header of a PLY file, with the same length for any number of Gaussians.
 
     Args:
         count: Number of Gaussians.

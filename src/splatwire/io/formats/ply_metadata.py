@@ -72,7 +72,7 @@ def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:
-    """Returns the metadata fields, such as title or author, that a PLY comment contains; text by field name.
+    """Returns the metadata fields of a PLY comment, such as title and author, by field name.
 
     Args:
         lines: Pattern of the comments that contain a field, by field name.

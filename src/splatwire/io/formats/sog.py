@@ -103,7 +103,7 @@ def _opened(path: Path) -> "Iterator[_Sog]":
 
 
 def _folder_of(path: Path, names: Iterable[str]) -> str:
-    """Finds the `meta.json` in an archive; returns its folder with trailing slash, empty for the top level.
+    """Returns the folder of `meta.json` in an archive, with trailing slash; empty for the top level.
 
     Raises:
         DatasetError: If there is no such folder, or several.

@@ -69,7 +69,7 @@ class MovingSplats(CheckedFields):
 
 @checked
 def read_splatv(path: Path) -> MovingSplats:
-    """Reads a `.splatv` file; its Gaussians have harmonics of degree 0.
+    """Reads a `.splatv` file as Gaussians with harmonics of degree 0.
 
     Raises:
         DatasetError: If the file is truncated or of another format.
@@ -98,7 +98,7 @@ def read_splatv(path: Path) -> MovingSplats:
 
 
 def _gaussian_block(path: Path, data: bytes) -> tuple[int, int]:
-    """Finds the data block with the Gaussians; returns its position and size in the file, bytes."""
+    """Returns position and size of the data block with the Gaussians in the file, bytes."""
     try:
         pieces, before = json.loads(data), 0
         for piece in pieces:

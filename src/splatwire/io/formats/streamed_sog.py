@@ -156,7 +156,7 @@ def _bytes_of(chunk: Path) -> int:
 def _finest(
     index: Path, content: dict[str, Any], chunks: list[Path]
 ) -> tuple[dict[int, list[Piece]], dict[int, list[Piece]], list[str], int]:
-    """Selects the Gaussians to read: in each leaf of the tree of tiles, those of the finest available level.
+    """Selects the Gaussians to read: the finest available level in each leaf of the tree of tiles.
 
     Args:
         index: Path of the `lod-meta.json`, for messages.

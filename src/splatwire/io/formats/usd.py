@@ -80,7 +80,9 @@ def read_usd(path: Path) -> FileContent:
 
 
 def usd_frames(path: Path) -> UsdFrames | None:
-    """Returns the frames of a moving OpenUSD scene; None if its Gaussians have values at fewer than two times.
+    """Returns the frames of a moving OpenUSD scene.
+
+    None if the values of the Gaussians exist at fewer than two times.
 
     Raises:
         DatasetError: If usd-core cannot open the file, or its frames are too many or have no valid rate.

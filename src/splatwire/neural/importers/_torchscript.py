@@ -31,7 +31,7 @@ _MARK = object()
 
 @dataclass
 class _Node:
-    """A module described in a TorchScript archive: name of its class, and members by name."""
+    """Module described in a TorchScript archive: class name, and members by name."""
 
     name: str
     members: dict[str, Any]

@@ -11,7 +11,7 @@ from splatwire.types.anchor_config import ModelConfig
 
 @dataclass(frozen=True, eq=False)
 class PriorOutputs:
-    """Outputs of the prior network, which predicts the distributions of an anchor's attributes from its position.
+    """Outputs of the prior network: distributions of an anchor's attributes, predicted from the anchor's position.
 
     There is one row per anchor.
 
@@ -53,7 +53,7 @@ def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> P
 
 
 def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
-    """Returns a typical standard deviation of each channel of an attribute; it includes the rounding error.
+    """Returns the typical standard deviation of each channel of an attribute, including the rounding error.
 
     Args:
         scale: Predicted standard deviations of the channels of some anchors.

@@ -43,7 +43,7 @@ def blur(planes, taps, out):
 @njit(parallel=True)
 @no_type_check
 def products(x, y, out):
-    """Computes x, x * x and x * y for SSIM; writes them to `out` (3, n)."""
+    """Computes x, x * x and x * y for SSIM, written to `out` (3, n)."""
     for i in prange(x.shape[0]):
         out[0, i], out[1, i], out[2, i] = x[i], x[i] * x[i], x[i] * y[i]
 

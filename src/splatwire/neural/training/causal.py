@@ -99,7 +99,7 @@ class TrainedCausal:
         return expanded_scalings((predicted.form[0] * steps + state.parameters["centres"]).exp())
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: the estimated size of the scene in megabytes, times its weight lambda."""
+        """Returns the rate term of the loss: estimated size of the scene in megabytes times the weight lambda."""
         share = state.num_anchors / max(rate.num_anchors, 1)
         return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
 

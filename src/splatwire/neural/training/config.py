@@ -67,7 +67,7 @@ class LearningRates:
 
 @dataclass(frozen=True)
 class Milestones:
-    """Schedule of a training: the iterations after which its phases start or end.
+    """Schedule of a training: iterations at which its phases start or end.
 
     Attributes:
         iterations: Total number of iterations.

@@ -128,7 +128,7 @@ def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
 
 
 def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:
-    """Returns all parameters as tensors; a network is replaced by its weights and biases."""
+    """Returns all parameters as tensors; a network is represented by its weights and biases."""
     found: dict[str, Tensor] = {}
     for name, value in parameters.items():
         if isinstance(value, Tensor):

@@ -22,7 +22,7 @@ def fit_samples(
     loss_of: Callable[[Int64[Tensor, "b"], torch.Generator], Tensor],
     progress: Callable[[float], None],
 ) -> None:
-    """Minimises a loss over random samples of anchors; changes the parameters in place.
+    """Minimises a loss over random samples of anchors by changing the parameters in place.
 
     Args:
         groups: Groups of parameters, each with its initial learning rate.

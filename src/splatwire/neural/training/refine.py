@@ -88,7 +88,7 @@ class _ScaledMlp:
         self.parameters = [tensor.detach().clone().requires_grad_() for tensor in start]
 
     def mlp(self) -> Mlp:
-        """Returns the network with its outputs scaled back to their original units; differentiable."""
+        """Returns the network with outputs in their original units; differentiable."""
         weight, bias, output, output_bias = self.parameters
         return Mlp(Linear(weight, bias), Linear(output * self._unit[:, None], output_bias * self._unit), self._slope)
 

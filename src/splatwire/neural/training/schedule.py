@@ -40,7 +40,7 @@ def changes_anchors(milestones: Milestones, iteration: int) -> bool:
 
 
 def learning_rate_at(rate: LearningRate, share: float) -> float:
-    """Returns the learning rate after a share (0 to 1) of the training; it changes log-linearly."""
+    """Returns the learning rate, log-linearly interpolated, after a share (0 to 1) of the training."""
     share = min(max(share, 0.0), 1.0)
     return math.exp((1 - share) * math.log(rate.initial) + share * math.log(rate.final))
 
@@ -51,7 +51,7 @@ def half_cosine(share: float) -> float:
 
 
 def second_half(rates: LearningRates) -> LearningRates:
-    """Returns learning rates for fine-tuning: those that HAC++ uses in the second half of a training.
+    """Returns the learning rates for fine-tuning, equal to HAC++'s rates in the second half of a training.
 
     Args:
         rates: Learning rates of the training.

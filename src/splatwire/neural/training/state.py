@@ -206,7 +206,7 @@ def expanded_scalings(scalings: Float[Tensor, "M S"]) -> Float[Tensor, "M 6"]:
 
 
 def move_state(state: TrainState, device: torch.device) -> TrainState:
-    """Moves a state to a device; returns `state` itself if it is already there."""
+    """Returns the state on a device, without a copy if the state is already there."""
     if state.device == device:
         return state
     statistics = {name: rows.to(device) for name, rows in vars(state.statistics).items()}

@@ -72,7 +72,7 @@ class StepReport:
 
 
 class TrainingStep:
-    """Performs training iterations on a state, which is changed in place.
+    """Training iteration of an anchor scene, applied to a state in place.
 
     Args:
         config: The configuration.

@@ -59,7 +59,7 @@ class LossWeights:
             raise InvalidValueError(f"weights of the GNN loss must not be negative, and not all 0: {bad or 'all 0'}")
 
     def trains(self, attribute: str) -> bool:
-        """Returns True if an attribute is trained, that is, if its weight is positive."""
+        """Returns True if an attribute has a positive loss weight, that is, if the attribute is trained."""
         return bool(getattr(self, attribute) > 0)
 
 
@@ -122,7 +122,7 @@ def parameter_losses(
 
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
-    """Returns the nearest other lost anchors of each lost anchor in a batch: indices and distances."""
+    """Returns indices and distances of the nearest other lost anchors of each lost anchor in a batch."""
     everything = torch.arange(len(positions), device=positions.device)
     return nearest_other_points(TensorTree(positions), positions, everything, neighbors)
 

@@ -70,7 +70,7 @@ def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[
 
 
 class CalibrationRun:
-    """State of a calibration: network, optimiser, random generator, best weights so far.
+    """State of a calibration of the inpainting network: network, optimiser, random generator, best weights so far.
 
     Args:
         data: The complete scene and its packets.
@@ -196,7 +196,7 @@ class CalibrationRun:
         return (picture - self._pictures[view]).abs().mean()
 
     def validate(self) -> dict[str, float]:
-        """Conceals the held-out losses exactly as a receiver does; returns the mean errors by attribute."""
+        """Conceals the held-out losses exactly as a receiver does, and returns the mean errors by attribute."""
         with self._as_sent():
             return self._mean_errors([repair(self.context, graph, self.network) for graph in self.held_out])
 
@@ -226,7 +226,7 @@ class CalibrationRun:
         return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """Ends the calibration: returns the final network and its errors on the simulated packet losses for validation.
+        """Ends the calibration, and returns the final network with its errors on the validation losses.
 
         Args:
             seconds: Duration of the calibration, for the result.

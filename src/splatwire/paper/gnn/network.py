@@ -66,7 +66,7 @@ class RawResiduals:
 def strongest_edge(
     query_terms: Float[Tensor, "Q H"], source_terms: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
 ) -> Float[Tensor, "Q H"]:
-    """Computes the graph convolution EdgeConv: each lost anchor (query) takes the strongest message of its neighbours.
+    """Computes the graph convolution EdgeConv: maximum over the messages of each lost anchor's neighbours.
 
     The output of query i is the maximum over its neighbours j of `phi(center h_i + edge (h_j - h_i) + bias)`. Here h
     are the hidden vectors, `center` and `edge` are trained matrices, and `phi` is a leaky ReLU.

@@ -43,7 +43,7 @@ def short_float(index: int | np.ndarray) -> np.ndarray:
 
 
 def short_float_index(value: np.ndarray | float) -> np.ndarray:
-    """Returns the integer code of the short float nearest to each positive value; `short_float` decodes it.
+    """Returns the integer code of the short float nearest to each positive value, the inverse of `short_float`.
 
     A short float has 3 bits for the fraction.
     """

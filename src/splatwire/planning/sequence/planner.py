@@ -25,7 +25,7 @@ less."""
 
 @dataclass(frozen=True, eq=False)
 class SequenceVariant:
-    """One of several encodings of a sequence at different qualities; the planner chooses one of them.
+    """Encoding of a sequence at one of several qualities, of which the planner chooses one.
 
     Attributes:
         load: Sizes and importance of the packets.

@@ -57,7 +57,7 @@ class WindowedMinFilter:
 
 
 class QueueMeter:
-    """Estimates the queuing delay from one-way delays; the clocks need not be synchronised."""
+    """Estimates the queuing delay from one-way delays, without synchronised clocks."""
 
     def __init__(self) -> None:
         self._base, self._top = WindowedMinFilter(BASE_WINDOW_S), WindowedMinFilter(TOP_WINDOW_S)
@@ -65,7 +65,7 @@ class QueueMeter:
         self.queue = self.top = 0.0
 
     def add(self, now: float, transit: float) -> float:
-        """Adds a one-way delay and returns the queuing delay: the excess over the minimum delay, seconds.
+        """Adds a one-way delay and returns the queuing delay: excess over the minimum delay, seconds.
 
         Args:
             now: Time, seconds.

@@ -52,7 +52,7 @@ class Downloads(Protocol):
         """Names of the supported formats, such as `spz` or `3dtiles`."""
 
     async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
-        """Returns a stream in another file format; converts the stream at the first request.
+        """Returns a stream in another file format, converted at the first request.
 
         Args:
             stream: Content of the stream's `.swz` file.

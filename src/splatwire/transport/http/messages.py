@@ -56,7 +56,7 @@ class Answer(NamedTuple):
     body: bytes | memoryview | GrowingFile
 
     def for_method(self, method: str) -> "Answer":
-        """Returns this response as sent for a request method: without a body for HEAD, otherwise unchanged."""
+        """Returns the response for a request method, without body for HEAD."""
         return self._replace(body=b"") if method == "HEAD" else self
 
 

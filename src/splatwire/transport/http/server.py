@@ -83,7 +83,7 @@ class SlowContent(Protocol):
 
 
 class PageServer:
-    """HTTP server for the browser page; an asynchronous context manager that serves until its exit.
+    """HTTP server for the browser page, and an asynchronous context manager that serves until its exit.
 
     Args:
         content: Page, scripts and streams that the server offers; may be replaced later.

@@ -113,7 +113,7 @@ def parts_of(manifest: Manifest, tiles: Tiles | None) -> list[range]:
 
 
 def tiles_of(manifest: Manifest, side_info: bytes) -> Tiles | None:
-    """Returns the tiles of a stream with levels of detail; None for other streams."""
+    """Returns the tiles of a stream with levels of detail, or None for a stream without levels."""
     return read_tiles(manifest, side_info) if manifest.schema.tiled else None
 
 

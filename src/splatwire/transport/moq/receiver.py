@@ -97,7 +97,7 @@ class RelayReceiver:
         self._heard_at, self._bytes_before, self._broken_off = 0.0, 0, False
 
     def stream(self) -> SceneStream | None:
-        """Returns the stream with the packets received so far; None while side information is missing."""
+        """Returns the stream with the packets received so far, or None if side information is missing."""
         if self._manifest is None or self._intake is None:
             return None
         return SceneStream(self._manifest, self._side_info, self._intake.packets)

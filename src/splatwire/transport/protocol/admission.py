@@ -116,7 +116,7 @@ class ConnectionSlots:
         return sum(map(len, self._held.values()))
 
     def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
-        """Requests a slot for a new connection; returns True if it gets one.
+        """Requests a slot for a new connection, and returns False if no slot is granted.
 
         If all slots are in use, the oldest connection of the network with the most slots may be aborted to free one.
 

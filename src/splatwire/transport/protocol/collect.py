@@ -99,7 +99,7 @@ class InitSegmentCollector:
         return missing
 
     def add(self, frame: Side) -> bytes | None:
-        """Adds a received symbol; returns the init segment once it is complete, else None."""
+        """Adds a received symbol, and returns the init segment when complete, else None."""
         if frame.segment >= len(self._pieces) or self._pieces[frame.segment] is not None:
             return None
         size, symbols = self._segments.size(frame.segment), self._symbols[frame.segment]
@@ -181,7 +181,7 @@ class PacketCollector:
         self.highest = -1
 
     def update(self, welcome: Welcome) -> None:
-        """Prepares for more packets after a live stream has grown; received packets are kept.
+        """Prepares for more packets after a live stream has grown, and keeps all received packets.
 
         Args:
             welcome: Server's response with the new sizes of the stream, already checked.
@@ -195,7 +195,7 @@ class PacketCollector:
 
     @property
     def packets(self) -> tuple[Packet, ...]:
-        """Valid packets received so far, ascending by id; empty before the manifest is known."""
+        """Valid packets received so far, ascending by id, or no packets before the manifest is known."""
         return self._intake.packets if self._intake else ()
 
     @property
@@ -250,7 +250,7 @@ class PacketCollector:
         return out + self._solve(member[0]) if member else out
 
     def add_parity(self, frame: Parity) -> list[Packet]:
-        """Adds a received repair symbol; returns the lost packets that can be recovered with it."""
+        """Adds a received repair symbol, and returns the lost packets that can now be recovered."""
         if frame.group >= self._finder.num_groups or len(frame.payload) != self._symbol_bytes:
             self.num_bad += 1
             return []

@@ -259,7 +259,7 @@ class Refuse(NamedTuple):
 
 
 class End(NamedTuple):
-    """Datagram of the server after it has sent every packet once; only retransmissions may follow.
+    """Datagram that a server sends after all packets; only retransmissions may follow.
 
     Attributes:
         session: Id of the transfer.

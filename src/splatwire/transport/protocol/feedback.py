@@ -60,7 +60,7 @@ class FeedbackTracker:
         return grows and frame.received <= frame.largest + 1 and frame.largest < max(self.sequence, 1)
 
     def on_feedback(self, frame: Feedback, now: float) -> FeedbackSample | None:
-        """Returns delay and loss since the previous report; None if they are unknown.
+        """Returns delay and loss since the previous report, or None if unknown.
 
         Args:
             frame: Plausible report of the receiver.

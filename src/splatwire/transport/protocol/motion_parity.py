@@ -55,7 +55,7 @@ def group_packets(packets: Sequence[Packet], plan: PacketPlan) -> list[GroupPack
 def arrange(
     groups: Sequence[GroupPackets], importance: Sequence[float] | None, protection: Protection, first: int = 0
 ) -> Arranged:
-    """Sorts the packets of each group of pictures for sending: keyframes, motion with parity, other motion.
+    """Sorts the packets of each group of pictures for sending: keyframes, motion with parity, then all other motion.
 
     Args:
         groups: Packet indices of consecutive groups of pictures.

@@ -12,7 +12,7 @@ datagrams may overtake the declaration, which is sent on the reliable stream.
 
 
 class ReceiveState:
-    """State of a transfer on the receiver: the stream as far as it has been received, and counters.
+    """State of a transfer on the receiver: stream received so far, and counters.
 
     Attributes:
         finished: Result of the transfer; None while the transfer runs.
@@ -74,7 +74,10 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """True if a datagram belongs to a later state of the live stream; its packet is then stored."""
+        """Stores the packet of a datagram that belongs to a later state of the live stream.
+
+        Returns True for such a datagram.
+        """
         welcome = self._welcome
         if welcome is None or not welcome.is_live:
             return False
@@ -101,7 +104,7 @@ class ReceiveState:
 
     @property
     def welcome(self) -> Welcome | None:
-        """Server's response with the sizes of the stream (welcome); None before it is received."""
+        """Server's response with the sizes of the stream (welcome), or None before its arrival."""
         return self._welcome
 
     @property
@@ -115,7 +118,7 @@ class ReceiveState:
         return self._collector
 
     def stream(self) -> SceneStream | None:
-        """Returns the stream with the packets received so far; None while side information is missing."""
+        """Returns the stream with the packets received so far, or None if side information is missing."""
         if self._manifest is None or self._collector is None:
             return None
         return SceneStream(self._manifest, self._side_info, self._collector.packets)
@@ -126,7 +129,7 @@ class ReceiveState:
         return intake.report() if intake else None
 
     def describe_missing(self) -> str:
-        """Returns a message about data that have not arrived; empty before the server's response."""
+        """Returns a message about missing data, or an empty text before the server's response."""
         if self._welcome is None or self._collector is None:
             return ""
         packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"

@@ -140,7 +140,7 @@ class Receiver(ReceiveState):
         return min(greeting, math.inf if self._welcome is None else self._feedback_at, end)
 
     def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
-        """Performs everything that is due at time `now` (seconds): handshake, feedback, timeouts.
+        """Performs the actions that are due at time `now` (seconds): handshake, feedback, timeouts.
 
         Returns:
             Datagrams to send, and events.
@@ -158,7 +158,7 @@ class Receiver(ReceiveState):
         return [*greetings, *self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)], events
 
     def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes a received datagram; it may be invalid.
+        """Processes a received datagram, which may be invalid.
 
         Args:
             data: Bytes of the datagram.
@@ -222,7 +222,7 @@ class Receiver(ReceiveState):
         return self.finished is None and self._welcome is not None and within
 
     def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
-        """Ends the transfer; received data are kept.
+        """Ends the transfer and keeps all received data.
 
         Args:
             reason: Reason to report in `Finished.reason`.

@@ -40,7 +40,7 @@ class ViewUpdateBudget:
         self._free_at = 0.0
 
     def take(self, now: float, last: float | None, tiles: int) -> float:
-        """Reserves processing time for a client's viewpoint; returns when to process it, seconds.
+        """Reserves processing time for a client's viewpoint, and returns the time at which to process it, seconds.
 
         Args:
             now: Time, seconds.

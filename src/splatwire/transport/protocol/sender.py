@@ -310,7 +310,7 @@ class Server:
         return refusal
 
     def _begin(self, key: Key, frame: Request, now: float, reliable: bool, network: Network) -> int | None:
-        """Starts a transfer if the limits allow it, and returns None; otherwise returns the reason for the refusal."""
+        """Starts a transfer if the server's limits permit, and otherwise returns the reason for the refusal."""
         starts = self._update_starts if frame.name in self._updates else self._starts
         if self._starts.seen(network, key[1]) or self._update_starts.seen(network, key[1]):
             self.num_rejected += 1

@@ -132,7 +132,7 @@ class ServerTransfer:
         self._most_bytes -= int(self._limits.max_sent_ratio * self._held.take(frame, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
-        """Removes the next datagram that the client needs from the queue and returns it; None if none is left."""
+        """Removes and returns the next datagram in the queue that the client needs, or None."""
         while self._order:
             item = self._order.pop()
             if self._order.head_left:
@@ -292,7 +292,7 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Yields the packets that the client requests again (NACKs), as pairs: packet index and sequence number.
+        """Yields the packets requested again by the client (NACKs), as pairs of packet index and sequence number.
 
         A client requests a packet by its index or by the sequence number of a lost datagram. A request by index gives
         the pair (index, None). A request by sequence number gives (index, number); the index is -1 if the packet is

@@ -68,7 +68,7 @@ class RenewedIdentity:
         self._identity = self_signed(self._hosts, now=self._made_at)
 
     def __call__(self) -> Identity:
-        """Returns the current certificate and key; creates new ones if they are too old."""
+        """Returns the current certificate and key, renewed if too old."""
         now = self._clock()
         if now - self._made_at >= datetime.timedelta(days=RENEWED_DAYS):
             self._made_at, self._identity = now, self_signed(self._hosts, now=now)

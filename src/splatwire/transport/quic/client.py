@@ -237,7 +237,7 @@ class _Client(QuicConnectionProtocol):
         self.stop("stopped")
 
     def stop(self, reason: str) -> None:
-        """Ends the transfer and reports a reason; received data are kept."""
+        """Ends the transfer with a reason, and keeps all received data."""
         self._act(*self._receiver.stop(reason))
         self._finish()
 

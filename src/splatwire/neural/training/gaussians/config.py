@@ -44,7 +44,7 @@ class GaussianRates:
     harmonics: LearningRate = LearningRate(0.000125, 0.000125)  # noqa: RUF009 - frozen
 
     def for_length(self, iterations: int) -> "GaussianRates":
-        """Returns the learning rates for a training of another length; a shorter training starts with higher rates.
+        """Returns learning rates adapted to the length of a training: a shorter training starts with higher rates.
 
         Args:
             iterations: Number of iterations of the training.

@@ -54,7 +54,7 @@ class GaussianState:
         return torch.sigmoid(self.parameters["logits"])
 
     def moved(self, device: torch.device) -> "GaussianState":
-        """Returns the state on a device; `self` if it is already there."""
+        """Returns the state on a device, without a copy if the state is already there."""
         if self.device == device:
             return self
         return replace(

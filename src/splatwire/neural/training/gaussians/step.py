@@ -24,7 +24,7 @@ _MOST_OPAQUE = 0.999
 
 
 class GaussianStep:
-    """Performs training iterations on a state, which is changed in place.
+    """Training iteration of explicit Gaussians, applied to a state in place.
 
     Args:
         config: The configuration.
