@@ -213,7 +213,7 @@ def _tuplerule_of(args: tuple[Any, ...], arrays: Callable[[Any], Rule]) -> Rule:
 
 
 def _plural(item: Rule) -> str:
-    """Converts a description of one value, such as `a number`, to the plural, for error messages."""
+    """Converts the description of a value, such as `a number`, to the plural for error messages."""
     plain = item.what.removeprefix("a ")
     return f"{plain}s" if plain.endswith("number") else plain or "items"
 
@@ -235,7 +235,7 @@ def _mapping_rule(kind: type, rules: list[Rule]) -> Rule:
 
 
 def _items_rule(kind: type, item: Rule) -> Rule:
-    """Builds the check of a value that is annotated as a collection, such as `Sequence[int]` or `Iterable[Frame]`.
+    """Builds the check of an argument annotated as a collection, such as `Sequence[int]` or `Iterable[Frame]`.
 
     Args:
         kind: Class of the collection, such as `Sequence`.
@@ -265,7 +265,7 @@ def _items_rule(kind: type, item: Rule) -> Rule:
 
 
 def _checked_items(values: Any, item: Rule) -> Any:
-    """Yields the items of an iterator, and checks each item before it is yielded.
+    """Yields the items of an iterator after checking each item.
 
     Args:
         values: The iterator.

@@ -235,7 +235,7 @@ EXTRAS = {
 
 
 def how_to_install(module: str | None) -> str | None:
-    """Returns the command that installs an optional module, or None for any other module."""
+    """Returns a message with the command that installs an optional module, or None for any other module."""
     for extra, modules in EXTRAS.items():
         if (module or "").split(".")[0] in modules:
             return f"this needs {module}, which is not installed: pip install 'splatwire[{extra}]'"

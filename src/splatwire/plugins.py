@@ -127,7 +127,10 @@ class Registry(Generic[Entry]):
         return {*self._entries, *(point.name for point in self._announced())}
 
     def packages(self, name: str) -> tuple[str, ...]:
-        """Returns the package and version that registered an entry, such as `name 1.0`, or an empty text for splatwire."""
+        """Returns the packages, with versions, that registered an entry, such as `name 1.0`.
+
+        Empty for entries of splatwire.
+        """
         points = [point for point in self._announced() if point.name == name and not _is_own(point)]
         points = [point for point in points if name not in self._entries or self._brought_by(point)]
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)

@@ -29,7 +29,7 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 
 
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
-    """Returns the header fields of a scene file that describe the entropy coding of its anchors.
+    """Returns the header fields of a scene file that describe the entropy coding of the anchors.
 
     These are the name of the codec schema, and the configuration of the model that predicts the probabilities of the
     anchors' attributes.

@@ -49,7 +49,7 @@ class SceneReader:
         return tuple(self._file.get_slice(name).get_shape())
 
     def has(self, name: str) -> bool:
-        """True if the file has a tensor of this name that has not been read yet."""
+        """True if the scene file has an unread tensor of the given name."""
         return name in self._left
 
     def length(self, name: str) -> int:
@@ -64,7 +64,7 @@ class SceneReader:
         return shape[0]
 
     def tensor(self, name: str, shape: tuple[int, ...], dtype: type = np.float32) -> np.ndarray:
-        """Reads a tensor after checking its shape and type.
+        """Reads a tensor of the scene file after checking shape and dtype.
 
         Raises:
             BitstreamError: If the tensor is missing, has another shape or type, or contains values that are not finite.
@@ -105,7 +105,7 @@ class SceneReader:
         )
 
     def voxel_size(self, positions: np.ndarray) -> float:
-        """Reads the voxel size, and checks that the positions are multiples of it.
+        """Reads the voxel size, and checks that all anchor positions are multiples of the voxel size.
 
         Raises:
             BitstreamError: If the voxel size is not a positive number, or a position is not a multiple of it.

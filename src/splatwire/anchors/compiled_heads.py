@@ -39,7 +39,7 @@ def drawn_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussian
 
 
 def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Generates the Gaussians seen by camera `view` and the indices of the anchors that they belong to.
+    """Generates the Gaussians that camera `view` sees, and the index of the anchor of each Gaussian.
 
     Returns:
         The Gaussians with opacity of at least 1/255, ordered by anchor.
@@ -81,7 +81,7 @@ def _arrays(values: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
 
 
 def _packed(heads: GaussianHeads, num_inputs: int, num_offsets: int) -> tuple[object, ...]:
-    """Arranges the weights of the networks as the compiled kernel reads them.
+    """Arranges the weights of the head networks in the memory layout of the compiled kernel.
 
     Returns:
         Hidden width, layers of the opacity network, layers of the other networks, and slopes of the ReLUs.

@@ -63,7 +63,7 @@ class AnchorGradients:
 
 
 class Spawning:
-    """Gaussians of some anchors in one view, computed in numpy, through which gradients can be back-propagated.
+    """Numpy implementation of the generation of Gaussians from anchors in one view, with back-propagation.
 
     Args:
         anchors: The anchors, none of which may be at the camera centre.

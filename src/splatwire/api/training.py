@@ -194,7 +194,7 @@ class TrainingServer:
             raise error
 
     def _encode(self) -> None:
-        """Encodes waiting scenes, in a thread of its own."""
+        """Encodes waiting scenes; runs in a thread of its own."""
         try:
             self._encode_until_closed()
         finally:  # nobody waits for a thread that has ended

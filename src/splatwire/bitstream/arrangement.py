@@ -78,7 +78,7 @@ class Run:
 
     @property
     def payloads(self) -> list[bytes]:
-        """Payload of each packet."""
+        """Payload bytes of each packet."""
         return [packet.payload for packet in self.packets]
 
 

@@ -86,12 +86,12 @@ class PacketIntake:
 
     @property
     def packets(self) -> tuple[Packet, ...]:
-        """The valid packets accepted so far, ascending by id."""
+        """Valid packets accepted so far, ascending by id."""
         with self._lock:
             return tuple(self._packets[key] for key in sorted(self._packets))
 
     def has(self, packet: Packet) -> bool:
-        """True if exactly this packet object was accepted."""
+        """True if the intake has accepted exactly this packet object."""
         return self._packets.get(packet.id) is packet
 
     @property

@@ -154,7 +154,7 @@ def manifest_to_bytes(manifest: Manifest) -> bytes:
 
 @checked
 def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
-    """Reads a manifest and checks its fields.
+    """Parses a manifest and validates its fields.
 
     Args:
         data: JSON in UTF-8.
@@ -207,7 +207,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
 
 
 def _schema(codec: str, name: str) -> StreamSchema | None:
-    """Returns the codec schema (coding method) with a given name, or None if it is unknown.
+    """Returns the codec schema (coding method) with a given name, or None if unknown.
 
     Raises:
         BitstreamError: If the package that provides it cannot be used.

@@ -117,7 +117,7 @@ def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_i
 
 
 def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet:
-    """Reads a packet and checks its header and checksum.
+    """Parses a packet, and checks header and checksum.
 
     Args:
         data: Exactly one packet.
@@ -160,5 +160,5 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
 
 
 def packet_mark(stream_id: int) -> bytes:
-    """Returns the first five bytes of every packet of a stream, by which packets are found in damaged files."""
+    """Returns the first five bytes of every packet of a stream, used to find packets in damaged files."""
     return struct.pack("<BI", PACKET_VERSION, stream_id)

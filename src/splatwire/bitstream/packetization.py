@@ -109,7 +109,7 @@ class Packetization:
 
     @property
     def common(self) -> bool:
-        """True if every codec supports this packetization."""
+        """True if all codecs support this packetization."""
         return not self.separated and self.order == "morton"
 
 
@@ -131,7 +131,7 @@ _PACKET_ELEMENTS, _FEWEST_LANES = 375, 8
 
 @checked
 def spread_packetization(num_elements: int) -> Packetization:
-    """Returns a packetization whose packets are spread over the scene, so that a loss removes few elements of a region.
+    """Returns a packetization with packets spread over the scene, so that a loss thins regions out evenly.
 
     Args:
         num_elements: Number of elements to encode.
@@ -144,7 +144,7 @@ def spread_packetization(num_elements: int) -> Packetization:
 
 @checked
 def packetization_named(name: str | None, schema: str, num_elements: int) -> Packetization:
-    """Returns a packetization by its name, for a scene.
+    """Returns the packetization with a given name, adapted to a scene.
 
     Args:
         name: `SPREAD` or a key of `PRESETS`; None selects the default of the schema.

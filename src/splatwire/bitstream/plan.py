@@ -191,7 +191,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the elements of a packet as a range of indices into the result of `block_ranks` for its block.
+        """Returns the elements of a packet as a range of indices into `block_ranks` of the packet's block.
 
         Args:
             packet_id: The packet.

@@ -77,13 +77,13 @@ class SceneStream:
         return self
 
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
-        """Returns a copy with other packets, in any order."""
+        """Returns a copy of the stream with the given packets, in any order."""
         return replace(self, packets=tuple(sorted(packets, key=lambda packet: packet.id)))
 
 
 @checked
 def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequence[Packet]) -> int:
-    """Returns the id of a stream, 32 bits of a SHA-256 of its content.
+    """Returns the id of a stream: 32 bits of a SHA-256 of the content.
 
     Args:
         packetization: Parameters of the division into packets.

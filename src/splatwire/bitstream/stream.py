@@ -122,7 +122,7 @@ def _write_directory(stream: SceneStream, folder: Path) -> None:
 
 
 def _check_replaceable(target: Path, is_file: bool) -> None:
-    """Refuses to overwrite anything but a stream."""
+    """Raises an error if the path to overwrite exists and is not a stream."""
     if not target.exists():
         return
     refusal = f"{target} exists and is not a splatwire stream; it is left alone"

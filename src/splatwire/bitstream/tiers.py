@@ -54,7 +54,7 @@ class Span(NamedTuple):
         return -(-self.num_elements // self.block_size)
 
     def block_elements(self, block: int) -> int:
-        """Number of elements of a block, given its index within the stream."""
+        """Number of elements of a block, given the block's index within the stream."""
         return min(self.block_size, self.num_elements - (block - self.first_block) * self.block_size)
 
     def block_start(self, block: int) -> int:

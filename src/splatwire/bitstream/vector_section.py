@@ -13,7 +13,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class VectorSection:
-    """Reads and writes a section of the side information with three numbers, such as the origin of a scene.
+    """Codec of a named section with three numbers, such as the origin of a scene.
 
     Attributes:
         name: Name of the section.
@@ -41,7 +41,7 @@ class VectorSection:
         return {self.name: writer.bytes()}
 
     def of_stream(self, stream: SceneStream) -> Vector:
-        """Reads three numbers, such as the coordinates of the origin, from this section of a stream's side information.
+        """Reads the three numbers of the section from a stream's side information.
 
         If the stream has no such section, returns `usual`, the numbers for which the section is omitted.
 
@@ -51,7 +51,7 @@ class VectorSection:
         return self.read(sections_of(stream))
 
     def of_side_info(self, side_info: bytes, codec: str) -> Vector:
-        """Reads the section's three numbers, such as the coordinates of the origin, from serialised side information.
+        """Reads the three numbers of the section from serialised side information.
 
         Returns the default numbers (`usual`) if the side information has no such section.
 

@@ -42,7 +42,7 @@ class Viewpoint(CheckedFields):
     __repr__ = summary_repr
 
     def relative_to(self, origin: tuple[float, float, float]) -> "Viewpoint":
-        """Returns the same viewpoint with coordinates relative to another origin."""
+        """Returns the viewpoint with coordinates relative to a different origin."""
         if origin == self.origin:
             return self
         viewmat = np.array(self.viewmat, dtype=np.float64)
@@ -158,7 +158,7 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
 
 
 def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
-    """Finds for each Gaussian of a coarser tile the finer tile that replaces it.
+    """Finds, for each Gaussian of a coarser tile, the finer tile that replaces the Gaussian.
 
     Args:
         tiles: The tiles.

@@ -108,7 +108,7 @@ def preview_for_scene(
     test: CalibrationViews | None = None,
     progress: Progress | None = None,
 ) -> PreviewResult:
-    """Fits a preview to a scene and returns it as the section `preview` of the side information.
+    """Fits a preview to a scene, and returns the preview as the section `preview` of the side information.
 
     Args:
         scene: The complete scene. It provides the initial Gaussians, and the target pictures if `views` has no photos.
@@ -298,7 +298,7 @@ class _Adam:
         self.values -= np.float32(rate) * mean / (np.sqrt(square) + np.float32(_LEAST))
 
     def forget(self, rows: np.ndarray) -> None:
-        """Sets the first moment of some Gaussians to zero."""
+        """Sets the first moment of the Gaussians at the given indices to zero."""
         # After a relocation it refers to their previous positions.
         self._mean[rows] = 0
 
@@ -333,7 +333,7 @@ class _DifferentiablePicture:
 
 
 def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
-    """Measures the mean PSNR of an encoded preview over some views.
+    """Measures the mean PSNR of an encoded preview over a set of views, decibels.
 
     Args:
         scene: The complete scene, for comparison.

@@ -78,7 +78,7 @@ class Sketch(Protocol):
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters with which a receiver enlarges received elements to cover lost ones next to them."""
+        """Parameters for the enlargement of received elements around lost elements."""
 
     @property
     def growths(self) -> Sequence[tuple[float, ...]]:
@@ -89,7 +89,7 @@ class Sketch(Protocol):
         """Weights, 0 to 1, of the network that corrects the enlargement, as tried by the calibration; default first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
-        """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received elements.
+        """Returns a sketch with the same coarse copies and new parameters for the enlargement of received elements.
 
         Args:
             growth: New value of the attribute `growth`.
@@ -99,7 +99,7 @@ class Sketch(Protocol):
         """Encodes the sketch as the section `sketch` of the side information."""
 
     def around(self, partial: ReceivedScene) -> Any:
-        """Replaces lost elements of a received scene by the coarse copies of this sketch.
+        """Replaces the lost elements of a received scene by the sketch's coarse copies.
 
         Args:
             partial: The received scene.

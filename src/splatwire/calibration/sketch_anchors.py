@@ -93,7 +93,7 @@ class AnchorSketch:
         return self.copies.exponent, self.copies.trust
 
     def with_growth(self, growth: tuple[float, ...]) -> "AnchorSketch":
-        """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received anchors.
+        """Returns a sketch with the same coarse copies and new parameters for the enlargement of received anchors.
 
         Args:
             growth: New value of the attribute `growth`.
@@ -106,7 +106,7 @@ class AnchorSketch:
         return write_sketch(self.copies, self.buckets)
 
     def around(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
-        """Replaces lost anchors of a received scene by the coarse copies of this sketch.
+        """Replaces the lost anchors of a received scene by the sketch's coarse copies.
 
         Args:
             partial: The received scene.

@@ -36,7 +36,7 @@ _CLOSE = 0.98
 
 @dataclass(frozen=True, eq=False)
 class GaussianSketch:
-    """Coarse copies of a scene's most important Gaussians (a sketch), drawn in place of Gaussians that were lost.
+    """Sketch: coarse copies of a scene's most important Gaussians, drawn in place of lost Gaussians.
 
     Attributes:
         splats: All Gaussians of the stream, in coding order.
@@ -102,7 +102,7 @@ class GaussianSketch:
         return len(self.indices)
 
     def with_growth(self, growth: tuple[float, ...]) -> "GaussianSketch":
-        """Returns a sketch with the same coarse copies, but other parameters of the enlargement of received Gaussians.
+        """Returns a sketch with the same coarse copies and new parameters for the enlargement of received Gaussians.
 
         Args:
             growth: New value of the attribute `growth`.
@@ -115,7 +115,7 @@ class GaussianSketch:
         return write_copies(self.splats, self.indices, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
 
     def around(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
-        """Replaces lost Gaussians of a received scene by the coarse copies of this sketch.
+        """Replaces the lost Gaussians of a received scene by the sketch's coarse copies.
 
         Args:
             partial: The received scene.

@@ -127,7 +127,7 @@ def _resized(image: Float[np.ndarray, "H W C"], size: tuple[int, int]) -> Float[
 
 
 def _resized_mask(mask: Bool[np.ndarray, "H W"] | None, size: tuple[int, int]) -> Bool[np.ndarray, "H2 W2"] | None:
-    """Resizes a mask like its photo."""
+    """Resizes an evaluation mask to the size of the resized photo."""
     # A resized pixel is True if all contributing original pixels are True.
     if mask is None:
         return None

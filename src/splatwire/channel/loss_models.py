@@ -22,7 +22,7 @@ def _check_share(what: str, value: float | int) -> None:
 
 
 def _format_number(number: float | int) -> str:
-    """Formats a parameter of a loss model as the shortest text for this number."""
+    """Formats a number as the shortest text that parses to the same number."""
     return repr(float(number)).removesuffix(".0")
 
 

@@ -96,7 +96,7 @@ class CheckedLoss:
 
     @property
     def name(self) -> str:
-        """Name of the model with its parameters."""
+        """Name of the loss model with its parameters, such as `bernoulli:0.2`."""
         return self.model.name
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:

@@ -76,7 +76,7 @@ def _behind(options: LookFrom, scene: Scene) -> Background:
 
 
 def stream_output(path: Path, what: str) -> Path:
-    """Returns the path of the stream that a calibration writes, after checking it.
+    """Checks and returns the path of the stream that a calibration writes.
 
     Args:
         path: The path.

@@ -6,7 +6,7 @@ from splatwire.errors import UnknownNameError
 
 
 def check_concealer(name: str) -> None:
-    """Raises an error if no concealer of static scenes or clips has this name.
+    """Raises an error if neither static scenes nor clips have a concealer of the given name.
 
     Raises:
         UnknownNameError: If there is no such concealer.

@@ -28,7 +28,7 @@ disk, too little memory."""
 
 @dataclass(frozen=True)
 class _FinishedConversion:
-    """A finished conversion of a stream to another file format, ready for download.
+    """Result of converting a stream to a file format, ready for download.
 
     Attributes:
         num_bytes: Size of the file, or of all files of the folder.
@@ -147,7 +147,7 @@ class MadeDownloads:
         return found
 
     async def _run(self, *words: str) -> None:
-        """Runs a subcommand of splatwire in a separate process, and waits for its end.
+        """Runs a splatwire subcommand in a separate process, and waits for the process to end.
 
         Raises:
             SplatwireError: If it fails, or takes longer than the maximum duration.

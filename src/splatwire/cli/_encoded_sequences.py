@@ -19,7 +19,7 @@ LOG = logging.getLogger(__name__)
 
 
 def encode_sequence_of(command: Encode, source: Path) -> None:
-    """Encodes frames as a clip, and prints its properties."""
+    """Encodes frames as a clip, and prints the properties of the clip."""
     background = chosen_background(command.background)
     options = sequence_options(command.fps, command.group, command.quality, background, command.up)
     with progress_bars() as report, output_path(command.output, suffix=".swz", json=command.json) as path:

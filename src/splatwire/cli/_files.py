@@ -157,7 +157,7 @@ def check_folder(path: Path) -> None:
 
 
 def check_output(verb: Any) -> None:
-    """Checks that the output of a subcommand can be written, before the subcommand starts its work.
+    """Checks, before a subcommand starts to compute, that its output can be written.
 
     Args:
         verb: The subcommand, with its options as attributes; `output` is the path to check.

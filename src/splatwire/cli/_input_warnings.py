@@ -44,7 +44,7 @@ class InputWarnings(logging.Handler):
         self.damaged = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints a warning as one line on standard error, unless it repeats an earlier one.
+        """Prints a warning as one line on standard error, unless the same warning was printed before.
 
         Args:
             record: Log record of the warning.
@@ -65,7 +65,7 @@ class InputWarnings(logging.Handler):
         self._print(kind, text)
 
     def summarize(self) -> None:
-        """Prints how many other files of a folder had the same warning."""
+        """Prints, for each warning, how many further files of a folder had the same warning."""
         for repeated in self._repeated.values():
             if text := repeated.describe_others():
                 self._print(repeated.kind, text)

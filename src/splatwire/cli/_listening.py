@@ -154,7 +154,7 @@ def reload_on_hangup() -> asyncio.Event:
 
 
 async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Event:
-    """Waits until one of two events is set and returns it."""
+    """Waits until one of two events is set and returns this event."""
     waits = [asyncio.ensure_future(event.wait()) for event in (first, second)]
     try:
         await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)

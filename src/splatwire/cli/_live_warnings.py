@@ -40,7 +40,7 @@ class Warnings:
 
 
 def print_if_read(text: str) -> None:
-    """Prints a line on standard error, or drops it if a full pipe would block."""
+    """Prints a line on standard error, and drops the line if writing would block on a full pipe."""
     try:
         writable = bool(select.select([], [sys.stderr], [], 0)[1])
     except (OSError, ValueError, TypeError, AttributeError):  # not a file with a descriptor
@@ -61,7 +61,7 @@ class _Forward(logging.Filter):
         self._warn = warn
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Passes the text of a warning or error to the function of this filter.
+        """Passes the text of a log record to the function of this logging filter.
 
         Returns:
             False, so that no log handler receives the record.

@@ -42,7 +42,7 @@ def _lines() -> Iterator[str]:
 
 
 def _help_lines(verb: str) -> Iterator[str]:
-    """Yields the help of a subcommand without the frames around its options."""
+    """Yields the help text of a subcommand without the frames around option groups."""
     text = io.StringIO()
     with _plain_terminal(), contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
         _parsing.parse_verb(verb, ["--help"])

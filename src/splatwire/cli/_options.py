@@ -90,7 +90,7 @@ class TrustOptions:
 
     @property
     def given(self) -> bool:
-        """True if the user has set any of these options."""
+        """True if at least one of these options is set."""
         return bool(self.fingerprint is not None or self.authority is not None or self.insecure)
 
 

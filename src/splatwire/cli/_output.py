@@ -20,7 +20,7 @@ Reporter: TypeAlias = Callable[[str, float], None]
 
 
 def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
-    """Raises an error if any of the given options differs from its default.
+    """Raises an error if one of the named options differs from its default.
 
     Args:
         options: Options of a subcommand.

@@ -89,7 +89,7 @@ def parse_any(arguments: Sequence[str]) -> Any:
 
 
 def settings_of(verb: str) -> Any:
-    """Returns the options class of a subcommand with its help texts."""
+    """Returns the options class of a subcommand, with help texts."""
     found = VERBS[verb]
     settings = getattr(importlib.import_module(f"splatwire.cli.{found.module}"), found.settings)
     set_help_texts(settings)

@@ -80,7 +80,7 @@ def _address_space_hint() -> str:
 
 
 def _exception_chain(error: BaseException | None) -> Iterator[BaseException]:
-    """Yields an exception and its chain of causes."""
+    """Yields an exception and all exceptions that caused it."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))

@@ -14,7 +14,7 @@ from splatwire.cli._terminal import PrintableStream, one_line, printable, printa
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Returns a rich console that prints texts literally, without parsing them as markup."""
+    """Returns a console of the package `rich` that prints texts literally, without parsing markup."""
     # A `PrintableStream` would escape the control sequences of rich, too.
     stream = sys.stderr if stderr else sys.stdout
     while isinstance(stream, PrintableStream):
@@ -28,7 +28,7 @@ def print_table(table: RenderableType) -> None:
 
 
 class _Printable:
-    """Rich renderable that escapes control characters in its texts."""
+    """Wrapper of an object that `rich` prints; escapes control characters in texts."""
 
     def __init__(self, inner: Any) -> None:
         self._inner = inner

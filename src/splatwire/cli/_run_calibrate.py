@@ -37,7 +37,7 @@ def run(command: Calibrate) -> None:
 
 
 def _read_and_decode(command: CalibrateSketch | CalibratePreview, show: Reporter) -> tuple[SceneStream, ReceivedScene]:
-    """Reads the stream that gets the calibrated section, and decodes its scene."""
+    """Reads the stream that is to be calibrated, and decodes the scene."""
     stream = complete_stream(command.source, show)
     return stream, decode_stream(stream, progress=lambda share: show("decoding", share))
 

@@ -84,7 +84,7 @@ def run(command: Convert) -> None:
 
 
 def convert(chosen: Conversion, command: Convert) -> None:
-    """Converts one input with the subcommand for its format, and prints the result.
+    """Converts one input with the subcommand for the input's format, and prints the result.
 
     Args:
         chosen: The input, the output and its format.
@@ -117,7 +117,7 @@ def convert(chosen: Conversion, command: Convert) -> None:
 
 
 def _convert_frames(path: Path, chosen: Conversion, *, as_json: bool) -> None:
-    """Writes the frames of a sequence as files of another format."""
+    """Writes the frames of a sequence as files in another format."""
     started, suffix = time.perf_counter(), format_named(chosen.form).suffix
     with progress_bars() as report, output_folder(chosen.output) as folder:
         count = write_frame_files(open_sequence(path), folder, suffix, report)
@@ -201,7 +201,7 @@ def _writable() -> list[str]:
 
 
 def _form_of_name(output: str) -> str:
-    """Returns the name of the format that an output file has by its suffix.
+    """Returns the name of the format that the suffix of an output file selects.
 
     Raises:
         InvalidValueError: If the suffix is not that of a writable format.
@@ -279,7 +279,7 @@ def _is_timed(path: Path) -> bool:
 
 
 def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
-    """Converts one of several inputs in a separate process, whose errors do not end the other conversions.
+    """Converts one of several inputs in a separate process, so that an error does not end the remaining conversions.
 
     Args:
         chosen: The conversion.

@@ -121,7 +121,7 @@ def _tuning(command: Encode) -> "Tuning":
 
 
 def _effort(command: Encode) -> str:
-    """Returns the value of `--effort`, or its default."""
+    """Returns the value of the option `--effort`, or its default."""
     # By default, Gaussians are pruned if there is a target size or PSNR.
     if command.effort is not None:
         return command.effort
@@ -139,7 +139,7 @@ def _needs_copies(command: Encode) -> bool:
 
 
 def _encode_scene(command: Encode, source: Path) -> None:
-    """Encodes a static scene, writes the stream, and prints its properties."""
+    """Encodes a static scene, writes the stream, and prints the stream's properties."""
     if command.data is not None and command.cameras is not None:
         raise InvalidValueError("give either --cameras FILE or --data FOLDER")
     background, seen = chosen_background(command.background), command.data is not None or command.cameras is not None

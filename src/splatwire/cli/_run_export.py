@@ -73,7 +73,7 @@ def run(options: Export) -> None:
 
 
 def _check(options: Export) -> None:
-    """Checks the options of the subcommand `export` before it reads any file."""
+    """Checks the options of the subcommand `export` before any file is read."""
     if str(options.output) == "-":
         raise InvalidValueError("an export is read back to be measured: give -o a file")
     prepared_output(options.output, suffix=Path(f"x{_format(options).suffix}").suffix)
@@ -132,7 +132,7 @@ def _outliers(options: Export) -> Outliers:
 
 
 def _read_back(options: Export, scene: Scene) -> Scene:
-    """Reads the exported Gaussians again, relative to the origin of the exported scene."""
+    """Reads the exported file, with positions relative to the origin of the exported scene."""
     written: Any = open_scene(options.output)
     return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))
 

@@ -85,7 +85,7 @@ def _published(source: str, report: Reporter, share: float, *, with_thumbnail: b
 
 
 def _complete_stream(path: Path) -> SceneStream:
-    """Returns the stream of a file, or encodes it with the defaults of `encode`.
+    """Returns the stream in a file, or encodes a scene file with the defaults of `encode`.
 
     Raises:
         BitstreamError: If packets are missing or damaged.

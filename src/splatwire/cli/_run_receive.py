@@ -85,7 +85,7 @@ def run(command: Receive) -> None:
 
 
 def _follow(command: Receive, address: Address, options: ReceiverOptions) -> None:
-    """Receives a scene and its updates until the user stops the command, and writes each state of the scene.
+    """Receives a scene and its updates until interrupted by the user, and writes each state of the scene.
 
     Raises:
         InvalidValueError: If an option does not fit, or the scene does not arrive as a whole at first.
@@ -159,7 +159,7 @@ def _transfer(
 
 
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
-    """Writes one period of an endless live clip to a file with the number of the period in its name."""
+    """Writes one period of an endless live clip to a file named with the period's number."""
     # The last period is written to the regular output.
     path = prepared_output(Path(command.output).resolve().with_suffix(f".{number:03}{FILE_SUFFIX}"))
     write_stream(stream, path)
@@ -213,7 +213,7 @@ def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
 
 
 class TransferTimes:
-    """Times of the first events of a transfer, in seconds from its beginning."""
+    """Times of the first events of a transfer, in seconds since the start of the transfer."""
 
     def __init__(self) -> None:
         self._began = time.perf_counter()

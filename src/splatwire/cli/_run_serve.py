@@ -73,7 +73,7 @@ def run(command: Serve) -> None:
 
 @dataclass
 class _Scenes:
-    """Streams of a server.
+    """Streams that a server offers, with their names and updates.
 
     Attributes:
         served: Streams prepared for sending, by name.
@@ -90,7 +90,7 @@ class _Scenes:
 
 
 def _served_streams(command: Serve, protection: Protection, planned: int | None = None) -> _Scenes:
-    """Reads the streams to serve and prepares them for sending.
+    """Reads the streams to serve, and prepares each stream for sending.
 
     Args:
         command: Options of `splatwire serve`.

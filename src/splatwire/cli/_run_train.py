@@ -193,7 +193,7 @@ def _report(command: Train, result: TrainResult, config: TrainConfig) -> None:
 
 
 def check_device(name: str) -> str:
-    """Checks that the requested device is available for training, and returns its name, `cpu` or `cuda`.
+    """Checks that the requested device is available for training, and returns `cpu` or `cuda`.
 
     Raises:
         UnknownNameError: If there is no such device.

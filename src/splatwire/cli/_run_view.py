@@ -103,7 +103,7 @@ async def _serve(
 
 
 async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], page: PageServer) -> None:
-    """Receives the updates of a scene after the scene itself, and offers them to the page.
+    """Receives the updates of a scene after the scene, and offers the updates to the viewer page.
 
     Args:
         command: Options of `splatwire view`.
@@ -137,7 +137,7 @@ async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], pa
 
 
 def newest_updates(updates: Mapping[str, ServedStream | bytes], name: str, update: bytes) -> dict[str, bytes]:
-    """Adds an update to those that the page may request, and drops the oldest if there are too many.
+    """Adds an update to the updates that the viewer page may request, and drops the oldest beyond a limit.
 
     Args:
         updates: Files of earlier updates by name, the oldest first.
@@ -155,7 +155,7 @@ def newest_updates(updates: Mapping[str, ServedStream | bytes], name: str, updat
 
 
 def _create_relay(command: View) -> Relay:
-    """Creates the object that receives the stream from the address of the command, and forwards it to the page."""
+    """Creates the relay that receives the stream from the command's URL and forwards the stream to the page."""
     address = parse_url(command.stream)
     transfer = transfer_of(command.trust, address)
     options = ReceiverOptions(name=address.name, scene_token=address.token)
@@ -163,7 +163,7 @@ def _create_relay(command: View) -> Relay:
 
 
 def _warn_of_missing(url: str, relay: Relay) -> None:
-    """Prints a warning if the transfer ended before the whole stream was received.
+    """Prints a warning if the transfer ended before the full stream was received.
 
     Args:
         url: Address of the stream, for the message.

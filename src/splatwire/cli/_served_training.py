@@ -47,7 +47,7 @@ class ServedTraining:
             self._server.push(**vars(scene().splats))
 
     def finish(self, scene: SplatScene) -> None:
-        """Sends all changes of the last state, and waits until clients have received them.
+        """Sends all changes of the final training state, and waits until clients have received the changes.
 
         Args:
             scene: The trained scene.
@@ -109,7 +109,7 @@ def served_training(command: Train) -> Iterator[ServedTraining]:
 
 
 def _connectable(host: str) -> str:
-    """Returns the host with which a client on this machine can connect to a server, for a URL.
+    """Returns the host for a URL with which clients on this machine can connect to a server.
 
     An address that stands for all interfaces becomes the loopback address. IPv6 addresses are put in brackets.
 

@@ -27,7 +27,7 @@ Signature = tuple[int, int]
 
 
 def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[str, UpdateChain]:
-    """Returns the scenes that can be updated, by name, each as a chain of the scene and its updates.
+    """Returns each updatable scene, by name, as a chain of scene and updates.
 
     Args:
         streams: By scene name, two streams of the same scene: the stream as read from its file, and the stream with
@@ -118,7 +118,7 @@ class UpdateFolder:
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that an update does not give a scene the content of an earlier version of another scene.
+        """Checks that the content of an update differs from all earlier versions of other served scenes.
 
         Args:
             changed: Scenes that the update changes, by name, each with the update applied.

@@ -40,7 +40,7 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints to standard error which kernels are compiled, here or by another process, and how many are done."""
+        """Prints on standard error which kernels are compiled, by this or another process, and how many are done."""
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return

@@ -14,7 +14,7 @@ _KEPT = "\n\t"
 
 
 def printable(text: str) -> str:
-    """Returns a text in which every character that may control a terminal is replaced by its escape sequence."""
+    """Replaces each character of a text that may control a terminal by an escape sequence."""
     # These are control characters (C0 but for line feed and tab, and C1), format characters such as bidirectional
     # overrides and zero-width characters, line and paragraph separators, lone surrogates, and unassigned characters.
     if text.isascii() and text.isprintable():
@@ -54,7 +54,7 @@ class PrintableStream:
         return len(text)
 
     def writelines(self, lines: Any) -> None:
-        """Writes several texts."""
+        """Writes several texts, with control characters escaped."""
         for line in lines:
             self.write(line)
 

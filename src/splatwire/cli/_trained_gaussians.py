@@ -73,7 +73,7 @@ def check_gaussian_options(command: Train) -> None:
 
 
 def run_gaussians(command: Train, device: str, device_name: str) -> None:
-    """Trains explicit Gaussians, writes them, and prints the result.
+    """Trains explicit Gaussians, writes the result, and prints a summary.
 
     Args:
         command: Options of `splatwire train`.

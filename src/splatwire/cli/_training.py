@@ -154,7 +154,7 @@ def check_same_recipe(
 
 @contextmanager
 def watch(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
-    """Shows the progress of a training on standard error, and stops it with a checkpoint at Ctrl-C.
+    """Shows the progress of a training on standard error, and ends the training with a checkpoint at Ctrl-C.
 
     Args:
         on_test: Called with the quality report of each test during the training.
@@ -223,7 +223,7 @@ def line(now: Progress) -> str:
 
 
 def time_left(now: Progress) -> str:
-    """Estimates the remaining time of a run from its speed, formatted as hours:minutes:seconds."""
+    """Estimates the remaining time of a run from the speed so far, formatted as hours:minutes:seconds."""
     if now.iterations_per_second is None:
         return _UNKNOWN
     return str(timedelta(seconds=round((now.iterations - now.iteration) / now.iterations_per_second)))

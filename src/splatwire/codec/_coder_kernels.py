@@ -47,7 +47,7 @@ DECODING, ENCODING = np.bool_(True), np.bool_(False)
 
 
 class Coder(NamedTuple):
-    """State of the entropy coder of one packet, and the probability tables of its stream.
+    """State of one packet's entropy coder, and probability tables of the stream.
 
     The context of a prediction residual is a combination of three indices: kind of value (`stream`), difference between
     the neighbours (`spread`), and quantisation step or preceding residuals (`second`).
@@ -164,7 +164,7 @@ def code_escape(coder, excess):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift, absolute):
-    """Encodes or decodes a quantised integer, given its prediction.
+    """Encodes or decodes a quantised integer relative to a prediction.
 
     Args:
         coder: Entropy coder.
@@ -197,7 +197,7 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
-    """Encodes or decodes a residual in quantisation steps, with the probability distribution of its context.
+    """Encodes or decodes a residual, in quantisation steps, with the probability distribution of its context.
 
     Args:
         coder: Entropy coder.
@@ -267,7 +267,7 @@ def _decode_outside(words, state, half):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _decode_between(coder, scale, index, start, after, target, eighths):
-    """Decodes a residual of a wide distribution, of which the tables contain only some starts of probability intervals.
+    """Decodes a residual from a wide distribution, whose table has only every 2^k-th interval start.
 
     Args:
         coder: Entropy coder.

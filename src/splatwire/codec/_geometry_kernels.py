@@ -26,7 +26,7 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 @njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
-    """Returns the distribution for coding how many points of a tree node are in its first half.
+    """Returns the normal distribution for coding the number of points in the first half of a large tree node.
 
     Args:
         n: Number of points of the node.

@@ -38,7 +38,7 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Updates the statistics of an importance tier after an anchor. The contexts of later anchors depend on them.
+    """Updates the statistics of an importance tier after an anchor, for the contexts of later anchors.
 
     Args:
         counts: For each tier, share of the preceding anchors in this tier or a more important one, as a fraction of

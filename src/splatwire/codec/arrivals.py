@@ -7,7 +7,7 @@ from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake, ReadRe
 
 
 class Arrivals:
-    """Packets of a stream received so far, for decoding during a transfer. Thread-safe.
+    """Packets of a stream received so far, for decoding during a transfer; thread-safe.
 
     Args:
         manifest: The stream's manifest.

@@ -69,7 +69,7 @@ def decode_stream(
 
 
 def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = None) -> Decoder:
-    """Reads the side information of a stream and returns its decoder.
+    """Reads the side information of a stream and creates the decoder for its schema.
 
     Args:
         manifest: The stream's manifest.

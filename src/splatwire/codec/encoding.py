@@ -126,7 +126,7 @@ def repack(
 
 @checked
 def into_datagrams(stream: SceneStream, progress: Progress | None = None) -> SceneStream:
-    """Repacketizes a stream so that each packet fits into one datagram.
+    """Divides a stream into packets that each fit into one datagram.
 
     Args:
         stream: The complete stream.
@@ -143,7 +143,7 @@ def into_datagrams(stream: SceneStream, progress: Progress | None = None) -> Sce
 
 @checked
 def can_repack(stream: SceneStream) -> bool:
-    """True if the packets of a stream can be rearranged into another packetization."""
+    """True if the packets of a stream can be divided in another way."""
     # False for Gaussians of older releases, whose decoded integers depend on the split into packets.
     schema = schema_named(stream.manifest.codec)
     return schema.prepare_repack is not None and schema.can_repack(stream)

@@ -48,7 +48,7 @@ class IntegerMlp:
     leaky: bool
 
     def accumulate(self, inputs: np.ndarray, columns: slice) -> np.ndarray:
-        """Computes the contribution of some inputs to the first layer of the network.
+        """Computes the contribution of a part of the inputs to the first layer of the network.
 
         Args:
             inputs: Values of n inputs of the network, (N, n), whole numbers in float64.

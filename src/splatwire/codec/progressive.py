@@ -20,7 +20,7 @@ from splatwire.types.received_scene import ReceivedScene
 
 
 class ProgressiveDecoder(Arrivals):
-    """Decoder that adds each packet to the scene when it arrives, for use during a transfer.
+    """Decoder for use during a transfer: adds each packet to the scene at its arrival.
 
     Packets may come in any order and from several threads. Duplicate, damaged and foreign packets are only counted, in
     `report`.
@@ -69,7 +69,7 @@ class ProgressiveDecoder(Arrivals):
 
     @property
     def partial(self) -> ReceivedScene:
-        """The scene in its current state. Later packets are decoded into the same arrays.
+        """Scene decoded so far, whose arrays later packets change.
 
         Hold `lock` while reading several elements.
 
@@ -149,7 +149,7 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores the decoded integers of new packets, and writes the elements of these packets to the scene."""
+        """Stores decoded integers of new packets, and writes the packets' elements to the scene."""
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.
         ends = np.cumsum(run.counts)[:-1]
@@ -162,7 +162,7 @@ class ProgressiveDecoder(Arrivals):
             self._store(self._room, self._blocks[run.block] if self._room.runs_are_blocks else run.packets)
 
     def _allocate(self) -> None:
-        """Allocates a scene of all elements, and writes the received ones into it."""
+        """Allocates a scene for all elements, and writes the received elements into the scene."""
         room = copy.copy(self._decoder)  # the original stays unchanged, because other threads may be decoding with it
         room.expect(self._threads, self._progress)
         for run in runs_of(room, self.manifest, self._packets(), gaps=True):

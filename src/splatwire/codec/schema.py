@@ -101,7 +101,7 @@ class Decoder(Protocol):
     row_bytes: int
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
-        """Returns the working memory of a thread that decodes some of the given packets, bytes."""
+        """Returns the working memory of one thread that decodes the given packets, bytes."""
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all elements. Required before `store` and `scene`, but not before `decode`.

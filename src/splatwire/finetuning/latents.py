@@ -66,7 +66,10 @@ class Latents:
         return Latents(**{name: values.copy() for name, values in vars(self).items()})
 
     def trained(self) -> dict[str, np.ndarray]:
-        """Returns the trained parameter arrays by name, without copying; changes of the arrays change the parameters."""
+        """Returns the trained parameter arrays by name.
+
+        The arrays are not copied; changing an array changes the parameters.
+        """
         names = ("shifts", "turns", "logs", "logits", "base", "harmonics")
         return {name: getattr(self, name) for name in names if getattr(self, name).size}
 

@@ -51,5 +51,5 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
 
 
 def _limited(seen: Gaussians) -> Gaussians:
-    """Limits colours to `BRIGHTEST`, because an extreme colour would hide the changes of Gaussians in front."""
+    """Limits colours to `BRIGHTEST`, because an extreme colour would hide the changes of nearer Gaussians."""
     return replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))

@@ -83,7 +83,7 @@ def _fit_part(
     degree: int,
     counts: FitCounts,
 ) -> Splats:
-    """Fits the parameters of some Gaussians to their appearance in the views.
+    """Fits the parameters of a part of the Gaussians to their appearance in the views.
 
     Args:
         scene: The scene.

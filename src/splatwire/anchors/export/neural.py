@@ -35,7 +35,7 @@ class Slots:
 
 @dataclass(frozen=True, eq=False)
 class SlotView:
-    """Attributes that the networks predict for some Gaussians in one view.
+    """Attributes that the head networks predict for a list of Gaussians in one view.
 
     Attributes:
         opacities: Predicted opacities. A Gaussian with an opacity of 0 or less is not drawn in this view.
@@ -51,7 +51,7 @@ class SlotView:
 
 
 def slots_of(scene: AnchorScene) -> Slots:
-    """Lists all Gaussians that a scene can draw, except those of anchors that loss concealment hides."""
+    """Lists all Gaussians that an anchor scene can draw, without anchors hidden by loss concealment."""
     anchors = scene.anchors
     mask = anchors.mask if scene.hints is None else anchors.mask & ~scene.hints.left_out[:, None]
     anchor_index, offset_index = np.nonzero(mask)
@@ -61,7 +61,7 @@ def slots_of(scene: AnchorScene) -> Slots:
 
 
 def slot_view(scene: AnchorScene, slots: Slots, camera_center: Float[np.ndarray, "3"]) -> SlotView:
-    """Computes with the scene's networks how some Gaussians appear to a camera.
+    """Computes, with the scene's head networks, how a list of Gaussians appears to a camera.
 
     Args:
         scene: The anchor scene.

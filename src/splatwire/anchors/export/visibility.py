@@ -33,7 +33,7 @@ class VisibleAreas:
         self._halves: UInt16[np.ndarray, "C S"] = np.zeros((num_views, num_slots), np.uint16)
 
     def put(self, view: int, slots: np.ndarray, areas: Float[np.ndarray, "M"]) -> None:
-        """Stores the visible areas of some Gaussians in a view, rounded to bfloat16.
+        """Stores the visible areas of a range of Gaussians in one view, rounded to bfloat16.
 
         Args:
             view: Index of the view.

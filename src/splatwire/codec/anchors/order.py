@@ -112,7 +112,7 @@ def prepare_anchor_repack(
 
 @checked
 def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
-    """Returns a scene with its drawable anchors only, in coding order.
+    """Returns the drawable anchors of a scene in coding order, as a scene.
 
     Args:
         scene: The scene.

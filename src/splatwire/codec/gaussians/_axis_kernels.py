@@ -19,7 +19,7 @@ UNIT = 1 << DIRECTION_BITS
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict_axis(near, count, primary, axis):
-    """Predicts the primary axis of a Gaussian (see `code_axis`) as the weighted sum of its neighbours' axes.
+    """Predicts the primary axis of a Gaussian (see `code_axis`) as the weighted sum of the neighbours' axes.
 
     Args:
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
@@ -102,7 +102,7 @@ def _quotient(number, divisor):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
-    """Encodes or decodes one principal axis of a Gaussian (primary axis), predicted from the axes of its neighbours.
+    """Encodes or decodes the primary principal axis of a Gaussian, predicted from the axes of neighbours.
 
     The primary axis is the axis of the largest or of the smallest scale. The rotation about it is coded separately.
 

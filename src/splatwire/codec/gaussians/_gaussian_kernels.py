@@ -67,7 +67,7 @@ def magnitude_context(running):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_class(coder, context, value):
-    """Encodes or decodes the precision class (set of quantisation steps) of a Gaussian, and returns it.
+    """Encodes or decodes, and returns, the precision class (set of quantisation steps) of a Gaussian.
 
     Args:
         coder: Entropy coder.
@@ -105,7 +105,7 @@ def compand_thinness(ratio, thinness):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_logs(coder, row, source, bases, precision_class, near, count, thinness, absolute):
-    """Encodes or decodes opacity and scales of a Gaussian, predicted from its neighbours.
+    """Encodes or decodes opacity and scales of a Gaussian, predicted from neighbours.
 
     Args:
         coder: Entropy coder.
@@ -165,7 +165,7 @@ def code_logs(coder, row, source, bases, precision_class, near, count, thinness,
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_colour(coder, row, source, bases, precision_class, near, count, running, absolute):
-    """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from its neighbours.
+    """Encodes or decodes the base colour (Y Co Cg) of a Gaussian, predicted from neighbours.
 
     Args:
         coder: Entropy coder.

@@ -179,7 +179,7 @@ def _find_wide(near, i):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict(near, count, defaults):
-    """Predicts the attributes of a Gaussian as weighted means over its neighbours.
+    """Predicts the attributes of a Gaussian as weighted means over neighbours.
 
     The means, and the mean deviations of the neighbours from them, are written to `near`.
 

@@ -50,7 +50,7 @@ SLACK = 64
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _spread_cells(codes, cells, narrow):
-    """Converts Morton codes of grid cells to coordinates of these cells.
+    """Converts Morton codes of grid cells to cell coordinates.
 
     Args:
         codes: int64 (n), the Morton codes.
@@ -118,7 +118,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_position(coder, row, cell, position, cells_at, shift, absolute):
-    """Encodes or decodes the position of a Gaussian within its grid cell, as plain bits.
+    """Encodes or decodes the position of a Gaussian within a grid cell, as raw bits.
 
     Args:
         coder: Entropy coder.
@@ -144,7 +144,7 @@ def _code_position(coder, row, cell, position, cells_at, shift, absolute):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_spin(coder, row, axes, primary, bits):
-    """Encodes or decodes the rotation of a Gaussian about its primary axis, as plain bits.
+    """Encodes or decodes the rotation of a Gaussian about the primary axis, as raw bits.
 
     Args:
         coder: Entropy coder.
@@ -162,7 +162,7 @@ def _code_spin(coder, row, axes, primary, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def spin_angle(row, axes, primary):
-    """Returns the rotation of a Gaussian about its primary axis, in radians, -pi to pi.
+    """Returns the rotation of a Gaussian about the primary axis, radians, -pi to pi.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (columns). Columns `AXIS` to `AXIS + 2` are the x, y and z

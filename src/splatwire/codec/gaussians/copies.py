@@ -101,7 +101,7 @@ def copies_level(info: SideInfo, num_gaussians: int) -> int:
 def _read(
     info: SideInfo, num_gaussians: int
 ) -> tuple[Boxes, np.ndarray, tuple[float, float, float], tuple[np.ndarray, np.ndarray]]:
-    """Reads the redundant copies of Gaussians from a stream's side information, without dequantising them.
+    """Parses the redundant copies of Gaussians in a stream's side information, without dequantisation.
 
     Returns:
         Bounding box of the copies; indices of the copied Gaussians; parameters for enlarging received Gaussians

@@ -18,7 +18,7 @@ _PIECE = 1 << 13
 
 
 def coding_for(splats: Splats, quality: Quality, classes: np.ndarray | None) -> SplatCoding:
-    """Returns the quantisation parameters of Gaussians, as the encoder would choose them.
+    """Returns the quantisation parameters that the encoder would choose for Gaussians.
 
     Args:
         splats: The Gaussians, at least one.

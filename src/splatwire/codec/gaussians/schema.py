@@ -37,7 +37,7 @@ def _can_repack(stream: SceneStream) -> bool:
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the redundant copies of a stream after its packets were rearranged."""
+    """Updates the redundant copies of a stream after a repacketization."""
     # A copy refers to its Gaussian by index, and the rearrangement changes the order of the Gaussians.
     sections = sections_of(stream)
     if SKETCH not in sections:

@@ -172,7 +172,7 @@ class SourceScene:
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
-        """Returns the indices of a sample of blocks, to which an encoder fits its probability tables."""
+        """Returns the indices of a sample of blocks, used by an encoder to fit probability tables."""
         return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
 
     def members(self, block: int) -> slice:
@@ -296,7 +296,7 @@ def coded_classes(classes: np.ndarray | None, count: int, finest_class: int) -> 
 
 
 def raise_flat(splats: Splats, classes: np.ndarray, finest_class: int, bases: np.ndarray, size_log: int) -> np.ndarray:
-    """Assigns flat Gaussians a finer precision class if rounding would make them much thicker.
+    """Assigns a finer precision class to flat Gaussians that rounding would make much thicker.
 
     Args:
         splats: The N Gaussians.

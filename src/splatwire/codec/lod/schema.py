@@ -67,7 +67,7 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the index of spatial tiles in a stream after its packets were rearranged."""
+    """Updates the index of spatial tiles of a stream after a repacketization."""
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 
 

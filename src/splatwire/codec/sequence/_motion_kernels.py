@@ -91,7 +91,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Returns the entropy coder's context for a residual, given the magnitude of residuals coded before it."""
+    """Returns the entropy coder's context for a residual, from the magnitude of previously coded residuals."""
     level = 0
     while magnitude >> level and level < LEVELS - 1:
         level += 1

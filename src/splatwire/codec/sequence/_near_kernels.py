@@ -75,7 +75,7 @@ def _find_candidates(squares, count, group_minima, candidates):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, candidates, count):
-    """Finds the nearest of some candidate tracks (Gaussians over time), given squared distances.
+    """Selects the nearest of the candidate tracks (Gaussians over time), given squared distances.
 
     Args:
         squares: Squared distances of all tracks, float64.

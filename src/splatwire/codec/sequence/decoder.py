@@ -198,7 +198,7 @@ class TracksDecoder:
         )
 
     def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
-        """Decodes motion packets ahead of time, so that their frames are available without delay.
+        """Decodes motion packets ahead of time, so that their frames can be shown without delay.
 
         Args:
             packets: Packets of one group of frames; they must also be passed to `store` or `hold`.
@@ -220,7 +220,7 @@ class TracksDecoder:
                 check_memory(self._held, num_bytes, "motion that is ready")
 
     def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
-        """Decodes some motion packets of one group of frames.
+        """Decodes the given motion packets of one group of frames.
 
         Args:
             packets: The packets, at least one.
@@ -274,7 +274,7 @@ def _combine_packets(
 
 
 class _BlockMap:
-    """Maps each block of a packet plan to its group of frames."""
+    """Map from each block of a packet plan to the block's group of frames."""
 
     def __init__(self, info: SequenceInfo, manifest: Manifest) -> None:
         plan = manifest.plan
@@ -309,7 +309,7 @@ class _BlockMap:
         return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
 
     def track_range(self, base: int) -> tuple[int, int]:
-        """Returns the index of the first keyframe Gaussian in a block, and the number of keyframe Gaussians in it.
+        """Returns the index of the first keyframe Gaussian in a block, and the block's number of keyframe Gaussians.
 
         Args:
             base: Index of the block among all blocks of keyframe Gaussians.

@@ -202,7 +202,7 @@ class TracksEncoder:
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns the side information of the groups encoded so far, and their tier sizes for the manifest.
+        """Returns side information and tier sizes of the groups encoded so far.
 
         Each group of frames has two tiers: its keyframe Gaussians, and its motion.
         """
@@ -272,7 +272,7 @@ class TracksEncoder:
     def _encode_keyframes(
         self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray, *, cut: bool
     ) -> list[Packet]:
-        """Encodes the keyframe Gaussians of tracks that begin in a group, and assigns stream indices to these tracks.
+        """Encodes the keyframe Gaussians of tracks that begin in a group, and assigns stream indices to the tracks.
 
         Args:
             group: The tracks of the group of frames.
@@ -302,7 +302,7 @@ class TracksEncoder:
         self, coder: MotionCoder, entries: slice, group: TrackGroup, track_indices: np.ndarray, numbers: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
-        """Writes headers, positions, quantisation steps and expected sizes of some tracks into a motion coder.
+        """Writes headers, positions, quantisation steps and expected sizes of a range of tracks into a motion coder.
 
         Tracks are Gaussians over time. The coder has an entry for each track with coded motion.
 

@@ -77,7 +77,7 @@ class Fitting:
         return found
 
     def _add(self, targets: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
-        """Adds the motion in a range of frames to the fit of some tracks (Gaussians over time)."""
+        """Adds the motion of tracks (Gaussians over time) in a range of frames to their least-squares fit."""
         fit(targets, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 

@@ -201,7 +201,7 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if `info` has other quantisation steps or lattice spacing than the side information in use.
+        """True if quantisation steps or lattice spacing of `info` differ from the side information in use.
 
         Small differences, below `LEAST_CHANGE`, do not count.
         """

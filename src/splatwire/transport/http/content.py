@@ -289,7 +289,7 @@ class PageContent:
         return self._tags[id(file)]
 
     def _find(self, target: str, query: str, origin: str | None) -> tuple[str, str, bytes | GrowingFile, str] | None:
-        """Returns status, media type, body and further headers of the response for a path, or None for an unknown path."""
+        """Returns status, media type, body and further headers of the response for a path, or None."""
         if target == "/":
             return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
         shared = self._cors_headers(origin)

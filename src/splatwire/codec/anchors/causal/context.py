@@ -124,7 +124,7 @@ class Chain:
         self._known[:, : config.context_dim] = self.place
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:
-        """Yields each group of attributes in coding order, with the outputs of the network that predicts it, int32.
+        """Yields each group of attributes in coding order, with the int32 outputs of the group's network.
 
         The caller must pass the group's decoded attributes to `add_numbers` before it requests the next group.
         """
@@ -188,7 +188,7 @@ def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
 
 
 def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
-    """Dequantises the logarithms of the sizes of an anchor and its Gaussians.
+    """Dequantises the logarithms of the sizes of anchors and their Gaussians.
 
     Column 0 is the scale of the offsets; columns 1 to 3 are the base sizes of the Gaussians, one per axis.
 

@@ -59,7 +59,7 @@ def causal_encoder(
 def causal_repack_encoder(
     scene: AnchorScene, packetization: Packetization, side_info: bytes
 ) -> tuple["CausalEncoder", bytes]:
-    """Creates the encoder that divides the anchors of a decoded stream into other packets.
+    """Creates the encoder that divides decoded anchors of a stream into other packets.
 
     Returns:
         The encoder, and the unchanged side information of the stream.

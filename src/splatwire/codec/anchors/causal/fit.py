@@ -68,7 +68,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 def _sampled(
     coding: CausalCoding, voxels: np.ndarray, features: np.ndarray, scalings: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Evaluates every network for a sample of anchors, to measure how coarsely its weights can be quantised.
+    """Evaluates every network on a sample of anchors, to find how coarsely network weights can be quantised.
 
     Args:
         coding: The networks before quantisation, with quantisation steps.
@@ -97,7 +97,7 @@ def _sampled(
 
 
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
-    """Returns the tolerated error of each output of a network due to the quantisation of its weights.
+    """Returns the tolerated error of each network output from the quantisation of the network's weights.
 
     Args:
         name: Name of the network.

@@ -65,7 +65,7 @@ class SideInfo:
 
 
 def write_side_info(info: SideInfo) -> bytes:
-    """Serialises side information.
+    """Serialises the side information of a stream of anchors with the causal context model.
 
     Raises:
         InvalidValueError: If the model exceeds the format's limits, or a named section is invalid.

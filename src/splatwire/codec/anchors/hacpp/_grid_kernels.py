@@ -19,7 +19,7 @@ CELL = 1 << CELL_BITS
 @njit(borrows=True)
 @no_type_check
 def row_of(x, y, z, resolution, rows, dims):
-    """Returns the row of a grid point in the hash table of its level (HAC++).
+    """Returns the hash-table row of a grid point in the grid point's level (HAC++).
 
     Args:
         x: First coordinate of the point, in grid points.

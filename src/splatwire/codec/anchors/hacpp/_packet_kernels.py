@@ -79,7 +79,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts network outputs to the second normal distribution of each feature of one group, and its mixture weight.
+    """Converts network outputs to the second normal distribution and the mixture weight of each feature in a group.
 
     A feature has a mixture of two normal distributions; the prior network predicts the first, the channel network the
     second.
@@ -192,7 +192,7 @@ def encode_packets(
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
-    """Returns how many bits a symbol takes if it is coded with a mixture of two normal distributions.
+    """Returns the ideal code length of a symbol under a mixture of two normal distributions, bits.
 
     Args:
         symbol: The symbol.

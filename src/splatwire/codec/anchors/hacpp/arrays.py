@@ -98,7 +98,7 @@ def store_symbols(
 
 
 def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[AnchorScene]:
-    """Builds a scene from decoded attributes, without copying them.
+    """Builds a scene from decoded attributes without copies.
 
     Args:
         info: The stream's side information.

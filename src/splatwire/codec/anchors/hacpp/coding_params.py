@@ -160,7 +160,7 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for those inputs that are outputs of the prior network."""
+        """First-layer weights of all channel networks for inputs that come from the prior network."""
         # float64 (3 F, total of hidden units)
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
@@ -185,7 +185,7 @@ class CodingContext:
         return np.split(sums, edges, axis=1)
 
     def channel_outputs(self, group: int, shared: np.ndarray, activations: np.ndarray) -> np.ndarray:
-        """Predicts one group of feature channels from the previous groups, with its channel network.
+        """Predicts one group of feature channels from the previous groups with the group's channel network.
 
         Args:
             group: Index of the group.

@@ -46,7 +46,7 @@ def open_side_info(manifest: Manifest, side_info: bytes, num_bytes: int) -> Side
 
 
 def scene_bytes(info: SideInfo) -> int:
-    """Returns the memory for the decoded attributes of all anchors, and for the scene built from them, bytes."""
+    """Returns the memory of the decoded attributes of all anchors and of the resulting scene, bytes."""
     config = info.config
     width = config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
     return len(info.voxels) * (PLACE_BYTES + 4 * (3 * width + config.prior_dim + 2 * config.grid.context_dim))
@@ -178,7 +178,7 @@ class SeparatedDecoder(HacppDecoder):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises the received attributes of anchors, and writes them and their mask to the arrays of the scene."""
+        """Dequantises received attributes of anchors, and writes them and their mask to the scene's arrays."""
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
         store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)

@@ -51,7 +51,7 @@ def hacpp_encoder(
 def hacpp_repack_encoder(
     scene: AnchorScene, packetization: Packetization, side_info: bytes
 ) -> tuple["HacppEncoder", bytes]:
-    """Creates the encoder that divides the anchors of a decoded stream into other packets.
+    """Creates the encoder that divides decoded anchors of a stream into other packets.
 
     Returns:
         The encoder, and the side information of the new stream.
@@ -120,7 +120,7 @@ class SymbolSource:
         )
 
     def symbols(self, ranks: np.ndarray, factors: np.ndarray, context: CodingContext) -> Symbols:
-        """Quantises the attributes of some anchors.
+        """Quantises the attributes of the given anchors.
 
         Args:
             ranks: Indices of the anchors in coding order, int64 (n).

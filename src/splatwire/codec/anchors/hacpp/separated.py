@@ -143,7 +143,7 @@ def decode_parts(
 def _decode_features(
     context: CodingContext, predicted: Predictions, feature: np.ndarray, payloads: Mapping[int, bytes]
 ) -> bool:
-    """Decodes the feature groups of some anchors in order, up to the first group that was not received.
+    """Decodes feature groups of anchors in order, up to the first group that was not received.
 
     Args:
         context: The stream's networks and constants.
@@ -172,7 +172,7 @@ def _edges(context: CodingContext) -> np.ndarray:
 
 
 def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep: np.ndarray | None = None) -> Mixtures:
-    """Returns the normal distributions for coding the scalings or the offsets of some anchors.
+    """Returns the normal distributions for coding scalings or offsets of anchors.
 
     Args:
         pair: Means, (n, D), and standard deviations as indices into the coder's table, (n, D), for all n anchors.
@@ -187,7 +187,7 @@ def _normal_distributions(pair: tuple[np.ndarray, np.ndarray], rows: slice, keep
 def _feature_mixtures(
     predicted: Predictions, rows: slice, columns: slice, mean: np.ndarray, scale: np.ndarray, weight: np.ndarray
 ) -> Mixtures:
-    """Returns the mixture distributions of one feature group, for some anchors.
+    """Returns the mixture distributions for coding one feature group of anchors.
 
     Args:
         predicted: Prediction of all anchors, which contains the first normal distribution.

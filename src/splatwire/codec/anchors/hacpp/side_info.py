@@ -72,7 +72,7 @@ class SideInfo:
 
 
 def write_side_info(info: SideInfo) -> bytes:
-    """Serialises side information.
+    """Serialises the side information of a stream of HAC++ anchors.
 
     Args:
         info: The side information; `voxels` in any order.
