@@ -183,6 +183,21 @@ def test_cameras_too_near_to_draw_a_scene_give_a_warning(run, ply, tmp_path):
         (tmp_path / "cameras.json").write_text(json.dumps(content | {"near_depth": near}))
         done = run("evaluate", ply.parent / "cloud.ply", "--reference", tmp_path / "small.ply", *words)
         assert ("splatwire: warning: 100 % of the Gaussians in the pictures are nearer than 0.2" in done.err) == warned
+        done = run("encode", tmp_path / "small.ply", "-o", tmp_path / "a.swz", "--cameras", tmp_path / "cameras.json")
+        assert done.status == 0, done.err
+        assert ("splatwire: warning: 100 % of the Gaussians in the pictures are nearer than 0.2" in done.err) == warned
+    frames = [
+        {
+            "file_path": f"own/{view['name']}.png",
+            "transform_matrix": (np.linalg.inv(view["viewmat"]) @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist(),
+        }
+        for view in content["cameras"]
+    ]
+    focal = content["cameras"][0]["K"][0][0]
+    (tmp_path / "transforms.json").write_text(json.dumps({"fl_x": focal, "frames": frames}))
+    done = run("evaluate", tmp_path / "small.ply", "--data", tmp_path, "--lpips-views", "1", "--json")
+    assert done.status == 0, done.err
+    assert done.err.count("splatwire: warning: 100 % of the Gaussians in the pictures are nearer than 0.2") == 1
 
 
 def test_keep_prunes_the_least_important_gaussians(run, ply, tmp_path):

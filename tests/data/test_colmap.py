@@ -1,3 +1,4 @@
+import os
 import shutil
 import struct
 
@@ -12,6 +13,14 @@ from splatwire.data._checks import make_cameras, pinhole
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
 from splatwire.data.rounding import without_origin
 from splatwire.errors import DatasetError
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a colon is not allowed in names of Windows")
+def test_names_with_times_are_read(capture):
+    capture.names = [f"2024-05-01T12:30:{number:02d}.png" for number in range(12)]
+    capture.write_images()
+    capture.write_binary()
+    assert open_dataset(capture.root, split="all").cameras.names[3] == "2024-05-01T12:30:03"
 
 
 @pytest.mark.parametrize("form", ["binary", "text"])

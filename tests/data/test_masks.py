@@ -88,3 +88,14 @@ def test_wrong_mask_paths_are_refused(masked, path, reason):
     file.write_text(json.dumps(content))
     with pytest.raises(DatasetError, match=reason):
         open_dataset(masked.root, split="all")
+
+
+def test_folders_of_masks_that_no_view_names_give_a_warning(capture, caplog):
+    capture.write_images()
+    capture.write_binary()
+    open_dataset(capture.root)
+    assert not caplog.text
+    (capture.root / "masks").mkdir()
+    (capture.root / "masks" / "view_00.png.png").write_bytes(b"")
+    open_dataset(capture.root)
+    assert "its folder masks is not read" in caplog.text

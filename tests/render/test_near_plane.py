@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from explicit import ball_of_gaussians
+from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import SplatScene
@@ -34,3 +35,12 @@ def test_cameras_that_see_nothing_give_no_warning(caplog):
     poses[:, 2, 3] = -100
     warn_of_near_plane(scene, replace(cameras, viewmats=poses))
     assert not caplog.text
+
+
+def test_rendering_a_scene_nearer_than_the_near_plane_gives_a_warning(caplog):
+    splats = ball_of_gaussians()
+    cameras = surrounding_cameras(SplatScene(splats), 2, 32)
+    render_scene(splats, cameras)
+    assert not caplog.text
+    render_scene(splats, replace(cameras, near_depth=100.0))
+    assert "are nearer than 100 to the cameras" in caplog.text

@@ -1,6 +1,7 @@
 """Clips are encoded, transmitted with losses and decoded frame by frame."""
 
 import logging
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -55,6 +56,17 @@ def test_every_frame_is_decoded(frames, stream):
     for frame, wanted in zip(shown, frames, strict=True):
         assert error(frame.scene.splats, drawn(wanted)) < 0.02
         assert not frame.concealed.any()
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_precision_does_not_depend_on_the_unit_of_length(frames, factor):
+    def scaled(one: Splats) -> Splats:
+        return replace(one, means=one.means * np.float32(factor), scales=one.scales * np.float32(factor))
+
+    stream, _ = encode_sequence([scaled(frame) for frame in frames], OPTIONS)
+    shown = list(decode_frames(decode_stream(stream).scene))
+    for frame, wanted in zip(shown, frames, strict=True):
+        assert error(frame.scene.splats, scaled(drawn(wanted))) < 0.02 * factor
 
 
 def test_clip_round_trips_through_a_file(stream, tmp_path):

@@ -12,6 +12,7 @@ from splatwire.cli._encoded_updates import encode_update_of
 from splatwire.cli.encode import Encode
 from splatwire.data import load_cameras, open_dataset
 from splatwire.rate_control import Tuning, encode_controlled
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.render.pruning import prune
 from splatwire.types import Cameras
 
@@ -30,9 +31,12 @@ __all__ = [
 def cameras_of(command: Encode, scene: Scene) -> Cameras:
     """Returns the cameras given on the command line, by a file or by a dataset, relative to the scene's origin."""
     if command.cameras is not None:
-        return load_cameras(command.cameras).relative_to(origin_of(scene))
-    assert command.data is not None
-    return open_dataset(command.data, split="train").cameras.relative_to(origin_of(scene))
+        cameras = load_cameras(command.cameras)
+    else:
+        assert command.data is not None
+        cameras = open_dataset(command.data, split="train").cameras
+    warn_of_near_plane(scene, cameras)
+    return cameras.relative_to(origin_of(scene))
 
 
 def refiner(steps: int) -> Callable[..., Scene]:

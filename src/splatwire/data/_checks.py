@@ -1,6 +1,8 @@
 """Validation shared by all camera readers."""
 
 import logging
+import os
+import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,6 +23,8 @@ _MAX_OFF_CENTRE = (0.2, 0.5)
 """Distance of a principal point from the centre as a share of the picture's size, above which it is unlikely: along
 both axes, and along one of them. Intrinsics for half or twice the size are at 0.25 and 0.5 along both axes."""
 _RIGID_TOLERANCE = 1e-3
+_DRIVE = re.compile(r"[A-Za-z]:" if os.name != "nt" else r".*:", re.DOTALL)
+"""Pattern of paths with a drive. On Windows any colon is refused; elsewhere times such as `12:30:05` are names."""
 
 
 def make_cameras(
@@ -192,6 +196,6 @@ def child(root: Path, name: str, source: Path) -> Path:
     for folder in (root, root.absolute(), root.resolve()):
         if pure.is_absolute() and pure.is_relative_to(PurePosixPath(folder.as_posix())):
             pure = pure.relative_to(PurePosixPath(folder.as_posix()))
-    if not pure.parts or pure.is_absolute() or ".." in pure.parts or "\0" in name or ":" in name:
+    if not pure.parts or pure.is_absolute() or ".." in pure.parts or "\0" in name or _DRIVE.match(name):
         raise DatasetError(f"{source}: image name {name[:120]!r} does not stay inside the dataset's folder")
     return root.joinpath(*pure.parts)

@@ -1,5 +1,6 @@
 """Posed photos of a scene, in any supported dataset layout."""
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from splatwire.files.names import path_of
 from splatwire.types import Cameras
 from splatwire.types.background import BLACK, Background
 
+LOG = logging.getLogger(__name__)
 SPLITS = ("test", "train", "all")
 TEST_VIEWS = ("every_8th", "first_31")
 LAYOUTS = ("colmap", "bungeenerf", "blender", "nerfstudio")
@@ -158,7 +160,19 @@ def open_dataset(
     upright = views_are_upright(views, image_paths)
     cameras, bent = _cameras(source, views, image_paths, max_width, upright)
     masks = _masks(views, image_paths, upright)
+    if not masks:
+        _warn_of_unread_masks(path)
     return Dataset(cameras, tuple(image_paths), points, background, masks, bent, upright)
+
+
+def _warn_of_unread_masks(path: Path) -> None:
+    """Logs a warning if a dataset without masks of its views has a folder of masks."""
+    found = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
+    if found:
+        LOG.warning(
+            "%s: its folder %s is not read: masks are those that a transforms.json names as mask_path; whole photos "
+            "are trained on and compared", path, found[0],
+        )  # fmt: skip
 
 
 def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | None, test_views: str | None) -> Path:

@@ -146,4 +146,4 @@ def _open(path: Path) -> Image.Image:
     except FileNotFoundError as error:
         raise DatasetError(f"{path}: the image is missing") from error
     except (OSError, SyntaxError, struct.error, Image.DecompressionBombError, *MALFORMED) as error:
-        raise DatasetError(is_not(path, "a readable image", str(error).split(str(path))[0])) from error
+        raise DatasetError(is_not(path, "a readable image", str(error).split(str(path))[0].rstrip(" '"))) from error

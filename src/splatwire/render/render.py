@@ -15,6 +15,7 @@ from splatwire.errors import InvalidValueError, check_kind, check_progress, show
 from splatwire.render.antialiasing import compensated
 from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.render.pictures import Pictures
 from splatwire.reprs import summarize
 from splatwire.types import Cameras
@@ -114,6 +115,7 @@ def render_scene(
     """
     cameras = cameras_of(cameras)
     check_progress(progress)
+    warn_of_near_plane(as_scene(scene), cameras)
     images = np.empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
     for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
         images[view] = image

@@ -26,6 +26,10 @@ origin is used if both are exceeded."""
 _NARROW_RATIO, _NARROW_LEAST = 256.0, 1000.0
 """Thresholds for float32 positions: ratio of distance to spread, and distance from 0. Precision is already lost there,
 so only file formats with fewer bits benefit from an origin."""
+_PRECISE_RATIO = 256.0
+"""Ratio of the distance from 0 to the spread above which float32 would round precise positions visibly."""
+_LEAST_SPREADS = 64.0
+"""Origins are rounded to integers, or to a power of 2 of at most this many spreads if that is smaller."""
 
 
 def check_origin(values: object) -> Origin:
@@ -57,21 +61,64 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
     Raises:
         InvalidValueError: If the positions are farther from 0 than an origin may be.
     """
+    found = _middle_and_spread(means)
+    if found is None:
+        return NO_ORIGIN
+    middle, far, spread = found
+    ratio, least = (_WIDE_RATIO, _WIDE_LEAST) if double_precision else (_NARROW_RATIO, _NARROW_LEAST)
+    if far <= max(ratio * spread, least) and not (double_precision and _is_far_and_small(far, spread)):
+        return NO_ORIGIN
+    return _rounded(middle, spread)
+
+
+def choose_origin_of_small(means: np.ndarray) -> Origin:
+    """Returns an origin for positions that are more precise than float32 if the scene is small and far from 0.
+
+    Args:
+        means: World coordinates, float64 (N, 3); rows that are not finite are ignored.
+
+    Returns:
+        The origin; `NO_ORIGIN` if float32 is precise enough for the positions.
+
+    Raises:
+        InvalidValueError: If the positions are farther from 0 than an origin may be.
+    """
+    found = _middle_and_spread(means)
+    if found is None or not _is_far_and_small(found[1], found[2]):
+        return NO_ORIGIN
+    return _rounded(found[0], found[2])
+
+
+def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | None:
+    """Returns median, its distance from 0, and spread of positions; None if no position is finite."""
     some = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
     some = some[np.isfinite(some).all(axis=1)]
     if not len(some):
-        return NO_ORIGIN
+        return None
     middle = np.median(some, axis=0)
     low, high = np.quantile(some, _SPREAD_QUANTILES, axis=0)
-    far, spread = float(np.abs(middle).max()), float((high - low).max())
-    ratio, least = (_WIDE_RATIO, _WIDE_LEAST) if double_precision else (_NARROW_RATIO, _NARROW_LEAST)
-    if far <= max(ratio * spread, least):
-        return NO_ORIGIN
+    return middle, float(np.abs(middle).max()), float((high - low).max())
+
+
+def _is_far_and_small(far: float, spread: float) -> bool:
+    """True if float32 would round the positions of a scene visibly; a spread of 0 says nothing about its size."""
+    return 0 < _PRECISE_RATIO * spread < far
+
+
+def _rounded(middle: np.ndarray, spread: float) -> Origin:
+    """Rounds the median of positions to an origin.
+
+    Raises:
+        InvalidValueError: If it is farther from 0 than an origin may be.
+    """
+    far = float(np.abs(middle).max())
     if far > _MAX_COORDINATE:
         raise InvalidValueError(
             f"positions are around {far:.4g} from 0, and origins end at {_MAX_COORDINATE:g}: subtract a point near them"
         )
-    return check_origin(np.rint(middle).tolist())
+    least = max(_LEAST_SPREADS * spread, float(np.spacing(far)))
+    step = min(1.0, 2.0 ** math.floor(math.log2(least))) if spread > 0 else 1.0
+    return check_origin((np.rint(middle / step) * step).tolist())
 
 
 def check_precision(means: np.ndarray, name: str) -> None:

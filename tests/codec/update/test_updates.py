@@ -35,6 +35,7 @@ from splatwire.codec.update.removed import read_removed, write_removed
 from splatwire.codec.update.section import SECTION, manifest_digest
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, SplatwireError
 from splatwire.types import SplatScene
+from splatwire.types.metadata import SceneMetadata, StartView
 from splatwire.types.splats import Splats
 
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "200"))
@@ -197,6 +198,21 @@ def test_another_antialiasing_is_logged(base: SceneStream, caplog: pytest.LogCap
     update = encode_update(base, SplatScene(some_splats(), antialiased=True))
     assert "the changed scene is antialiased, its stream is not: an update keeps what the stream has" in caplog.text
     assert not decode_stream(apply_update(base, update)).scene.antialiased
+
+
+def test_other_metadata_than_that_of_the_stream_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    view = StartView((1.0, 2.0, 3.0), (0.0, 0.1, 0.2), (0.0, -1.0, 0.0))
+    known = SceneMetadata(title="Room", author="Ana", up="z", view=view)
+    base = encode_scene(SplatScene(some_splats(), metadata=known), SMALL)
+    edited = SplatScene(moved(some_splats()))
+    zero, origin = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+    there = known.moved_origin(zero, origin)
+    far = SplatScene(edited.splats.moved_origin(zero, origin), origin=origin, metadata=there)
+    for same in (edited, far, replace(edited, metadata=known), replace(edited, metadata=SceneMetadata(up="z"))):
+        encode_update(base, same)
+    assert not caplog.text
+    encode_update(base, replace(edited, metadata=replace(known, title="Hall", license="CC0")))
+    assert "another title, license than its stream" in caplog.text
 
 
 def test_incomplete_and_foreign_streams_are_refused(base: SceneStream) -> None:

@@ -59,6 +59,55 @@ def test_scenes_around_zero_have_no_origin(kind: str, tmp_path: Path) -> None:
         assert content.origin == NO_ORIGIN
 
 
+@pytest.mark.parametrize(("near", "size"), [((1.1, 2.2, 3.3), 1e-6), ((100.37, 50.0, 2.0), 1e-4), (UTM, 1e-4)])
+def test_small_scenes_far_from_zero_keep_their_precision(near: Origin, size: float, tmp_path: Path) -> None:
+    splats = some_splats(500, 0)
+    splats.means[:] *= size
+    content = read_content(geo_ply(splats, np.array(near), tmp_path / "a.ply"))
+    world = content.splats.means.astype(np.float64) + np.array(content.origin) - near
+    resolution = np.spacing(np.abs(near).max())
+    assert np.abs(world - splats.means).max() < 1e-4 * size + resolution
+
+
+def test_small_scenes_of_few_float32_steps_have_no_origin(tmp_path: Path) -> None:
+    splats = some_splats(500, 0)
+    splats.means[:] *= 0.01
+    assert read_content(geo_ply(splats, np.array([0.5, 0, 0]), tmp_path / "a.ply")).origin == NO_ORIGIN
+
+
+@pytest.mark.parametrize("suffix", ["glb", "usda"])
+def test_transforms_of_small_scenes_keep_their_precision(suffix: str, tmp_path: Path) -> None:
+    if suffix == "usda":
+        pytest.importorskip("pxr")
+    splats, origin = some_splats(500, 0), (300.0, 200.0, 10.0)
+    splats.means[:] *= 1e-3
+    write_splats([splats], tmp_path / f"a.{suffix}", origin=origin)
+    content = read_content(tmp_path / f"a.{suffix}")
+    world = content.splats.means.astype(np.float64) + np.array(content.origin) - origin
+    assert np.abs(world - splats.means).max() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", ["glb", "usda"])
+def test_transforms_of_large_scenes_near_zero_give_no_origin(suffix: str, tmp_path: Path) -> None:
+    if suffix == "usda":
+        pytest.importorskip("pxr")
+    write_splats([some_splats(300, 0)], tmp_path / f"a.{suffix}", origin=(20.0, 0.0, 0.0))
+    content = read_content(tmp_path / f"a.{suffix}")
+    assert content.origin == NO_ORIGIN
+    assert abs(float(np.median(content.splats.means[:, 0])) - 20) < 1
+
+
+def test_a_small_scene_that_lost_its_precision_is_not_called_several_sites(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    splats = some_splats(300, 0)
+    splats.means[:] *= 1e-5
+    splats.scales[:] = 1e-6
+    read_content(geo_ply(splats, np.array([20.0, 0.0, 0.0]), tmp_path / "a.ply", "float"))
+    assert "the file has lost precision" in caplog.text
+    assert "sites" not in caplog.text
+
+
 def test_a_written_ply_has_float64_coordinates_and_its_origin(tmp_path: Path) -> None:
     splats, origin = some_splats(300, 2), (451234.5, 5411876.25, -118.0)
     write_splats([splats.run(0, 100), splats.run(100, 300)], tmp_path / "a.ply", origin=origin)

@@ -27,6 +27,7 @@ from splatwire.codec.update.schema import SCHEMA
 from splatwire.codec.update.section import SECTION, UpdateFields, manifest_digest, write_update
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.types import SplatCoding
+from splatwire.types.metadata import metadata_to_json
 from splatwire.types.received_scene import ReceivedScene
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
@@ -62,6 +63,26 @@ def encode_update(
             degree of spherical harmonics, or too far away for the lattice of positions.
     """
     return encode_change(base, scene, classes, threads).update
+
+
+def _warn_of_other_metadata(scene: SplatScene, before: SplatScene) -> None:
+    """Logs a warning if a changed scene states other metadata than its stream, which an update keeps.
+
+    Args:
+        scene: The changed scene.
+        before: The scene of the stream.
+    """
+    new, old = (metadata_to_json(one.metadata.moved_origin(one.origin, before.origin)) for one in (scene, before))
+    other = [
+        name
+        for name, value in new.items()
+        if value != old.get(name) and not (isinstance(value, list) and name in old and np.allclose(value, old[name]))
+    ]
+    if other:
+        LOG.warning(
+            "encoding: the changed scene has another %s than its stream: an update keeps those of the stream; encode "
+            "the scene as a whole to change them", ", ".join(other),
+        )  # fmt: skip
 
 
 class EncodedChange(NamedTuple):
@@ -117,6 +138,7 @@ def encode_change(
             "encoding: %s is antialiased, %s is not: an update keeps what the stream has, and the other one looks "
             "different from afar", marked, plain,
         )  # fmt: skip
+    _warn_of_other_metadata(found, before)
     after = within_reach(after, coding.size_log)
     least = None
     if finest is not None:

@@ -37,6 +37,7 @@ from splatwire.metrics.lpips_files import find_lpips_files
 from splatwire.metrics.registry import LPIPS_SCALED
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import use_single_thread
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Anchors, Attribute, LossMask
 
 _MAX_FEATURE_BYTES = 1 << 30
@@ -126,6 +127,7 @@ class UnitRunner:
     _arrived: "OrderedDict[tuple[str, str], ReceivedInput]" = field(default_factory=OrderedDict)
     _views: "OrderedDict[str, ReferenceViews]" = field(default_factory=OrderedDict)
     _features: "OrderedDict[tuple[str, int, bool], tuple[Any, ...]]" = field(default_factory=OrderedDict)
+    _examined: set[str] = field(default_factory=set)
     _lpips: Any = None
 
     def compute(self, unit: Unit) -> None:
@@ -161,6 +163,10 @@ class UnitRunner:
             return read_pictures(paths, views.cameras.height, views.cameras.width)
         if not unit.references.frames:
             scene = concealed(arrived.scene, create_concealer(unit.concealer, **unit.options))
+            # Rendered references were examined when they were drawn.
+            if not unit.references.renders and unit.references.digest not in self._examined:
+                self._examined.add(unit.references.digest)
+                warn_of_near_plane(scene, views.cameras)
             return views_of(scene, views.cameras, unit.renderer, views.background)
         stream = self._stream(unit)
         assert stream is not None

@@ -25,10 +25,10 @@ from splatwire.io.formats._axes import flip_axes as flipped
 from splatwire.io.formats._columns import MAX_GAUSSIANS, build_splats, check_count, concatenate, warn_of_logits
 from splatwire.io.formats._usd_files import checked_layers
 from splatwire.io.formats._usd_limits import Limits
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.content import FileContent, origin_of_placed
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.types.metadata import SceneMetadata
-from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
+from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -206,14 +206,14 @@ class Stage:
         if not count and not may_be_empty:
             check_count(self._path, count, self._limits.file_bytes)
         flips, own = self._axes()
-        shifts = np.array([placement[:3, 3] for _, placement in found]).reshape(-1, 3) * flips
-        origin = choose_origin(shifts, double_precision=False) if found else NO_ORIGIN
         if not all(np.isfinite(placement).all() for _, placement in found):
             raise DatasetError(f"{self._path}: a transform of its Gaussians is not finite")
         if any(splats.degree and not is_similarity(placement[:3, :3]) for splats, placement in found):
             LOG.warning(
                 "%s: transforms stretch Gaussians: their shape follows, and their harmonics only turn", self._path
             )
+        signs = np.diag(flips)
+        origin = origin_of_placed([(one, signs @ place[:3, :3], signs @ place[:3, 3]) for one, place in found])
         moved = [_transformed(splats, placement, flips, origin) for splats, placement in found]
         metadata = metadata_of_asset(own.get("asset"))
         if metadata.up is None and flips == KEPT_AXES:

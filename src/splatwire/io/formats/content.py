@@ -1,6 +1,7 @@
 """Content of a file of explicit Gaussians: the Gaussians and scene properties."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -9,7 +10,7 @@ import numpy as np
 
 from splatwire.arguments import CheckedFields
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
-from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, describe_origin
+from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, choose_origin_of_small, describe_origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -52,6 +53,24 @@ class FileContent(CheckedFields):
         return self.relative_to(choose_origin(self.splats.means, double_precision=False))
 
 
+def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
+    """Returns the origin of Gaussians whose transforms move them far from 0, so that float32 keeps their positions.
+
+    Args:
+        parts: Gaussians in local coordinates, and the transform of each part to the world: matrix (3, 3) and shift (3),
+            float64.
+    """
+    shifts = np.array([shift for _, _, shift in parts]).reshape(-1, 3)
+    origin = choose_origin(shifts, double_precision=False)
+    if origin != NO_ORIGIN or not shifts.any():
+        return origin
+    samples = [
+        part.means[:: max(1, len(parts) * part.num_gaussians // _SAMPLE)].astype(np.float64) @ matrix.T + shift
+        for part, matrix, shift in parts
+    ]
+    return choose_origin_of_small(np.concatenate(samples))
+
+
 def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> None:
     """Logs a warning if positions in a file are visibly rounded, because they are float32 and far from 0.
 
@@ -75,6 +94,8 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
     """Logs a warning about Gaussians that are so far from the scene's origin that float32 positions are visibly coarse.
 
+    A scene at one place that is far from the origin lost its precision in the file; several places are sites.
+
     Args:
         path: The file.
         splats: The Gaussians, relative to the origin.
@@ -86,7 +107,15 @@ def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
         steps = np.spacing(distances.astype(np.float32))
         rounded = np.isfinite(distances) & (sizes > 0) & (steps > _VISIBLE * sizes)
     share = float(rounded.mean()) if len(rounded) else 0.0
-    if share > _FAR:
+    if share <= _FAR:
+        return
+    if choose_origin_of_small(splats.means) != NO_ORIGIN:
+        LOG.warning(
+            "%s: positions are float32 and up to %.6g from 0, where they have steps of up to %.2g, more than half the "
+            "size of %.3g %% of the Gaussians: the file has lost precision; write float64, or subtract a point near "
+            "the scene first", path, float(distances[rounded].max()), float(steps[rounded].max()), 100 * share,
+        )  # fmt: skip
+    else:
         LOG.warning(
             "%s: %.3g %% of the Gaussians are up to %.6g from the scene's origin (%s), where positions have steps of "
             "up to %.2g, more than half of their size: split the sites into files",

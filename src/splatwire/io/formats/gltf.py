@@ -31,9 +31,9 @@ from splatwire.io.formats._columns import (
 )
 from splatwire.io.formats._files import is_in_folder_of, mapped_file, warn_of_bytes_outside
 from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, entry, shown_instances
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.content import FileContent, origin_of_placed
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
-from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin
+from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -125,6 +125,12 @@ def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
     return content, found.get(b"BIN\0", view[:0])
 
 
+def _placement(instance: Instance) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the transform of a mesh instance in the axes of a PLY: matrix (3, 3) and shift (3), float64."""
+    flips = np.diag(GLTF_FLIPS)
+    return flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3]
+
+
 def _extras(primitive: dict[str, Any]) -> dict[str, Any]:
     extras = primitive.get("extras")
     return extras if isinstance(extras, dict) else {}
@@ -169,8 +175,7 @@ class _Gltf:
         held = sum({id(data): len(data) for data in self._buffers.values()}.values())
         check_count(self._path, sum(counts[instance.mesh] for instance in shown), held)
         read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
-        shifts = np.array([instance.matrix[:3, 3] for instance in shown]) * GLTF_FLIPS
-        origin = choose_origin(shifts, double_precision=False)
+        origin = origin_of_placed([(part, *_placement(instance)) for instance in shown for part in read[instance.mesh]])
         moved = [self._transformed(part, instance, origin) for instance in shown for part in read[instance.mesh]]
         primitives = [primitive for index in read for primitive in found[index]]
         antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
@@ -276,8 +281,8 @@ class _Gltf:
         Raises:
             DatasetError: If the result is out of range.
         """
-        flips = np.diag(GLTF_FLIPS)
-        matrix, shift = flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3] - np.array(origin)
+        matrix, shift = _placement(instance)
+        shift = shift - np.array(origin)
         if np.array_equal(matrix, np.eye(3)) and not shift.any():
             return splats
         if not np.isfinite(matrix).all() or not np.isfinite(shift).all():
