@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from explicit import ball_of_gaussians
-from splatwire.rate_control.pruning import LEAST_SHARE, PruningCurve
+from splatwire.rate_control.pruning import LEAST_SHARE, PruningCurve, RemovalViews
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.importance import cameras_around
 from splatwire.render.precision import measure_gaussians
@@ -26,8 +26,8 @@ def with_hidden_core(splats: Splats) -> Splats:
 
 
 def curve_of(scene: SplatScene) -> PruningCurve:
-    measured = measure_gaussians(scene)
-    return PruningCurve.measured(scene, measured.removal, SourcePictures(scene, ViewSets.of(scene).search))
+    measured, pictures = measure_gaussians(scene), SourcePictures(scene, ViewSets.of(scene).search)
+    return PruningCurve.measured(scene, measured.removal, pictures, RemovalViews.of(scene, None))
 
 
 def test_share_grows_steadily_with_the_precision():

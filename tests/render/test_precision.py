@@ -5,12 +5,20 @@ import numpy as np
 import pytest
 import torch
 
+from explicit import ball_of_gaussians
 from reference.squared_gradients import squared
 from splatwire.neural.render.differentiable import render_differentiable
+from splatwire.render import iterate_views
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import SIZE, VIEWS_OF_PART, measure_gaussians, precision_classes
+from splatwire.render.precision import (
+    SIZE,
+    VIEWS_OF_PART,
+    measure_further_removal,
+    measure_gaussians,
+    precision_classes,
+)
 from splatwire.types import Cameras, Gaussians, SplatScene
 from splatwire.types.splats import Splats
 
@@ -115,3 +123,31 @@ def test_classes_do_not_depend_on_the_unit_of_length(factor: float) -> None:
     measured, expected = (measure_gaussians(SplatScene(some)) for some in (_resized(splats, factor), splats))
     assert np.array_equal(measured.classes[:200], expected.classes[:200])
     np.testing.assert_allclose(measured.removal, expected.removal, rtol=1e-4, atol=1e-12)
+
+
+@pytest.mark.parametrize("antialiased", [False, True])
+def test_further_removal_predicts_the_error(antialiased: bool) -> None:
+    scene = SplatScene(ball_of_gaussians(), background=(0.1, 0.2, 0.3), antialiased=antialiased)
+    cameras = cameras_around(scene.splats.means, 3, 48)
+    complete = _images(scene, cameras)
+    pruned = scene.select(np.arange(0, 200, 2))
+    found, now = measure_further_removal(pruned, cameras, complete), _images(pruned, cameras)
+    for row in np.argsort(-np.abs(found.together))[:40:4]:
+        less = _images(pruned.select(np.delete(np.arange(100), row)), cameras)
+        growth = np.square(less - complete).mean() - np.square(now - complete).mean()
+        expected = growth - np.square(less - now).mean()
+        np.testing.assert_allclose(found.together[row], expected, rtol=0.05, atol=1e-7)
+    assert (found.together < 0).any()
+    assert (found.together > 0).any()
+
+
+def test_alone_is_the_removal_from_a_complete_scene() -> None:
+    scene = SplatScene(ball_of_gaussians())
+    cameras = cameras_around(scene.splats.means, 3, 48)
+    found = measure_further_removal(scene, cameras, _images(scene, cameras))
+    np.testing.assert_allclose(found.alone, measure_gaussians(scene, cameras).removal, rtol=1e-4)
+    assert not found.together.any()
+
+
+def _images(scene: SplatScene, cameras: Cameras) -> np.ndarray:
+    return np.stack(list(iterate_views(scene, cameras)))

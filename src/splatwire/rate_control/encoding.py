@@ -15,7 +15,7 @@ from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
 from splatwire.finetuning.pictures import Pictures
-from splatwire.rate_control.pruning import PruningCurve
+from splatwire.rate_control.pruning import PruningCurve, RemovalViews
 from splatwire.rate_control.search import Interval, search
 from splatwire.rate_control.shares import search_share
 from splatwire.rate_control.steps import measured_precision
@@ -247,7 +247,7 @@ class _Plan:
 
     Attributes:
         source: The scene to encode.
-        measured_views: Cameras in which the effect of each Gaussian is measured; None for views around the scene.
+        views: Views in which the effect of removing each Gaussian is measured.
         search: Pictures of the source with which streams are compared during the search for a quantisation level.
         held_out: Pictures of the source for the reported PSNR.
         classes: Precision class of each Gaussian.
@@ -257,7 +257,7 @@ class _Plan:
     """
 
     source: SplatScene
-    measured_views: Cameras | None
+    views: RemovalViews
     search: SourcePictures
     held_out: SourcePictures
     classes: np.ndarray
@@ -282,14 +282,17 @@ class _Plan:
         # With `fast`, no pruning and no precision of attributes is measured.
         search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
+        removals = RemovalViews.of(source, views.measured)
         if effort == "fast":
             classes = precision_classes(source.splats, views.measured)
-            return cls(source, views.measured, search, held_out, classes, None, source, quality.precision)
+            return cls(source, removals, search, held_out, classes, None, source, quality.precision)
         measured = measure_gaussians(source, views.measured)
         progress("measuring Gaussians", 1.0)
-        curve = PruningCurve.measured(source, measured.removal, search, lambda share: progress("pruning", share))
+        curve = PruningCurve.measured(
+            source, measured.removal, search, removals, lambda share: progress("pruning", share)
+        )
         if source.splats.degree:  # playbot of degree 2 took more bytes with measured steps
-            return cls(source, views.measured, search, held_out, measured.classes, curve, source, quality.precision)
+            return cls(source, removals, search, held_out, measured.classes, curve, source, quality.precision)
         kept = curve.kept(curve.best_share(quality.level))
         precision = measured_precision(
             source.select(kept),
@@ -299,7 +302,7 @@ class _Plan:
             encode,
             lambda share: progress("choosing precision", share),
         )
-        return cls(source, views.measured, search, held_out, measured.classes, curve, source, precision)
+        return cls(source, removals, search, held_out, measured.classes, curve, source, precision)
 
     def quality(self, quality_level: float) -> Quality:
         """Returns the quality setting of this scene at a quantisation level."""
@@ -345,7 +348,7 @@ class _Plan:
             return self.source.select(kept), self.classes[kept]
         before = min(larger, key=lambda each: each.scene.num_elements)
         # Fine-tuning has changed the effect of each Gaussian.
-        removal = measure_gaussians(before.scene, self.measured_views).removal
+        removal = self.views.removal(before.scene)
         best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
         return before.scene.select(best), before.classes[best]
 
@@ -361,7 +364,7 @@ class _Plan:
             The stream with the PSNR closest to `psnr`.
         """
         count = self.scene.num_elements
-        order = np.argsort(-measure_gaussians(self.scene, self.measured_views).removal, kind="stable")
+        order = np.argsort(-self.views.removal(self.scene), kind="stable")
         tried = [found]
 
         def reached(share: float) -> float:

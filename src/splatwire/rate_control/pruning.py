@@ -7,10 +7,23 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from splatwire.rate_control.views import SourcePictures
-from splatwire.types import SplatScene
+from splatwire.render.closeups import closeup_cameras
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import (
+    CLOSEUP_WEIGHT,
+    MEASURED_CLOSEUPS,
+    MEASURED_VIEWS,
+    PART,
+    SIZE,
+    measure_further_removal,
+    measure_gaussians,
+)
+from splatwire.types import Cameras, SplatScene
 
-SHARES = (0.85, 0.6, 0.35, 0.12)
+SHARES = (0.8, 0.5, 0.3, 0.12)
 """Shares of kept Gaussians at which the error of a pruned scene is measured."""
+MEASURED_AGAIN = (0.5, 0.3)
+"""Shares of kept Gaussians at which the effect of removing each of them is measured again."""
 LEAST_SHARE = 0.02
 """Minimum share of Gaussians that is kept."""
 STEPS = 400
@@ -28,6 +41,50 @@ _LEAST_SLOPE = 0.2
 """Minimum exponent with which the error of a pruned scene grows with the sum of the errors of single Gaussians."""
 _SMALLEST = 1e-14
 """Minimum mean squared error, so that logarithms are finite."""
+
+
+@dataclass(frozen=True, eq=False)
+class RemovalViews:
+    """Views in which the effect of removing Gaussians from a pruned scene is measured, with pictures of the source.
+
+    Attributes:
+        sets: Weights of sets of views, and the sets; empty for scenes that are measured by part.
+    """
+
+    sets: tuple[tuple[float, SourcePictures], ...]
+
+    @staticmethod
+    def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
+        """Chooses the views of `measure_gaussians`.
+
+        Args:
+            source: The complete scene.
+            cameras: Cameras at typical viewing positions; None for views around the scene.
+        """
+        if cameras is not None:
+            return RemovalViews(((1.0, SourcePictures(source, cameras)),))
+        if source.num_elements > PART:
+            return RemovalViews(())
+        around = SourcePictures(source, surrounding_cameras(source, MEASURED_VIEWS, SIZE))
+        close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, SIZE))
+        return RemovalViews(((1.0, around), (CLOSEUP_WEIGHT, close)))
+
+    def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
+        """Estimates how much the mean squared image error of a pruned scene grows without each single Gaussian.
+
+        Args:
+            pruned: The remaining Gaussians, possibly fine-tuned.
+        """
+        # Gaussians whose removal would reduce the error count as if the scene were complete: what a removal corrects in
+        # a few views is often worse in others.
+        if not self.sets:
+            return measure_gaussians(pruned).removal
+        alone, together = np.zeros(pruned.num_elements), np.zeros(pruned.num_elements)
+        for weight, pictures in self.sets:
+            found = measure_further_removal(pruned, pictures.cameras, pictures.images)
+            alone += weight * found.alone
+            together += weight * found.together
+        return alone + np.maximum(together, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +106,7 @@ class PruningCurve:
         scene: SplatScene,
         removal: Float64[np.ndarray, "N"],
         pictures: SourcePictures,
+        views: RemovalViews,
         progress: Callable[[float], None] = lambda share: None,
     ) -> "PruningCurve":
         """Measures how the image error of a scene grows if its least important Gaussians are removed.
@@ -57,19 +115,25 @@ class PruningCurve:
             scene: The scene.
             removal: Image error of removing each single Gaussian, from `measure_gaussians`.
             pictures: Renderings of the complete scene, as references.
+            views: Views in which the effect of further removals is measured, once some Gaussians are removed.
             progress: Called with the finished share of the work.
         """
-        # The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them.
+        # The error is measured for a few shares of kept Gaussians (`SHARES`), and interpolated between them. The first
+        # Gaussian of a thin part hardly matters, as others cover the same pixels; the last one does. The effect of the
+        # remaining Gaussians is therefore measured again between removals.
         count = scene.num_elements
-        order = np.argsort(-removal, kind="stable")
-        sums = np.maximum(np.append(np.cumsum(removal[order[::-1]])[::-1], 0.0), _SMALLEST)
-        known, logs = [], []
-        for place, share in enumerate(SHARES):
-            kept = _number(share, count)
-            psnr = pictures.mean_psnr(scene.select(np.sort(order[:kept])))
-            known.append(np.log(sums[kept]))
-            logs.append(np.log(max(10 ** (-psnr / 10), _SMALLEST)))
+        removal, order = removal.copy(), np.argsort(-removal, kind="stable")
+        counts, logs = [_number(share, count) for share in SHARES], []
+        for place, (share, kept) in enumerate(zip(SHARES, counts, strict=True)):
+            rows = np.sort(order[:kept])
+            pruned = scene.select(rows)
+            logs.append(np.log(max(10 ** (-pictures.mean_psnr(pruned) / 10), _SMALLEST)))
+            if views.sets and share in MEASURED_AGAIN:
+                removal[rows] = views.removal(pruned)
+                order[:kept] = rows[np.argsort(-removal[rows], kind="stable")]
             progress((place + 1) / len(SHARES))
+        sums = np.maximum(np.append(np.cumsum(removal[order[::-1]])[::-1], 0.0), _SMALLEST)
+        known = [np.log(sums[kept]) for kept in counts]
         shares = np.linspace(LEAST_SHARE, 1.0, STEPS)
         at = np.log(sums[[_number(share, count) for share in shares]])
         # The error of removing several Gaussians is not the sum of their single errors: Gaussians that cover each other

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64, Int8
+from jaxtyping import Float, Float64, Int8
 
 from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.ops.arrays import to_numpy
@@ -22,8 +22,9 @@ from splatwire.ops.sort3 import sort3
 from splatwire.ops.threads import share
 from splatwire.ops.twister import Twister
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
+from splatwire.render.antialiasing import compensated
 from splatwire.render.closeups import closeup_cameras
-from splatwire.render.cpu import each_gradient_cpu
+from splatwire.render.cpu import Picture, each_gradient_cpu, float_arrays
 from splatwire.render.importance import cameras_around_splats, surrounding_cameras
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
@@ -172,6 +173,51 @@ def measure_gaussians(
 def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
     """Returns the estimated mean squared error of pictures without each Gaussian, from sensitivities to attributes."""
     return found["opacity"] + _HIDDEN_CONTRAST**2 * found["colour"]
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherRemoval:
+    """Effect of removing one more Gaussian from a pruned scene, on its difference from pictures of the complete scene.
+
+    Attributes:
+        alone: Estimated mean squared change of the pictures if the Gaussian is removed.
+        together: Increase of the mean squared error by which the removal exceeds `alone`, to first order: positive if
+            the removal changes pictures in the direction in which they already differ, as where most Gaussians of a
+            surface are missing.
+    """
+
+    alone: Float64[np.ndarray, "N"]
+    together: Float64[np.ndarray, "N"]
+
+
+def measure_further_removal(
+    pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"], *, seed: int = 0
+) -> FurtherRemoval:
+    """Measures how much the error of a pruned scene grows without one more of its Gaussians.
+
+    Args:
+        pruned: The remaining Gaussians.
+        cameras: Cameras of the images, relative to the origin of the scene.
+        references: Images of the complete scene, RGB in [0, 1].
+        seed: Random seed.
+    """
+    # An image is an affine function of each opacity. Without a Gaussian that contributes D to the image, the squared
+    # error of the difference R = pruned - complete becomes |R - D|^2 = |R|^2 + |D|^2 - 2 <R, D>. The gradient with R as
+    # the gradient of the image gives <R, D>; |D|^2 is estimated with random signs (see `splatwire.render.pruning`).
+    rng, splats, behind = Twister(seed), pruned.splats, np.array(pruned.background, np.float32)
+    alone, together = np.zeros(splats.num_gaussians), np.zeros(splats.num_gaussians)
+    for view in range(cameras.num_views):
+        seen = splats.seen_from(to_numpy(cameras.centers[view]))
+        seen = compensated(seen, cameras, view) if pruned.antialiased else seen
+        arrays, opacities = float_arrays(seen), seen.opacities.astype(np.float64)
+        picture = Picture(arrays, cameras, view, kept=True)
+        image, _ = picture.draw(behind)
+        by_sign = picture.gradients(arrays, image, rng.signs(image.shape))
+        alone += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)
+        difference = np.clip(image, 0, 1) - references[view]
+        together -= 2 * picture.gradients(arrays, image, difference)[3] * opacities
+    scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
+    return FurtherRemoval(alone * scale, together * scale)
 
 
 def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
