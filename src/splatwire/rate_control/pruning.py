@@ -45,10 +45,11 @@ _SMALLEST = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class RemovalViews:
-    """Views in which the effect of removing Gaussians from a pruned scene is measured, with pictures of the source.
+    """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Weights of sets of views, and the sets; empty for scenes that are measured by part.
+        sets: Sets of views with pictures of the source, each after its weight. Empty for scenes with more than `PART`
+            Gaussians, which are measured part by part.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
@@ -75,8 +76,8 @@ class RemovalViews:
         Args:
             pruned: The remaining Gaussians, possibly fine-tuned.
         """
-        # Gaussians whose removal would reduce the error count as if the scene were complete: what a removal corrects in
-        # a few views is often worse in others.
+        # A removal that reduces the error counts as if the scene were complete: such a correction of the measured views
+        # makes others worse. With it, guitar lost 2 dB at a quarter of its Gaussians.
         if not self.sets:
             return measure_gaussians(pruned).removal
         alone, together = np.zeros(pruned.num_elements), np.zeros(pruned.num_elements)

@@ -177,13 +177,12 @@ def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, 
 
 @dataclass(frozen=True, eq=False)
 class FurtherRemoval:
-    """Effect of removing one more Gaussian from a pruned scene, on its difference from pictures of the complete scene.
+    """Effect of removing one more Gaussian from a pruned scene.
 
     Attributes:
-        alone: Estimated mean squared change of the pictures if the Gaussian is removed.
-        together: Increase of the mean squared error by which the removal exceeds `alone`, to first order: positive if
-            the removal changes pictures in the direction in which they already differ, as where most Gaussians of a
-            surface are missing.
+        alone: Mean squared change of the images without each Gaussian, estimated.
+        together: Increase of the mean squared error of the images, with those of the complete scene as references,
+            minus `alone`. It is positive if the removal enlarges an error that is already there, such as a hole.
     """
 
     alone: Float64[np.ndarray, "N"]
