@@ -43,18 +43,23 @@ const rotated = (word: number, bits: number): number => (word >>> bits) | (word 
 
 export class PortableSha256 {
   readonly #state = Int32Array.from(START);
+  /** Bytes of an unfinished block. */
   readonly #block = new Uint8Array(BLOCK);
   readonly #view = new DataView(this.#block.buffer);
   #size = 0;
 
   update(bytes: Uint8Array): void {
+    const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.length);
     for (let at = 0; at < bytes.length; ) {
       const begin = this.#size % BLOCK,
         count = Math.min(BLOCK - begin, bytes.length - at);
-      this.#block.set(bytes.subarray(at, at + count), begin);
+      if (count === BLOCK) compress(this.#state, view, at);
+      else {
+        this.#block.set(bytes.subarray(at, at + count), begin);
+        if (begin + count === BLOCK) compress(this.#state, this.#view, 0);
+      }
       this.#size += count;
       at += count;
-      if (begin + count === BLOCK) this.#compress();
     }
   }
 
@@ -66,41 +71,50 @@ export class PortableSha256 {
     this.update(padding);
     this.#view.setUint32(BLOCK - LENGTH_BYTES, bits / 2 ** 32);
     this.#view.setUint32(BLOCK - LENGTH_BYTES / 2, bits);
-    this.#compress();
+    compress(this.#state, this.#view, 0);
     const digest = new DataView(new ArrayBuffer(32));
     this.#state.forEach((word, n) => digest.setInt32(4 * n, word));
     return new Uint8Array(digest.buffer);
   }
+}
 
-  #compress(): void {
-    const state = this.#state;
-    for (let t = 0; t < BLOCK; t++) {
-      if (t < 16) {
-        WORDS[t] = this.#view.getInt32(4 * t);
-        continue;
-      }
-      const x = WORDS[t - 15],
-        y = WORDS[t - 2];
-      WORDS[t] =
-        WORDS[t - 16] +
-        (rotated(x, 7) ^ rotated(x, 18) ^ (x >>> 3)) +
-        WORDS[t - 7] +
-        (rotated(y, 17) ^ rotated(y, 19) ^ (y >>> 10));
-    }
-    let [a, b, c, d, e, f, g, h] = state;
-    for (let t = 0; t < BLOCK; t++) {
-      const sum =
-          (h + (rotated(e, 6) ^ rotated(e, 11) ^ rotated(e, 25)) + ((e & f) ^ (~e & g)) + ROUNDS[t] + WORDS[t]) | 0,
-        other = ((rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22)) + ((a & b) ^ (a & c) ^ (b & c))) | 0;
-      h = g;
-      g = f;
-      f = e;
-      e = (d + sum) | 0;
-      d = c;
-      c = b;
-      b = a;
-      a = (sum + other) | 0;
-    }
-    [a, b, c, d, e, f, g, h].forEach((word, n) => (state[n] += word));
+/** Updates `state` with the block at `at`. Sums of two are 32-bit integers, longer ones doubles. */
+function compress(state: Int32Array, view: DataView, at: number): void {
+  for (let t = 0; t < 16; t++) WORDS[t] = view.getInt32(at + 4 * t);
+  for (let t = 16; t < BLOCK; t++) {
+    const x = WORDS[t - 15],
+      y = WORDS[t - 2];
+    const before = (WORDS[t - 16] + (rotated(x, 7) ^ rotated(x, 18) ^ (x >>> 3))) | 0,
+      later = (WORDS[t - 7] + (rotated(y, 17) ^ rotated(y, 19) ^ (y >>> 10))) | 0;
+    WORDS[t] = before + later;
   }
+  let a = state[0],
+    b = state[1],
+    c = state[2],
+    d = state[3],
+    e = state[4],
+    f = state[5],
+    g = state[6],
+    h = state[7];
+  for (let t = 0; t < BLOCK; t++) {
+    const own = (h + (rotated(e, 6) ^ rotated(e, 11) ^ rotated(e, 25))) | 0,
+      sum = (((own + ((e & f) ^ (~e & g))) | 0) + ((ROUNDS[t] + WORDS[t]) | 0)) | 0,
+      other = ((rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22)) + ((a & b) ^ (a & c) ^ (b & c))) | 0;
+    h = g;
+    g = f;
+    f = e;
+    e = (d + sum) | 0;
+    d = c;
+    c = b;
+    b = a;
+    a = (sum + other) | 0;
+  }
+  state[0] += a;
+  state[1] += b;
+  state[2] += c;
+  state[3] += d;
+  state[4] += e;
+  state[5] += f;
+  state[6] += g;
+  state[7] += h;
 }
