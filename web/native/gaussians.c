@@ -617,11 +617,20 @@ static double power_of_two(int32_t log) {
   return fractions[log & ((1 << BITS) - 1)] * wholes[(log >> BITS) + OCTAVES];
 }
 
-static void write_rgb(float *out, double y, double co, double cg) {
-  y /= R3, co /= R2, cg /= R6;
-  out[0] = (float)(y + co - cg);
-  out[1] = (float)(y + 2 * cg);
-  out[2] = (float)(y - co - cg);
+// Writes the colours of two orthonormal Y Co Cg, or only the first one.
+INLINE void write_rgb(float *out, v128_t y, v128_t co, v128_t cg, int32_t both) {
+  y = wasm_f64x2_div(y, wasm_f64x2_const_splat(R3));
+  co = wasm_f64x2_div(co, wasm_f64x2_const_splat(R2));
+  cg = wasm_f64x2_div(cg, wasm_f64x2_const_splat(R6));
+  v128_t red = wasm_f32x4_demote_f64x2_zero(wasm_f64x2_sub(wasm_f64x2_add(y, co), cg));
+  v128_t green = wasm_f32x4_demote_f64x2_zero(wasm_f64x2_add(y, wasm_f64x2_add(cg, cg)));
+  v128_t blue = wasm_f32x4_demote_f64x2_zero(wasm_f64x2_sub(wasm_f64x2_sub(y, co), cg));
+  v128_t pairs = wasm_i32x4_shuffle(red, green, 0, 4, 1, 5);
+  wasm_v128_store64_lane(out, pairs, 0);
+  wasm_v128_store32_lane(out + 2, blue, 0);
+  if (!both) return;
+  wasm_v128_store64_lane(out + 3, pairs, 1);
+  wasm_v128_store32_lane(out + 5, blue, 1);
 }
 
 static void set_turn(double *turn, int32_t bits, uint32_t spin) {
@@ -669,22 +678,29 @@ static void write_rotation(float *out, const int64_t *row) {
 
 // `number` is the number of harmonics of a colour channel. Most of `numbers` are 0. All sums are exact.
 static void write_harmonics(float *out, const int32_t *numbers, int32_t number) {
-  double sums[3][MOST_HARMONICS] = {{0}};
-  const double unit = (1 << BITS) * TRANSFORM_UNIT;
+  v128_t sums[3][MOST_HARMONICS / 2] = {{{0}}};
+  int32_t empty = 1;
   for (int32_t k = 0; k < number; k++, numbers += 3) {
     if (!(numbers[0] | numbers[1] | numbers[2])) continue;
+    empty = 0;
     const double *shares = transform + MOST_HARMONICS * k;
     v128_t y = wasm_f64x2_splat(numbers[0]), co = wasm_f64x2_splat(numbers[1]), cg = wasm_f64x2_splat(numbers[2]);
-    for (int32_t b = 0; b < number; b += 2) {
-      v128_t share = wasm_v128_load(shares + b);
-#define ADD(sum, value) wasm_v128_store(sum, wasm_f64x2_add(wasm_v128_load(sum), wasm_f64x2_mul(value, share)))
-      ADD(sums[0] + b, y);
-      ADD(sums[1] + b, co);
-      ADD(sums[2] + b, cg);
+    for (int32_t b = 0; 2 * b < number; b++) {
+      v128_t share = wasm_v128_load(shares + 2 * b);
+#define ADD(sum, value) sum = wasm_f64x2_add(sum, wasm_f64x2_mul(value, share))
+      ADD(sums[0][b], y);
+      ADD(sums[1][b], co);
+      ADD(sums[2][b], cg);
     }
   }
-  for (int32_t b = 0; b < number; b++, out += 3)
-    write_rgb(out, sums[0][b] / unit, sums[1][b] / unit, sums[2][b] / unit);
+  if (empty) {
+    for (int32_t n = 0; n < 3 * number; n++) out[n] = 0;
+    return;
+  }
+  v128_t unit = wasm_f64x2_const_splat((1 << BITS) * TRANSFORM_UNIT);
+  for (int32_t b = 0; 2 * b < number; b++, out += 6)
+    write_rgb(out, wasm_f64x2_div(sums[0][b], unit), wasm_f64x2_div(sums[1][b], unit), wasm_f64x2_div(sums[2][b], unit),
+              2 * b + 1 < number);
 }
 
 /// Converts the last decoded packet to floating point. Returns the address of its centres, followed by rotations,
@@ -702,7 +718,8 @@ EXPORT(convert) uint32_t convert(uint32_t number, uint32_t harmonics, double hal
     sizes[3 * i + 2] = (float)(size * power_of_two(s1 - thinness[(int32_t)row[SCALE0 + 2]]));
     opacities[i] = (float)power_of_two((int32_t)row[OPACITY]);
     const double unit = 1 << BITS;
-    write_rgb(colours + 3 * i, row[LUMA] / unit, row[LUMA + 1] / unit, row[LUMA + 2] / unit);
+    write_rgb(colours + 3 * i, wasm_f64x2_splat(row[LUMA] / unit), wasm_f64x2_splat(row[LUMA + 1] / unit),
+              wasm_f64x2_splat(row[LUMA + 2] / unit), 0);
     write_rotation(rotations + 4 * i, row);
     if (harmonics)
       write_harmonics(rest + harmonics * i, decoded_harmonics + harmonics * i, (int32_t)(harmonics / 3));

@@ -1,5 +1,6 @@
-// npm run native: compiles `native/gaussians.c` to WebAssembly with the clang of the Python package `ziglang` 0.17.1
-// and writes it as text into a module. The module is committed, so that only changes of the C file need the compiler.
+// npm run native: compiles `native/gaussians.c` to WebAssembly with the clang of the Python package `ziglang` 0.17.1,
+// optimises it with `wasm-opt` of the npm package `binaryen` 132.0.0 and writes it as text into a module. The module
+// is committed, so that only changes of the C file need the tools. They give the same bytes every time.
 
 import { execFileSync } from "node:child_process";
 import { createHash } from "node:crypto";
@@ -31,6 +32,15 @@ try {
       ...["-fno-vectorize", "-fno-slp-vectorize", "-mllvm", "-inline-threshold=0", "-mllvm", "-disable-lsr"],
       ...tables.map((name) => `-Wl,--export=${name}`),
       ...["-o", binary, source],
+    ],
+    { stdio: "inherit" },
+  );
+  execFileSync(
+    "npx",
+    [
+      ...["--yes", "--package=binaryen@132.0.0", "wasm-opt"],
+      ...["simd", "nontrapping-float-to-int", "bulk-memory"].map((feature) => `--enable-${feature}`),
+      ...["-O2", "--converge", "--zero-filled-memory", "-o", binary, binary],
     ],
     { stdio: "inherit" },
   );

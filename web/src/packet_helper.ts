@@ -58,6 +58,7 @@ export class PacketHelper {
 /** Returns the buffers of a decoded packet, for transfer. */
 function buffersOfPacket({ symbols, splats }: DecodedPacket): ArrayBuffer[] {
   const { means, quats, scales, opacities, colours, harmonics } = splats,
-    all = [symbols.rows, symbols.harmonics, means, quats, scales, opacities, colours, harmonics];
+    // rows are empty, and of all packets, if there are integers
+    all = [symbols.integers ?? symbols.rows, symbols.harmonics, means, quats, scales, opacities, colours, harmonics];
   return all.map(({ buffer }) => buffer as ArrayBuffer);
 }

@@ -80,14 +80,6 @@ export class PortableSha256 {
 
 /** Updates `state` with the block at `at`. Sums of two are 32-bit integers, longer ones doubles. */
 function compress(state: Int32Array, view: DataView, at: number): void {
-  for (let t = 0; t < 16; t++) WORDS[t] = view.getInt32(at + 4 * t);
-  for (let t = 16; t < BLOCK; t++) {
-    const x = WORDS[t - 15],
-      y = WORDS[t - 2];
-    const before = (WORDS[t - 16] + (rotated(x, 7) ^ rotated(x, 18) ^ (x >>> 3))) | 0,
-      later = (WORDS[t - 7] + (rotated(y, 17) ^ rotated(y, 19) ^ (y >>> 10))) | 0;
-    WORDS[t] = before + later;
-  }
   let a = state[0],
     b = state[1],
     c = state[2],
@@ -97,8 +89,17 @@ function compress(state: Int32Array, view: DataView, at: number): void {
     g = state[6],
     h = state[7];
   for (let t = 0; t < BLOCK; t++) {
+    let word: number;
+    if (t < 16) word = view.getInt32(at + 4 * t);
+    else {
+      const x = WORDS[t - 15],
+        y = WORDS[t - 2];
+      word = (WORDS[t - 16] + (rotated(x, 7) ^ rotated(x, 18) ^ (x >>> 3))) | 0;
+      word = (word + ((WORDS[t - 7] + (rotated(y, 17) ^ rotated(y, 19) ^ (y >>> 10))) | 0)) | 0;
+    }
+    WORDS[t] = word;
     const own = (h + (rotated(e, 6) ^ rotated(e, 11) ^ rotated(e, 25))) | 0,
-      sum = (((own + ((e & f) ^ (~e & g))) | 0) + ((ROUNDS[t] + WORDS[t]) | 0)) | 0,
+      sum = (((own + ((e & f) ^ (~e & g))) | 0) + ((ROUNDS[t] + word) | 0)) | 0,
       other = ((rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22)) + ((a & b) ^ (a & c) ^ (b & c))) | 0;
     h = g;
     g = f;
@@ -109,12 +110,5 @@ function compress(state: Int32Array, view: DataView, at: number): void {
     b = a;
     a = (sum + other) | 0;
   }
-  state[0] += a;
-  state[1] += b;
-  state[2] += c;
-  state[3] += d;
-  state[4] += e;
-  state[5] += f;
-  state[6] += g;
-  state[7] += h;
+  [a, b, c, d, e, f, g, h].forEach((value, n) => (state[n] += value));
 }

@@ -15,7 +15,6 @@ const NEIGHBOURS = 64,
   MIN_SIZE = 1e-9,
   MIN_SUM = 2 ** -126,
   BATCH = 256;
-const network = perceptron(GAUSSIANS);
 
 /** Bounds of the exponents of size and opacity. */
 const MIN_EXPONENTS = [-0.5, -0.5],
@@ -57,6 +56,7 @@ export async function sceneFree(
   if (received === 0 || received === count) return gains;
   const look = new NeighbourhoodFeatures(elements, received),
     tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places),
+    network = perceptron(GAUSSIANS),
     signature = new Float64Array(GAUSSIANS.inputs);
   for (let i = 0; i < count; i++) {
     if (i % BATCH === 0 && !(await pause())) return null;

@@ -24,7 +24,6 @@ const CLASS_NEIGHBOURS = 12,
   MIN_GAUSSIANS = 0.5;
 const MAX_CORRECTION = 0.3,
   CORRECTION_WEIGHT = 0.5;
-const network = perceptron(ANCHORS);
 
 /**
  * Computes gains of size and opacity, shape (count, 2), of anchors. Those of lost elements are 1. `trust` weights the
@@ -44,6 +43,7 @@ export async function sceneFreeAnchors(
   const look = new NeighbourhoodFeatures(elements, received),
     there = receivedShare(elements),
     tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places),
+    network = perceptron(ANCHORS),
     signature = new Float64Array(ANCHORS.inputs);
   for (let i = 0; i < received; i++) {
     if (i % BATCH === 0 && !(await pause())) return null;

@@ -24,13 +24,17 @@ const EXP2_CELLS = 10,
   FRACTION = 2 ** (LOG_BITS - EXP2_CELLS),
   MAX_LOG = 60;
 
+let table: Float64Array | null = null;
+
 /**
- * Powers of two from 1 to 2 at multiples of 1/1024, out of 2^40. They are computed with integer square roots because
+ * Returns the powers of two from 1 to 2 at multiples of 1/1024, out of 2^40. They are computed with integer square roots because
  * the last bit of `Math.pow` depends on the machine.
  */
-export const POWERS = powers();
+export function powers(): Float64Array {
+  return (table ??= exactPowers());
+}
 
-function powers(): Float64Array {
+function exactPowers(): Float64Array {
   const bits = 128n,
     half = 1n << (bits - BigInt(EXP2_BITS) - 1n);
   let root = 2n << bits,
@@ -59,9 +63,10 @@ export function exactPower(log: number): number {
     whole = Math.floor(clipped / 2 ** LOG_BITS),
     rest = clipped - whole * 2 ** LOG_BITS;
   const cell = Math.floor(rest / FRACTION),
-    low = POWERS[cell];
+    some = powers(),
+    low = some[cell];
   return Math.fround(
-    (low + Math.floor(((POWERS[cell + 1] - low) * (rest % FRACTION)) / FRACTION)) * 2 ** (whole - EXP2_BITS),
+    (low + Math.floor(((some[cell + 1] - low) * (rest % FRACTION)) / FRACTION)) * 2 ** (whole - EXP2_BITS),
   );
 }
 

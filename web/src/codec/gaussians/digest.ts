@@ -38,8 +38,9 @@ export class SymbolsDigest {
   /** Adds a decoded packet. The integers may change afterwards only if `keptBytes` is 0. */
   add(packet: Packet, decoded: Decoded): void {
     if (!this.#inOrder) return;
+    const { rows, integers = rows, harmonics } = decoded;
     this.#pending.push({ packet, decoded });
-    this.#bytes += decoded.rows.byteLength + (decoded.integers?.length ?? 0) + decoded.harmonics.byteLength;
+    this.#bytes += integers.byteLength + harmonics.byteLength;
     if (this.#bytes > this.keptBytes) this.#hashKept();
   }
 
@@ -93,7 +94,7 @@ export class SymbolsDigest {
 
 /** Adds the integers of a block's packets: all rows, then all harmonics. */
 export function addRows(digest: { update(bytes: Uint8Array): unknown }, packets: readonly Decoded[]): void {
-  for (const { rows } of packets) digest.update(integers64(rows));
+  for (const { rows, integers } of packets) digest.update(integers ?? integers64(rows));
   for (const { harmonics } of packets) if (harmonics.length) digest.update(integers32(harmonics));
 }
 

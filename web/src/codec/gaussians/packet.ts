@@ -55,7 +55,7 @@ export interface Decoded {
   readonly rows: Float64Array;
   readonly harmonics: Int32Array;
   /** The numbers of the rows as little-endian 64-bit integers; undefined if they are in `rows`. */
-  readonly integers?: Uint8Array;
+  readonly integers?: Uint8Array | undefined;
   /** The Gaussians made of the integers, if the decoder has them anyway. */
   readonly splats?: Splats;
 }
