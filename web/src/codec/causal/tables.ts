@@ -27,8 +27,8 @@ const EXP2_CELLS = 10,
 let table: Float64Array | null = null;
 
 /**
- * Returns the powers of two from 1 to 2 at multiples of 1/1024, out of 2^40. They are computed with integer square roots because
- * the last bit of `Math.pow` depends on the machine.
+ * Returns the powers of two from 1 to 2 at multiples of 1/1024, out of 2^40. They are computed with integer square
+ * roots because the last bit of `Math.pow` depends on the machine.
  */
 export function powers(): Float64Array {
   return (table ??= exactPowers());
