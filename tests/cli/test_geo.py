@@ -105,8 +105,7 @@ def test_exports_use_world_coordinates_or_report_their_origin(kind, files, run, 
     done = run("export", kind, files / "world.ply", "-o", path, "--cameras", files / "world.json", "--json")
     assert done.status == 0
     assert done.json["measured"]["psnr_to_scene"] > 25
-    relative = kind in ("spz", "sog", "splat")
-    shift = SHIFT - np.array(UTM) if relative else SHIFT
+    shift = SHIFT - np.array(UTM) if kind == "splat" else SHIFT
     assert np.abs(places(path) - (places(files / "local.ply") + shift)).max() < 0.01
     warned = kind not in ("ply", "glb")
     assert (f"{UTM[0]:.0f}, {UTM[1]:.0f}, {UTM[2]:.0f}" in caplog.text) == warned

@@ -5,7 +5,9 @@ import json
 import pytest
 
 from splat_io.formats.handmade import some_splats
+from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
+from splatwire.types.background import BLACK, WHITE
 
 
 @pytest.fixture
@@ -32,6 +34,15 @@ def test_verbs_accept_a_model_folder_and_its_cameras(run, model, tmp_path):
     drawn = run("render", model, "-o", tmp_path / "out", "--cameras", model / "cameras.json", "--json")
     assert drawn.json["pictures"] == ["one.png"]
     assert run("import", "splats", model, "-o", tmp_path / "b.ply", "--json").json["num_gaussians"] == 60
+
+
+def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path):
+    places = (model, model / "point_cloud", model / "point_cloud" / "iteration_7000")
+    assert [open_scene(place).background for place in places] == [BLACK] * 3
+    (model / "cfg_args").write_text("Namespace(sh_degree=3, white_background=True, eval=True)")
+    assert [open_scene(place).background for place in places] == [WHITE] * 3
+    assert run("encode", model, "-o", tmp_path / "a.swz").status == 0
+    assert open_scene(tmp_path / "a.swz").background == WHITE
 
 
 @pytest.mark.needs_torch

@@ -27,14 +27,18 @@ def test_scenes_behind_the_near_plane_give_a_warning(factor, warned, caplog):
     assert not caplog.text
 
 
-def test_cameras_that_see_nothing_give_no_warning(caplog):
+def test_cameras_that_see_nothing_give_a_warning(caplog):
     scene = SplatScene(ball_of_gaussians())
     cameras = surrounding_cameras(scene, 2, 64)
     warn_of_near_plane(scene, cameras.select([]))
     poses = cameras.viewmats.copy()
     poses[:, 2, 3] = -100
-    warn_of_near_plane(scene, replace(cameras, viewmats=poses))
     assert not caplog.text
+    warn_of_near_plane(scene, replace(cameras, viewmats=poses))
+    assert "no Gaussian of the scene is in the pictures" in caplog.text
+    caplog.clear()
+    warn_of_near_plane(replace(scene, origin=(5e5, 0.0, 0.0)), cameras)
+    assert "no Gaussian of the scene is in the pictures: it is around (500000, " in caplog.text
 
 
 def test_rendering_a_scene_nearer_than_the_near_plane_gives_a_warning(caplog):

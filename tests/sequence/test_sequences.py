@@ -18,6 +18,7 @@ from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, Mi
 from splatwire.evaluation.sequence.evaluation import SequenceRow, SequenceScore
 from splatwire.io.formats import write_splats
 from splatwire.sequence import (
+    Frame,
     SequenceDecoder,
     SequenceEncoder,
     SequenceOptions,
@@ -67,6 +68,31 @@ def test_precision_does_not_depend_on_the_unit_of_length(frames, factor):
     shown = list(decode_frames(decode_stream(stream).scene))
     for frame, wanted in zip(shown, frames, strict=True):
         assert error(frame.scene.splats, scaled(drawn(wanted))) < 0.02 * factor
+
+
+def test_frames_far_from_the_first_one_give_one_warning(frames, caplog):
+    origin = (451234.0, 5411876.0, 118.0)
+    encode_sequence([Frame.of(frame, origin=origin) for frame in frames[:4]], OPTIONS)
+    near = (origin[0] + 50, *origin[1:])
+    moved = [Frame.of(frame, origin=near if number else origin) for number, frame in enumerate(frames[:4])]
+    encode_sequence(moved, OPTIONS)
+    assert not caplog.text
+    encode_sequence(
+        [Frame.of(frame, origin=(0.0, 0.0, 0.0) if n in (1, 2) else origin) for n, frame in enumerate(frames[:4])],
+        OPTIONS,
+    )
+    assert caplog.text.count("from the origin of the first frame (451234 5411876 118)") == 1
+    assert "frame 1: 100 % of the Gaussians are up to 5.41" in caplog.text
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_frames_with_and_without_antialiasing_give_one_warning(frames, first, caplog):
+    stream, _ = encode_sequence([Frame.of(frame, antialiased=first) for frame in frames[:4]], OPTIONS)
+    assert not caplog.text
+    mixed = [Frame.of(frame, antialiased=first == (number == 0)) for number, frame in enumerate(frames[:4])]
+    stream, _ = encode_sequence(mixed, OPTIONS)
+    assert decode_stream(stream).scene.antialiased == first
+    assert caplog.text.count("all frames are drawn as the first one") == 1
 
 
 def test_clip_round_trips_through_a_file(stream, tmp_path):

@@ -24,12 +24,15 @@ from splatwire.files.kinds import (
     is_not,
     model_nearby,
     opened,
+    trained_ply,
 )
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import find_format, read_content, read_ply_steps
 from splatwire.io.formats.dispatch import read_with
+from splatwire.io.model_arguments import load_background
 from splatwire.types import LossMask, SplatCoding, SplatScene
+from splatwire.types.background import BLACK, Background
 from splatwire.types.splats import Splats
 
 _WANTED = "a scene file, stream or file of explicit Gaussians"
@@ -157,6 +160,7 @@ def _read(path: Path) -> SceneFile:
         content = read_content(path)
         scene = SplatScene(
             content.splats,
+            background=_background_of(path) if kind is MODEL_3DGS else BLACK,
             coding=_coding(path, kind, content.splats),
             antialiased=content.antialiased,
             origin=content.origin,
@@ -169,6 +173,19 @@ def _read(path: Path) -> SceneFile:
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))
     raise BitstreamError(is_not(path, _WANTED) + model_nearby(path, MODEL_3DGS, HACPP))
+
+
+def _background_of(folder: Path) -> Background:
+    """Returns the background colour with which the scene of a 3DGS model folder was trained.
+
+    Args:
+        folder: The model folder, its folder `point_cloud`, or an `iteration_N` in it.
+
+    Raises:
+        DatasetError: If `cfg_args` cannot be read.
+    """
+    ply = trained_ply(folder)
+    return BLACK if ply is None else load_background(ply.absolute().parents[2])
 
 
 def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:

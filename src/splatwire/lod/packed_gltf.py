@@ -7,6 +7,7 @@ from splatwire.bitstream import SceneStream, stream_to_bytes
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
+from splatwire.codec.metadata import read_metadata
 from splatwire.errors import InvalidValueError
 from splatwire.io import open_scene
 from splatwire.io.formats.gltf_writer import write_gltf
@@ -25,8 +26,11 @@ def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None
         fallback: The few Gaussians, see `fallback_of`.
         path: Path of the output file.
     """
-    origin, antialiased = ORIGIN.of_stream(stream), ANTIALIASED in sections_of(stream)
-    write_gltf([fallback], path, antialiased=antialiased, origin=origin, stream=stream_to_bytes(stream))
+    sections = sections_of(stream)
+    write_gltf(
+        [fallback], path, antialiased=ANTIALIASED in sections, origin=ORIGIN.of_stream(stream),
+        metadata=read_metadata(sections), stream=stream_to_bytes(stream),
+    )  # fmt: skip
 
 
 def fallback_of(path: Path) -> Splats:

@@ -71,7 +71,7 @@ def write_sog_levels(
     scene = explicit_scene(scene, "streamed SOG holds")
     if scene.origin != NO_ORIGIN:
         LOG.warning(
-            "%s: positions are relative to the scene's origin (%s), which SOG does not hold",
+            "%s: positions are relative to the scene's origin (%s), which only splatwire reads from SOG",
             folder, describe_origin(scene.origin).replace(" ", ", "),
         )  # fmt: skip
     splats = treat_outliers(scene.splats, folder, DEFAULT)
@@ -92,7 +92,8 @@ def write_sog_levels(
             name = f"{level}_{number}"
             chunk = _joined([levels[level] for levels in leaves])
             num_bytes += _write_chunk(
-                folder / name, sog_files(chunk, antialiased=scene.antialiased, metadata=scene.metadata)
+                folder / name,
+                sog_files(chunk, antialiased=scene.antialiased, origin=scene.origin, metadata=scene.metadata),
             )
             names.append(f"{name}/{SOG_META_NAME}")
             counts[level] += chunk.num_gaussians

@@ -20,6 +20,7 @@ from splatwire.codec.viewpoint import EXTENT_SECTION, UP_SECTION, extent_section
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.errors import InvalidValueError
 from splatwire.files.byte_io import ByteWriter
+from splatwire.io.formats.content import coarse_positions
 from splatwire.ops.threads import allowed_threads
 from splatwire.render.precision import precision_classes
 from splatwire.render.up import estimate_up_axis
@@ -30,6 +31,7 @@ from splatwire.sequence.options import USUAL, SequenceOptions
 from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.sequence.tracking import SECTION, Tracker, TrackingReport
 from splatwire.types import SplatScene
+from splatwire.types.origin import describe_origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -67,6 +69,7 @@ class SequenceEncoder:
         self._last: Splats | None = None
         self._degree: int | None = None
         self._groups, self._warned = 0, False
+        self._said: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame = 0
         self._extent: BoundingSphere | None = None
@@ -95,6 +98,7 @@ class SequenceEncoder:
         self._finish_deferred_work()
         other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
+        other._said = self._said
         other._first_frame = other._num_frames = self._num_frames
         number = ByteWriter()
         number.unsigned(self._num_frames)
@@ -113,7 +117,7 @@ class SequenceEncoder:
         """
         other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._first_frame = other._num_frames = first_frame
-        other._warned = self._warned
+        other._warned, other._said = self._warned, self._said
         other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
         number = ByteWriter()
         number.unsigned(first_frame)
@@ -140,7 +144,9 @@ class SequenceEncoder:
         if self._degree is None:
             self._sections |= {**antialiasing_sections(taken.antialiased), **ORIGIN.sections(taken.origin)}
             self._sections |= metadata_sections(taken.metadata)
-        taken = taken.relative_to(ORIGIN.read(self._sections))
+        origin = ORIGIN.read(self._sections)
+        moved, taken = taken.origin != origin, taken.relative_to(origin)
+        self._warn_of_other_frame(taken, moved=moved)
         self._degree = taken.splats.degree
         self._last = taken.splats
         self._frames.add(self._tracker.add(taken))
@@ -152,6 +158,29 @@ class SequenceEncoder:
             self._writer.add_frames(*self._frames.so_far())
         self._finish_deferred_work()
         return []
+
+    def _warn_of_other_frame(self, frame: Frame, *, moved: bool) -> None:
+        """Logs a warning, once, if a frame is too far from the first one, or differs from it in antialiasing.
+
+        Args:
+            frame: The frame, relative to the origin of the sequence.
+            moved: True if the frame had another origin.
+        """
+        if moved and "place" not in self._said and (found := coarse_positions(frame.splats)) is not None:
+            self._said.add("place")
+            LOG.warning(
+                "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
+                "positions have steps of up to %.2g, more than half of their size: all frames lose precision; give "
+                "frames the same place", self._num_frames, 100 * found[0], found[1],
+                describe_origin(ORIGIN.read(self._sections)), found[2],
+            )  # fmt: skip
+        drawn = ANTIALIASING in self._sections
+        if frame.antialiased != drawn and "antialiasing" not in self._said:
+            self._said.add("antialiasing")
+            LOG.warning(
+                "frame %d %s antialiased, the first one %s: all frames are drawn as the first one", self._num_frames,
+                *(("is", "is not") if frame.antialiased else ("is not", "is")),
+            )  # fmt: skip
 
     def finish(self) -> SceneStream:
         """Ends the sequence; returns the encoded stream of all frames.

@@ -12,11 +12,15 @@ from explicit import encode_splats
 from splatwire import open_scene
 from splatwire.bitstream import SceneStream, read_stream, stream_to_bytes, write_stream
 from splatwire.cli.main import main
+from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.files.kinds import STREAM_GLB, file_kind
 from splatwire.io.formats import read_splats
 from splatwire.io.formats.gltf_writer import write_gltf
+from splatwire.lod.packed_gltf import write_packed_gltf
+from splatwire.types import SplatScene
+from splatwire.types.metadata import SceneMetadata
 from web.node import WEB, lacking
 from web.pictures import half_of
 from web.test_page import SMALL, ball
@@ -73,6 +77,15 @@ def test_lossy_stream_in_gltf_keeps_its_losses(stream: SceneStream, tmp_path: Pa
     found, report = read_stream(tmp_path / "half.glb")
     assert len(found.packets) == len(half.packets)
     assert report.num_missing == len(stream.packets) - len(half.packets)
+
+
+def test_metadata_of_the_stream_are_in_the_document(tmp_path: Path) -> None:
+    scene = SplatScene(ball(300), metadata=SceneMetadata(title="Quay", author="Ana", license="CC0"))
+    stream = encode_scene(scene, SMALL)
+    write_packed_gltf(stream, ball(20), tmp_path / "a.glb")
+    asset = document(tmp_path / "a.glb")["asset"]
+    assert asset["copyright"] == "Ana, CC0"
+    assert asset["extras"]["title"] == "Quay"
 
 
 def test_readers_without_the_extension_get_a_coarse_scene(packed: Path, tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ import pytest
 from splat_io.formats.handmade import some_splats
 from splatwire.errors import DatasetError
 from splatwire.io.formats import read_content, read_rows, read_splats, write_splats
+from splatwire.io.formats._asset import origin_of_asset
+from splatwire.types.metadata import SceneMetadata, StartView
 from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
 
@@ -67,6 +69,29 @@ def test_small_scenes_far_from_zero_keep_their_precision(near: Origin, size: flo
     world = content.splats.means.astype(np.float64) + np.array(content.origin) - near
     resolution = np.spacing(np.abs(near).max())
     assert np.abs(world - splats.means).max() < 1e-4 * size + resolution
+
+
+@pytest.mark.parametrize("name", ["a.spz", "a.sog", "a.compressed.ply"])
+def test_origins_are_kept_where_other_programs_do_not_read_them(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    view = StartView((1.0, 2.0, 3.0), (0.0, 0.0, 0.5), (0.0, -1.0, 0.0))
+    for metadata in (SceneMetadata(), SceneMetadata(title="Quay", view=view)):
+        write_splats([some_splats(300, 1)], tmp_path / name, origin=UTM, metadata=metadata)
+        assert "which only splatwire reads from such files" in caplog.text
+        content = read_content(tmp_path / name)
+        assert (content.origin, content.metadata) == (UTM, metadata)
+        write_splats([some_splats(300, 1)], tmp_path / f"local_{name}", metadata=metadata)
+        local = read_content(tmp_path / f"local_{name}")
+        assert local.origin == NO_ORIGIN
+        assert np.array_equal(content.splats.means, local.splats.means)
+
+
+def test_an_invalid_origin_in_a_sog_is_not_used(tmp_path: Path) -> None:
+    for bad in ("x", [1, 2], [1e13, 0, 0], [None, 0, 0], {}):
+        content = {"extras": {"splatwire": {"origin": bad}}}
+        assert origin_of_asset(content) == NO_ORIGIN
+    assert origin_of_asset({"extras": {"splatwire": {"origin": [1, 2, 3]}}}) == (1.0, 2.0, 3.0)
 
 
 def test_small_scenes_of_few_float32_steps_have_no_origin(tmp_path: Path) -> None:
@@ -141,14 +166,11 @@ def test_a_gltf_has_its_origin_in_the_node(tmp_path: Path, caplog: pytest.LogCap
     assert not caplog.messages
 
 
-@pytest.mark.parametrize("name", ["a.spz", "a.sog", "a.splat"])
-def test_formats_without_an_origin_warn_with_its_value(
-    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    write_splats([some_splats(300, 0)], tmp_path / name, origin=UTM)
-    assert "origin (451234, 5411876, 118)" in caplog.text
-    assert read_content(tmp_path / name).origin == NO_ORIGIN
-    assert float(np.abs(read_splats(tmp_path / name).means).max()) < 10
+def test_a_splat_file_has_no_origin_and_a_warning_names_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_splats([some_splats(300, 0)], tmp_path / "a.splat", origin=UTM)
+    assert "origin (451234, 5411876, 118), which such files do not hold" in caplog.text
+    assert read_content(tmp_path / "a.splat").origin == NO_ORIGIN
+    assert float(np.abs(read_splats(tmp_path / "a.splat").means).max()) < 10
 
 
 def test_readers_return_world_coordinates_on_request(tmp_path: Path) -> None:

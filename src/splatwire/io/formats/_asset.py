@@ -3,18 +3,29 @@
 from pathlib import Path
 from typing import Any
 
+from splatwire.errors import InvalidValueError
 from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.types.metadata import NO_METADATA, SceneMetadata, clean_text, metadata_from_json, metadata_to_json
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.version import __version__
 
 _OWN = "splatwire"
 """Key of the object in `extras` with metadata without a standard field (up axis, view), in the axes of a 3DGS PLY."""
+ORIGIN = "origin"
+"""Field of this object with the origin in SOG and SPZ, three numbers."""
 _TEXTS = ("title", "author", "license")
 
 
-def asset_of(metadata: SceneMetadata) -> dict[str, Any]:
-    """Returns a glTF `asset` object with the program's name and a scene's metadata."""
+def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, Any]:
+    """Returns a glTF `asset` object with the program's name and a scene's metadata.
+
+    Args:
+        metadata: The metadata.
+        origin: World coordinates of the point that positions are relative to, for formats with no other place for it.
+    """
     content = metadata_to_json(metadata)
+    if origin != NO_ORIGIN:
+        content[ORIGIN] = list(origin)
     extras: dict[str, Any] = {name: content.pop(name) for name in _TEXTS if name in content}
     notice = ", ".join(extras[name] for name in ("author", "license") if name in extras)
     if content:
@@ -37,6 +48,22 @@ def metadata_of_asset(asset: object) -> SceneMetadata:
     if not {"author", "license"} & set(texts) and clean_text(asset.get("copyright")):
         texts["license"] = asset["copyright"]
     return metadata_from_json((own if isinstance(own, dict) else {}) | texts)
+
+
+def origin_of_asset(asset: object) -> Origin:
+    """Returns the origin in a SOG `asset` object; `NO_ORIGIN` without a valid one."""
+    extras = asset.get("extras") if isinstance(asset, dict) else None
+    return origin_of_json(extras.get(_OWN) if isinstance(extras, dict) else None)
+
+
+def origin_of_json(content: object) -> Origin:
+    """Returns the origin in the metadata that this package writes as a JSON object; `NO_ORIGIN` without a valid one."""
+    if not isinstance(content, dict) or ORIGIN not in content:
+        return NO_ORIGIN
+    try:
+        return check_origin(content[ORIGIN])
+    except InvalidValueError:
+        return NO_ORIGIN
 
 
 def warn_of_unused_extras(path: Path, asset: object) -> None:

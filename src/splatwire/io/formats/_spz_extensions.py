@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from splatwire.errors import DatasetError
+from splatwire.io.formats._asset import ORIGIN, origin_of_json
 from splatwire.types.metadata import NO_METADATA, SceneMetadata, metadata_from_json, metadata_to_json
+from splatwire.types.origin import NO_ORIGIN, Origin
 
 MAX_EXTENSION_BYTES = 1 << 20
 """Maximum total size of the records of a file, bytes."""
@@ -18,7 +20,7 @@ FRAMES = (
 """Axis conventions of the extension `SPZ_ADOBE_coordinate_system`, from code 1; 0 means the default."""
 FRAME = "RUB"
 _METADATA = 0x53570001
-"""Record type of this package: metadata of the scene as a JSON object, in the axes of a 3DGS PLY."""
+"""Record type of this package: metadata and origin of the scene as a JSON object, in the axes of a 3DGS PLY."""
 KNOWN = (SAFE_ORBIT, COORDINATE_SYSTEM, _METADATA)
 _ORBIT = struct.Struct("<3f")
 
@@ -41,9 +43,28 @@ def metadata_of_records(extensions: dict[int, bytes]) -> SceneMetadata:
     return metadata_from_json({"orbit": list(_ORBIT.unpack(orbit))}).over(found)
 
 
-def write_records(metadata: SceneMetadata) -> bytes:
-    """Serialises the metadata of a scene as extension records; empty if there is none."""
+def origin_of_records(extensions: dict[int, bytes]) -> Origin:
+    """Returns the origin in the extension records of an SPZ file; `NO_ORIGIN` without a valid one.
+
+    Args:
+        extensions: Content of each extension record by its type.
+    """
+    try:
+        return origin_of_json(json.loads(extensions.get(_METADATA, b"{}").decode("utf-8")))
+    except (ValueError, RecursionError):
+        return NO_ORIGIN
+
+
+def write_records(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> bytes:
+    """Serialises the metadata of a scene as extension records; empty if there is none.
+
+    Args:
+        metadata: The metadata.
+        origin: World coordinates of the point that positions are relative to.
+    """
     content, records = metadata_to_json(metadata), b""
+    if origin != NO_ORIGIN:
+        content[ORIGIN] = list(origin)
     if metadata.orbit is not None:
         records += _RECORD.pack(SAFE_ORBIT, _ORBIT.size) + _ORBIT.pack(*content.pop("orbit"))
     if content:

@@ -91,6 +91,25 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
         )  # fmt: skip
 
 
+def coarse_positions(splats: Splats) -> tuple[float, float, float] | None:
+    """Measures the Gaussians that are so far from the scene's origin that float32 positions are visibly coarse.
+
+    Args:
+        splats: The Gaussians, relative to the origin.
+
+    Returns:
+        Share of such Gaussians, and their largest distance from the origin and largest step of positions, world units;
+        None if they are few.
+    """
+    some = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
+    distances, sizes = np.abs(splats.means[some]).max(axis=1), splats.scales[some].max(axis=1)
+    with np.errstate(invalid="ignore"):
+        steps = np.spacing(distances.astype(np.float32))
+        rounded = np.isfinite(distances) & (sizes > 0) & (steps > _VISIBLE * sizes)
+    share = float(rounded.mean()) if len(rounded) else 0.0
+    return None if share <= _FAR else (share, float(distances[rounded].max()), float(steps[rounded].max()))
+
+
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
     """Logs a warning about Gaussians that are so far from the scene's origin that float32 positions are visibly coarse.
 
@@ -101,23 +120,18 @@ def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
         splats: The Gaussians, relative to the origin.
         origin: The origin.
     """
-    some = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
-    distances, sizes = np.abs(splats.means[some]).max(axis=1), splats.scales[some].max(axis=1)
-    with np.errstate(invalid="ignore"):
-        steps = np.spacing(distances.astype(np.float32))
-        rounded = np.isfinite(distances) & (sizes > 0) & (steps > _VISIBLE * sizes)
-    share = float(rounded.mean()) if len(rounded) else 0.0
-    if share <= _FAR:
+    if (found := coarse_positions(splats)) is None:
         return
+    share, farthest, step = found
     if choose_origin_of_small(splats.means) != NO_ORIGIN:
         LOG.warning(
             "%s: positions are float32 and up to %.6g from 0, where they have steps of up to %.2g, more than half the "
             "size of %.3g %% of the Gaussians: the file has lost precision; write float64, or subtract a point near "
-            "the scene first", path, float(distances[rounded].max()), float(steps[rounded].max()), 100 * share,
+            "the scene first", path, farthest, step, 100 * share,
         )  # fmt: skip
     else:
         LOG.warning(
             "%s: %.3g %% of the Gaussians are up to %.6g from the scene's origin (%s), where positions have steps of "
             "up to %.2g, more than half of their size: split the sites into files",
-            path, 100 * share, float(distances[rounded].max()), describe_origin(origin), float(steps[rounded].max()),
+            path, 100 * share, farthest, describe_origin(origin), step,
         )  # fmt: skip

@@ -361,8 +361,8 @@ def kept_facts(
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
     if origin != NO_ORIGIN and "origin" in form.keeps:
         facts["origin"] = origin
-    if origin != NO_ORIGIN and ("origin" not in facts or form.name == "compressed.ply"):
-        where = "only a comment in such files holds" if "origin" in facts else "such files do not hold"
+    if origin != NO_ORIGIN and ("origin" not in facts or form.name in _OWN_ORIGIN):
+        where = "only splatwire reads from such files" if "origin" in facts else "such files do not hold"
         LOG.warning(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
@@ -415,6 +415,8 @@ def _problem(form: FileFormat) -> str:
     return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_FACTS))}" if unknown else ""
 
 
+_OWN_ORIGIN = ("compressed.ply", "spz", "sog")
+"""Formats that hold the origin only in a comment or metadata of this package."""
 _FACTS = frozenset(("antialiased", "metadata", "steps", "origin", "outliers"))
 
 
@@ -443,7 +445,7 @@ _EXPLICIT = (
         read=_lazy_import("spz", "read_spz"),
         write=_lazy_import("spz_writer", "write_spz"),
         kinds=(SPZ,),
-        keeps=_FACTS - {"steps", "origin"},
+        keeps=_FACTS - {"steps"},
     ),
     FileFormat(
         "sog",
@@ -451,7 +453,7 @@ _EXPLICIT = (
         read=_lazy_import("sog", "read_sog"),
         write=_lazy_import("sog_writer", "write_sog"),
         kinds=(SOG, SOG_FOLDER, SOG_META),
-        keeps=_FACTS - {"steps", "origin"},
+        keeps=_FACTS - {"steps"},
     ),
     FileFormat(
         "streamed sog", "a streamed SOG", read=_lazy_import("streamed_sog", "read_streamed_sog"), kinds=(SOG_LEVELS,)

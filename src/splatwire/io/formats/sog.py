@@ -24,7 +24,7 @@ from PIL import Image, UnidentifiedImageError
 from splatwire.errors import DatasetError
 from splatwire.files.archive import open_archive
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
-from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
+from splatwire.io.formats._asset import metadata_of_asset, origin_of_asset, warn_of_unused_extras
 from splatwire.io.formats._columns import build_splats, check_count
 from splatwire.io.formats._files import warn_of_bytes_outside
 from splatwire.io.formats._placement import warn_of_unused_fields
@@ -70,6 +70,7 @@ def read_sog(path: Path) -> FileContent:
         found.warn_of_unknown_fields()
         return FileContent(
             found.splats(),
+            origin_of_asset(found.meta.get("asset")),
             antialiased=found.is_antialiased(),
             metadata=metadata_of_asset(found.meta.get("asset")),
         )

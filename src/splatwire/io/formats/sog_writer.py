@@ -31,6 +31,7 @@ from splatwire.io.formats.outliers import (
 )
 from splatwire.io.formats.sog import CODES, PALETTE_COLUMNS
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
 
 _MIN_PALETTE, _MAX_PALETTE = 1024, 65536
@@ -46,6 +47,7 @@ def write_sog(
     path: Path,
     *,
     antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
     outliers: Outliers = DEFAULT,
     metadata: SceneMetadata = NO_METADATA,
 ) -> int:
@@ -55,23 +57,26 @@ def write_sog(
     found = _position_errors(replace(column, outside=np.zeros(len(column.values), bool)))
     if visible_errors(found, np.median(splats.scales, axis=1)).any():
         warn_of_errors(path, found, local_scales(splats, np.arange(splats.num_gaussians)))
-    files = sog_files(splats.select(spatial_order(column)), antialiased=antialiased, metadata=metadata)
+    files = sog_files(splats.select(spatial_order(column)), antialiased=antialiased, origin=origin, metadata=metadata)
     with atomic_output(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # images are compressed already
         for name, data in files.items():
             bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), data)
     return splats.num_gaussians
 
 
-def sog_files(splats: Splats, *, antialiased: bool = False, metadata: SceneMetadata = NO_METADATA) -> dict[str, bytes]:
+def sog_files(
+    splats: Splats, *, antialiased: bool = False, origin: Origin = NO_ORIGIN, metadata: SceneMetadata = NO_METADATA
+) -> dict[str, bytes]:
     """Returns the files of a SOG by name, `meta.json` last; Gaussians keep their order.
 
     Args:
         splats: At least one Gaussian; spatial order makes the images smaller.
         antialiased: True if the Gaussians were trained with antialiasing.
+        origin: World coordinates of the point that positions are relative to; stored beside the metadata.
         metadata: Metadata of the scene.
     """
     pictures: dict[str, np.ndarray] = {}
-    meta = {"version": 2, "asset": asset_of(metadata), "count": splats.num_gaussians}
+    meta = {"version": 2, "asset": asset_of(metadata, origin), "count": splats.num_gaussians}
     if antialiased:
         meta["antialias"] = True
     meta["means"] = _means(splats.means.astype(np.float64), pictures)

@@ -27,6 +27,7 @@ from splatwire.io.formats._spz_extensions import (
     MAX_EXTENSION_BYTES,
     frame_of,
     metadata_of_records,
+    origin_of_records,
     records_by_type,
     split_records,
 )
@@ -94,7 +95,8 @@ def read_spz(path: Path) -> FileContent:
     if frame != FRAME:  # columns were read as RUB: undo this, then convert from the file's convention to RDF
         splats = transform_splats(splats, frame_to_rdf(frame) @ np.diag(SPZ_FLIPS))
     antialiased = bool(header.flags & ANTIALIASED)
-    return FileContent(splats, antialiased=antialiased, metadata=metadata_of_records(header.extensions))
+    metadata, origin = metadata_of_records(header.extensions), origin_of_records(header.extensions)
+    return FileContent(splats, origin, antialiased, metadata)
 
 
 def _log_left_out(path: Path, header: _Header) -> None:

@@ -40,6 +40,7 @@ from splatwire.io.formats.spz import (
 )
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -66,6 +67,7 @@ def write_spz(
     harmonic_bits: tuple[int, int] = FULL_BITS,
     *,
     antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
     metadata: SceneMetadata = NO_METADATA,
     version: int = 4,
     outliers: Outliers = DEFAULT,
@@ -78,6 +80,7 @@ def write_spz(
         harmonic_bits: Bits of spherical harmonics of degree 1 and of higher degrees, 1 to 8 each; fewer bits make the
             file smaller.
         antialiased: True if the scene was trained with antialiasing; stored in the header.
+        origin: World coordinates of the point that positions are relative to; stored beside the metadata.
         metadata: Metadata of the scene.
         version: 4 (zstd), or 3 (gzip) for programs without support for 4.
         outliers: Treatment of a few distant Gaussians that would make all other positions coarse: `clamp`, `prune` or
@@ -99,7 +102,7 @@ def write_spz(
     bits = _fraction_bits(splats, path)
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip
-    records = write_records(metadata)
+    records = write_records(metadata, origin)
     flags = ANTIALIASED * antialiased | EXTENDED * bool(records)
     header = (MAGIC, version, splats.num_gaussians, splats.degree, bits, flags)
     with atomic_output(path) as unfinished:

@@ -17,7 +17,7 @@ from splatwire.errors import DatasetError
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
 from splatwire.files.read_limited import read_json
 from splatwire.io.formats import sog
-from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
+from splatwire.io.formats._asset import metadata_of_asset, origin_of_asset, warn_of_unused_extras
 from splatwire.io.formats._columns import check_count, of_degree
 from splatwire.io.formats._placement import warn_of_unused_fields
 from splatwire.io.formats.content import FileContent
@@ -74,11 +74,13 @@ def read_streamed_sog(path: Path) -> FileContent:
         LOG.warning("%s: %d of %d chunks are not here: %s", index, len(absent), len(chunks), ", ".join(absent[:8]))
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
-    metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(sog.read_asset(chunks[min(pieces)])))
+    asset = sog.read_asset(chunks[min(pieces)])
+    metadata = metadata_of_asset(content.get("asset")).over(metadata_of_asset(asset))
     stated = {sog.is_antialiased(chunks[number]) for number in pieces}
     if len(stated) > 1:
         LOG.warning("%s: some chunks ask for antialiasing, others do not: the scene is drawn with it", index)
-    return FileContent(_read_pieces(index, chunks, pieces, named), antialiased=any(stated), metadata=metadata)
+    splats = _read_pieces(index, chunks, pieces, named)
+    return FileContent(splats, origin_of_asset(asset), antialiased=any(stated), metadata=metadata)
 
 
 def is_antialiased(path: Path) -> bool:

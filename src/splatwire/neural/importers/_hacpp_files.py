@@ -13,12 +13,11 @@ from torch import Tensor
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.archive import open_archive
 from splatwire.files.kinds import HACPP, MODEL_3DGS, file_kind, is_not, model_nearby
-from splatwire.files.read_limited import read_json, read_limited
+from splatwire.files.read_limited import read_json
 from splatwire.files.tensors import MAX_TENSOR_FILE_BYTES, check_tensor_file
-from splatwire.types.background import BLACK, WHITE, Background
+from splatwire.io.model_arguments import ARGUMENTS, read_arguments
 
 _MAX_NUMBER_BYTES = 4096
-_MAX_ARGUMENTS_BYTES = 1 << 20
 
 
 def newest_iteration(model_dir: Path) -> Path:
@@ -109,7 +108,7 @@ def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
     for name, read in (
         ("bitstreams/xyz_gpcc.npz", _voxel_size_of_npz),
         ("metrics.json", _voxel_size_of_json),
-        ("cfg_args", _voxel_size_of_arguments),
+        (ARGUMENTS, _voxel_size_of_arguments),
     ):
         path = model_dir / name
         if not path.is_file():
@@ -123,17 +122,6 @@ def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
                 raise DatasetError(f"{path}: the voxel size is {value}")
             return value, path
     return None
-
-
-def load_background(model_dir: Path) -> Background:
-    """Returns the background colour of the training: white if `cfg_args` sets `white_background`, else black.
-
-    Raises:
-        DatasetError: If `cfg_args` cannot be read.
-    """
-    path = model_dir / "cfg_args"
-    text = _arguments(path) if path.is_file() else ""
-    return WHITE if re.search(r"\bwhite_background=True\b", text) else BLACK
 
 
 def infer_voxel_size(positions: np.ndarray) -> float:
@@ -184,10 +172,6 @@ def _voxel_size_of_json(path: Path) -> float | None:
     return float(value) if isinstance(value, (int, float)) else None
 
 
-def _arguments(path: Path) -> str:
-    return read_limited(path, _MAX_ARGUMENTS_BYTES, DatasetError).decode("utf-8", "replace")
-
-
 def _voxel_size_of_arguments(path: Path) -> float | None:
-    match = re.search(r"voxel_size=([0-9.eE+-]+)", _arguments(path))
+    match = re.search(r"voxel_size=([0-9.eE+-]+)", read_arguments(path))
     return float(match[1]) if match else None

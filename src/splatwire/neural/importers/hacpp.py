@@ -10,10 +10,10 @@ from splatwire.arguments import checked
 from splatwire.errors import DatasetError
 from splatwire.files.names import path_of
 from splatwire.io.formats.ply_file import PlyElement, read_ply
+from splatwire.io.model_arguments import load_background
 from splatwire.neural.importers._hacpp_files import (
     anchor_ply,
     is_plain,
-    load_background,
     load_bounds,
     load_torch_file,
     newest_iteration,

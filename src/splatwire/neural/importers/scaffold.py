@@ -12,7 +12,8 @@ from splatwire.arguments import checked
 from splatwire.errors import DatasetError
 from splatwire.files.names import path_of
 from splatwire.io.formats.ply_file import PlyElement, read_ply
-from splatwire.neural.importers._hacpp_files import is_plain, load_background, load_torch_file, newest_iteration
+from splatwire.io.model_arguments import load_background
+from splatwire.neural.importers._hacpp_files import is_plain, load_torch_file, newest_iteration
 from splatwire.neural.importers._hacpp_networks import two_layer_network
 from splatwire.neural.importers._plain_context import plain_context
 from splatwire.neural.importers._rows import anchors_on_grid, offsets_of
