@@ -111,6 +111,26 @@ def test_exports_use_world_coordinates_or_report_their_origin(kind, files, run, 
     assert (f"{UTM[0]:.0f}, {UTM[1]:.0f}, {UTM[2]:.0f}" in caplog.text) == warned
 
 
+def test_cameras_of_another_coordinate_system_give_a_warning(files, run, tmp_path):
+    words = ("--cameras", files / "local.json")
+    text = "splatwire: warning: no Gaussian of the scene is in the pictures: it is around (451234, 5.41188e+06, 118"
+    assert run("encode", files / "world.ply", "-o", tmp_path / "a.swz").status == 0
+    (tmp_path / "clip").mkdir()
+    for number in range(2):
+        (tmp_path / "clip" / f"{number}.ply").write_bytes((files / "world.ply").read_bytes())
+    assert run("encode", tmp_path / "clip", "-o", tmp_path / "clip.swz").status == 0
+    for done in (
+        run("render", tmp_path / "clip.swz", "-o", tmp_path / "clip.webp", *words),
+        run("evaluate", tmp_path / "clip.swz", "--reference", tmp_path / "clip", *words),
+        run("render", files / "world.ply", "-o", tmp_path / "out", *words),
+        run("export", "spz", files / "world.ply", "-o", tmp_path / "a.spz", *words),
+        run("evaluate", tmp_path / "a.swz", "--reference", files / "world.ply", "--lpips-views", "1", *words),
+        run("compare", files / "world.ply", tmp_path / "a.swz", *words),
+    ):
+        assert done.status == 0, done.err
+        assert done.err.count(text) == 1, done.err
+
+
 def test_import_keeps_float64(files, run, tmp_path):
     done = run("import", "splats", files / "world.ply", "-o", tmp_path / "a.ply", "--json")
     assert done.json["origin"] == list(UTM)

@@ -25,6 +25,7 @@ from splatwire.io.formats.spz_writer import FULL_BITS
 from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import surrounding_cameras
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.origin import NO_ORIGIN
 from splatwire.types.splats import Splats
@@ -44,6 +45,8 @@ def run(options: Export) -> None:
     started, counts, measured = time.perf_counter(), FitCounts(), None
     with progress_bars() as show:
         views = _views(options, scene)
+        if views is not None and (options.data is not None or options.cameras is not None):
+            warn_of_near_plane(scene, views.measured_on)
         splats = explicit_gaussians(scene)
         if splats is None:
             assert views is not None

@@ -441,6 +441,9 @@ def test_errors_for_2dgs_and_coloured_points_explain_the_conversion(tmp_path: Pa
         read_content(without(tmp_path, "scale_2"))
     with pytest.raises(DatasetError, match=r"has colours \(red, green, blue\) and no properties f_dc_\*: write f_dc"):
         read_content(without(tmp_path, "f_dc_", extra=("red", "green", "blue")))
+    for gone, extra in ((("scale_",), ("scale",)), (("scale_1", "scale_2"), ())):
+        with pytest.raises(DatasetError, match="isotropic Gaussians have their only size three times"):
+            read_content(without(tmp_path, *gone, extra=extra))
 
 
 @pytest.mark.parametrize(

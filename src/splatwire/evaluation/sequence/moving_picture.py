@@ -18,6 +18,7 @@ from splatwire.evaluation.pixels import to_pixels
 from splatwire.files.atomic_write import atomic_output
 from splatwire.render import iterate_views
 from splatwire.render.importance import orbiting_cameras
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.sequence.decoding import decode_frames
 from splatwire.sequence.extent import sphere_around
 from splatwire.types import Cameras
@@ -50,6 +51,7 @@ def draw_sequence(
     method = temporal_concealer(concealer or DEFAULT)
     sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
     count = sequence.timeline.num_frames
+    given = cameras is not None
     if cameras is None:
         sections, born = sections_of(stream), sphere_around(sequence.positions)
         middle, radius = read_extent(sections) or (born.middle, born.radius)
@@ -66,6 +68,8 @@ def draw_sequence(
 
     def pictures() -> Iterator[Image.Image]:
         for frame in decode_frames(sequence, method):
+            if given and frame.number == 0:
+                warn_of_near_plane(frame.scene, cameras)
             view = cameras.select([frame.number * cameras.num_views // count])
             image = next(iter(iterate_views(frame.scene, view, renderer=renderer)))
             report("drawing", (frame.number + 1) / count)

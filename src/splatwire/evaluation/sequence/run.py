@@ -16,6 +16,7 @@ from splatwire.evaluation.sequence.report import Film, render_sequence_report, s
 from splatwire.evaluation.views import spread
 from splatwire.files.atomic_write import atomic_write
 from splatwire.render.importance import surrounding_cameras
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.sequence import Frame, open_sequence
 from splatwire.types import Cameras
 
@@ -89,5 +90,7 @@ def _cameras(path: Path | None, views: int | None, frame: Frame) -> Cameras:
     """Returns the cameras of a file, or generated cameras around the first frame."""
     if path is not None:
         cameras = load_cameras(path)
-        return cameras.select(spread(cameras.num_views, views))
+        cameras = cameras.select(spread(cameras.num_views, views))
+        warn_of_near_plane(frame.scene(), cameras)
+        return cameras
     return surrounding_cameras(frame.scene(), NUM_VIEWS if views is None else views, VIEW_SIZE)

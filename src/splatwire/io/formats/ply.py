@@ -51,6 +51,7 @@ _CHANGING = re.compile(
 )
 """Name patterns of properties that may change, move or hide Gaussians in an unknown way."""
 _HINTS = {
+    1: "; isotropic Gaussians have their only size three times: write scale_0, scale_1 and scale_2",
     2: "; those of 2DGS are flat: add a property scale_2 of -30, the logarithm of a thickness near 0",
     6: "; a PLY of anchors is read by `splatwire import scaffold` or `hacpp`",
 }
@@ -75,12 +76,12 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
     check_count(path, len(vertices.rows), vertices.rows.nbytes)
     if vertices.count_of("scale_") != 3:
         count = vertices.count_of("scale_")
-        hint = _HINTS.get(count, "")
+        hint = _HINTS.get(1 if not count and "scale" in vertices.names else count, "")
         raise DatasetError(f"{path}: has {count} properties scale_*, explicit Gaussians have 3{hint}")
     if not vertices.count_of("f_dc_") and {"red", "green", "blue"} <= set(vertices.names):
         raise DatasetError(
-            f"{path}: has colours (red, green, blue) and no properties f_dc_*: write f_dc = (colour / 255 - 0.5) / "
-            "0.28209479"
+            f"{path}: has colours (red, green, blue) and no properties f_dc_*: write f_dc = (colour - 0.5) / 0.28209479 "
+            "with colours from 0 to 1 (bytes divided by 255)"
         )
     num_rest = vertices.count_of("f_rest_")
     try:
