@@ -80,8 +80,8 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
         raise DatasetError(f"{path}: has {count} properties scale_*, explicit Gaussians have 3{hint}")
     if not vertices.count_of("f_dc_") and {"red", "green", "blue"} <= set(vertices.names):
         raise DatasetError(
-            f"{path}: has colours (red, green, blue) and no properties f_dc_*: write f_dc = (colour - 0.5) / 0.28209479 "
-            "with colours from 0 to 1 (bytes divided by 255)"
+            f"{path}: has colours (red, green, blue) and no properties f_dc_*: write f_dc = (colour - 0.5) / "
+            "0.28209479 with colours from 0 to 1 (bytes divided by 255)"
         )
     num_rest = vertices.count_of("f_rest_")
     try:
