@@ -157,6 +157,21 @@ def test_comments_without_a_colon_are_read(comment: str, expected: SceneMetadata
     assert stated_metadata([comment]) == expected
 
 
+@pytest.mark.parametrize(
+    ("comment", "warned"),
+    [("view: 1 2 3 0 0 0 0 -1 0", False), ("view: 1 2 3", True), ("view: 0 0 0 0 0 0 0 -1 0", True),
+     ("start view: front", True), ("orbit: -0.1 1 2", False), ("orbit: 1 2", True), ("overview: 1 2", False)],
+)  # fmt: skip
+def test_views_that_cannot_be_read_give_a_warning(
+    comment: str, warned: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_splats([some_splats(20, 0)], tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(data.replace(b"element", f"comment {comment}\nelement".encode(), 1))
+    read_content(tmp_path / "a.ply")
+    assert ("is not nine numbers (eye, target, up)" in caplog.text) == warned
+
+
 def test_comments_with_a_colon_precede_those_without() -> None:
     assert stated_metadata(["license: CC0", "Copyright 2024 A. B."]).license == "CC0"
     assert stated_metadata(["author Jane", "credit City Museum"]).author == "Jane"

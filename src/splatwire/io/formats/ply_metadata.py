@@ -89,6 +89,14 @@ def is_metadata(comment: str) -> bool:
     return any(line.fullmatch(comment.strip()) for line in lines)
 
 
+def is_invalid_view(comment: str) -> bool:
+    """True if a comment states the initial view or the limits of the orbit, and its value is invalid."""
+    for name in ("view", "orbit"):
+        if (match := _LINES[name].fullmatch(comment.strip())) is not None:
+            return not metadata_from_json({name: _value(name, match[1].strip())}).known()
+    return False
+
+
 def names_up(comment: str) -> bool:
     """True if a comment names the axis that is up."""
     return named_up(comment) is not None
