@@ -17,7 +17,7 @@ from splatwire.evaluation.walkthrough.delivery import Delivery, Link, deliver
 from splatwire.evaluation.walkthrough.path import Walk, viewpoint_of
 from splatwire.lod.tiles import tiles_of
 from splatwire.metrics import psnr
-from splatwire.render import Renderer, render_scene
+from splatwire.render import Renderer, iterate_views
 
 SETTLED_DB = 1.0
 """Maximum PSNR deficit against the complete scene at which the view counts as complete, decibels."""
@@ -86,7 +86,9 @@ def score_walk(
         viewpoint = viewpoint_of(camera)
         here = source.shown(seconds, viewpoint)
         scenes = (reference, here, source.complete(viewpoint))
-        pictures = [render_scene(scene, camera, renderer=renderer, background=behind) for scene in scenes]
+        pictures = [
+            np.stack(list(iterate_views(scene, camera, renderer=renderer, background=behind))) for scene in scenes
+        ]
         now, later = (float(psnr(picture, pictures[0])[0]) for picture in pictures[1:])
         moments.append(QualitySample(seconds, now, later, source.bytes_at(seconds), here.num_elements))
         if on_picture:

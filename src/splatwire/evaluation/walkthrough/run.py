@@ -18,6 +18,7 @@ from splatwire.evaluation.walkthrough.path import Walk
 from splatwire.evaluation.walkthrough.report import Pictures, decibels_text, render_walk_report
 from splatwire.files.atomic_write import atomic_write
 from splatwire.io import open_scene
+from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types.background import Background
 
 
@@ -47,7 +48,8 @@ def evaluate_path(
     Raises:
         SplatwireError: If reference or cameras cannot be read, or the stream has no levels or is not complete.
     """
-    cameras = load_cameras(path).relative_to(ORIGIN.of_stream(stream))
+    cameras, truth = load_cameras(path).relative_to(ORIGIN.of_stream(stream)), open_scene(reference)
+    warn_of_near_plane(truth, cameras)
     walk = Walk(cameras, max(cameras.num_views - 1, 1) if seconds is None else seconds)
     if lossy and not stream.manifest.packetization.hashed:
         stream = into_datagrams(stream, lambda share: progress("repacketizing", share))
@@ -56,10 +58,10 @@ def evaluate_path(
     times = sorted({*walk.times, whole}) if whole <= walk.seconds else walk.times
     pictures = Pictures(walk.times)
     moments = score_walk(
-        transfer, open_scene(reference), walk, times, renderer=renderer,
+        transfer, truth, walk, times, renderer=renderer,
         background=None if background is None else np.array(background),
         on_picture=None if output is None
-        else lambda seconds, shown, truth: pictures.add(seconds, to_pixels(shown), to_pixels(truth)),
+        else lambda seconds, shown, wanted: pictures.add(seconds, to_pixels(shown), to_pixels(wanted)),
         progress=lambda share: progress("comparing pictures", share),
     )  # fmt: skip
     first = next((moment for moment in moments if moment.seconds == whole), None)
