@@ -1,13 +1,42 @@
 """Third-party packages that are installed into a folder without network or build."""
 
+import atexit
+import functools
+import json
 import os
 import re
 import subprocess
 import sys
+import tempfile
 import tomllib
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+FORKS = """
+import importlib, json, os, pkgutil, sys
+import splatwire.cli
+from splatwire.cli.main import main
+
+for module in pkgutil.iter_modules(splatwire.cli.__path__, "splatwire.cli."):
+    if not module.name.endswith("_gnn"):  # imports torch, which few commands need
+        importlib.import_module(module.name)
+for line in sys.stdin:
+    request = json.loads(line)
+    if child := os.fork():
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+        continue
+    files = [os.open(os.devnull, os.O_RDONLY), *(os.open(name, os.O_WRONLY | os.O_CREAT) for name in request["outputs"])]
+    for number, file in enumerate(files):
+        os.dup2(file, number)
+    os.chdir(request["folder"])
+    os.environ.clear()
+    os.environ.update(request["environment"])
+    sys.path.append(request["site"])
+    sys.argv = request["command"]
+    main()
+    break
+"""
+"""Reads requests and runs each command in a fork, which writes to files; prints the exit status of each."""
 
 
 def install_page(page: str, folder: Path) -> Path:
@@ -39,9 +68,31 @@ def announce(folder: Path, project: dict) -> None:
 
 
 def run_with(site: Path, folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
-    """Runs a command in a process that finds the packages in `site`."""
+    """Runs a command in a process that finds the packages in `site`.
+
+    The process is a fork of one that has imported all commands and nothing of `site`: imports take longer than most
+    commands.
+    """
+    command = ["splatwire", *map(str, words)]
     path = os.pathsep.join([*filter(None, [os.environ.get("PYTHONPATH")]), str(site)])
-    return subprocess.run(
-        [sys.executable, "-m", "splatwire", *map(str, words)], cwd=folder, env={**os.environ, "PYTHONPATH": path},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as texts:
+        outputs = [Path(texts, name) for name in ("out", "err")]
+        request = {
+            "command": command, "folder": str(folder), "site": str(site), "outputs": list(map(str, outputs)),
+            "environment": {**os.environ, "PYTHONPATH": path},
+        }  # fmt: skip
+        importer = _importer()
+        assert importer.stdin is not None
+        assert importer.stdout is not None
+        importer.stdin.write(json.dumps(request) + "\n")
+        importer.stdin.flush()
+        status = int(importer.stdout.readline())
+        return subprocess.CompletedProcess(command, status, *(output.read_text(encoding="utf-8") for output in outputs))
+
+
+@functools.cache
+def _importer() -> subprocess.Popen[str]:
+    """Starts the process whose forks run commands; it ends with this process."""
+    importer = subprocess.Popen([sys.executable, "-c", FORKS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    atexit.register(importer.communicate)
+    return importer

@@ -20,6 +20,7 @@ from splatwire.codec.update.removed import write_removed
 from web.node import WEB, lacking
 
 pytestmark = pytest.mark.slow
+CASES = os.environ.get("SPLATWIRE_FUZZ_CASES", "100")
 
 
 @pytest.mark.parametrize("packetization", [SMALL, DATAGRAM])
@@ -49,7 +50,7 @@ def test_pages_apply_updates_as_python_does(tmp_path: Path, packetization, degre
     (tmp_path / "chain.json").write_text(json.dumps({**paths, "masks": listed}))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "updates"], cwd=WEB, capture_output=True, text=True, timeout=600,
-        env={**os.environ, "UPDATES": str(tmp_path / "chain.json")}, check=False,
+        env={**os.environ, "UPDATES": str(tmp_path / "chain.json"), "CASES": CASES}, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
     assert "skipped 0" in done.stdout

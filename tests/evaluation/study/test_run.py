@@ -26,6 +26,9 @@ from splatwire.types import Attribute
 pytestmark = [pytest.mark.slow, pytest.mark.needs_torch]
 
 
+LIGHT = {"drop": "drop", "idw": "grow"}
+
+
 def silent(task, share):
     pass
 
@@ -44,6 +47,17 @@ def study(tiny_folder):
 def done(study, tmp_path_factory):
     store = Store(tmp_path_factory.mktemp("done"))
     return store, run_study(study, store, InProcess(), silent)
+
+
+@pytest.fixture(scope="module")
+def light(study):
+    """The study without torch, whose import takes seconds in every process that starts."""
+    return dataclasses.replace(study, rows=[dataclasses.replace(r, conceal=LIGHT[r.conceal]) for r in study.rows])
+
+
+@pytest.fixture(scope="module")
+def light_records(light, tmp_path_factory):
+    return plain(run_study(light, Store(tmp_path_factory.mktemp("light")), InProcess(), silent))
 
 
 def test_record_equals_calling_the_packages_step_by_step(done, tiny_folder):
@@ -125,7 +139,7 @@ def test_eroded_attributes_are_hidden_from_concealers(done, tiny_folder):
     assert bool((filled.scalings[lost] != 0).all())
 
 
-def test_local_workers_give_identical_records_despite_a_killed_worker(study, tmp_path, done):
+def test_local_workers_give_identical_records_despite_a_killed_worker(light, tmp_path, light_records):
     killed = []
 
     def kill_one(task, share):
@@ -133,8 +147,8 @@ def test_local_workers_give_identical_records_despite_a_killed_worker(study, tmp
             killed.append(multiprocessing.active_children()[0])
             killed[0].kill()
 
-    result = run_study(study, Store(tmp_path), LocalEngine(2), kill_one)
-    assert plain(result) == plain(done[1])
+    result = run_study(light, Store(tmp_path), LocalEngine(2), kill_one)
+    assert plain(result) == light_records
     assert killed
     assert result.num_lost_workers <= 1  # the kill may have hit an idle worker
 
@@ -167,10 +181,10 @@ def test_a_unit_that_fails_ends_the_run_with_its_name(tmp_path, done):
         LocalEngine(1).run(Store(tmp_path), [unit], lambda event: None)
 
 
-def test_slurm_jobs_give_identical_records(study, tmp_path, done):
+def test_slurm_jobs_give_identical_records(light, tmp_path, light_records):
     pytest.importorskip("submitit")
-    result = run_study(study, Store(tmp_path), SlurmEngine(2, cluster="local"), silent)
-    assert plain(result) == plain(done[1])
+    result = run_study(light, Store(tmp_path), SlurmEngine(2, cluster="local"), silent)
+    assert plain(result) == light_records
 
 
 def test_slurm_jobs_have_partition_account_time_and_memory(monkeypatch):
