@@ -37,4 +37,4 @@ def running(words: Sequence[str], **more: Any) -> Iterator[None]:
             process.wait(15)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait(15)
+            process.wait(120)

@@ -25,9 +25,9 @@ for line in sys.stdin:
     if child := os.fork():
         print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
         continue
-    files = [os.open(os.devnull, os.O_RDONLY), *(os.open(name, os.O_WRONLY | os.O_CREAT) for name in request["outputs"])]
-    for number, file in enumerate(files):
-        os.dup2(file, number)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    for number, name in enumerate(request["outputs"], 1):
+        os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), number)
     os.chdir(request["folder"])
     os.environ.clear()
     os.environ.update(request["environment"])
@@ -92,7 +92,7 @@ def run_with(site: Path, folder: Path, *words: object) -> subprocess.CompletedPr
 
 @functools.cache
 def _importer() -> subprocess.Popen[str]:
-    """Starts the process whose forks run commands; it ends with this process."""
+    """Starts the process that forks for each command; it ends with this process."""
     importer = subprocess.Popen([sys.executable, "-c", FORKS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     atexit.register(importer.communicate)
     return importer

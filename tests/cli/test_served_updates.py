@@ -255,7 +255,7 @@ def test_a_server_swaps_updates_in_for_receivers_and_pages(tmp_path: Path, quic:
                 write_stream(update, tmp_path / "updates" / f"{number}.swz")
                 lines.append(json.loads(receiver.stdout.readline()))
             receiver.terminate()
-            assert receiver.wait(10) == 0
+            assert receiver.wait(120) == 0
             assert receiver.stderr.read() == ""
         finally:
             receiver.kill()

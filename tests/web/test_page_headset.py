@@ -134,12 +134,13 @@ def last_picture(page: Browser) -> np.ndarray:
     last, frames = "", 0
     while last != (last := page.evaluate("window.eyes ?? 'none'")) or frames < 20:
         frames = page.evaluate("window.frames_drawn ?? 0") + 5
-        page.wait_for(f"window.frames_drawn > {frames}", 60)
+        page.wait_for(f"window.frames_drawn > {frames}")
+        page.resolve(f"{ELEMENT}.view.sorted()")
     return image_of(last)
 
 
 def enter(page: Browser) -> None:
-    page.wait_for(f"Boolean({BUTTON})", 60)
+    page.wait_for(f"Boolean({BUTTON})")
     page.evaluate(f"{BUTTON}.click()")
 
 
@@ -162,7 +163,7 @@ def test_both_eyes_see_what_the_page_draws_from_their_positions(packed: str) -> 
         assert psnr(right, wanted[1]) > 30
         assert psnr(left, wanted[1]) < 24, "both eyes see the same"
         page.resolve("window.session.end()")
-        page.wait_for(f"{ELEMENT}.view.canvas.width === {before}", 60)
+        page.wait_for(f"{ELEMENT}.view.canvas.width === {before}")
         assert np.allclose(viewmat_of(page), viewmat, atol=1e-4)
         assert psnr(picture_of(page, moved(viewmat, head(EYES_M[0]))), wanted[0]) > 40
 
@@ -176,7 +177,7 @@ def test_a_headset_that_refuses_is_a_message_and_the_page_goes_on(packed: str) -
         assert before.max() > 0.2
         page.evaluate("window.refuses = true")
         enter(page)
-        page.wait_for(f"{ROOT}.querySelector('.state').textContent === 'No headset: it is off'", 60)
+        page.wait_for(f"{ROOT}.querySelector('.state').textContent === 'No headset: it is off'")
         assert psnr(picture_of(page, viewmat), before) > 40
 
 

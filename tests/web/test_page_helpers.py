@@ -45,7 +45,7 @@ def threads(page: Browser) -> int:
 def test_a_page_that_forbids_workers_says_why(stream: SceneStream) -> None:
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}trusted_types")
-        page.wait_for(f"{STATUS}?.failed", 60)
+        page.wait_for(f"{STATUS}?.failed")
         assert "Worker" in page.evaluate(f"{STATUS}.failed")
 
     hosted(stream, work)
@@ -57,7 +57,7 @@ def test_large_scenes_are_complete_and_verified_on_pages_that_allow_or_forbid_he
 ) -> None:
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}{name}")
-        page.wait_for(f"{ELEMENT}?.status?.verified !== undefined && {STATUS}.verified !== null", 120)
+        page.wait_for(f"{ELEMENT}?.status?.verified !== undefined && {STATUS}.verified !== null")
         assert page.evaluate(f"[{STATUS}.complete, {STATUS}.verified, {STATUS}.gaussians, {STATUS}.failed]") == [
             True, True, COUNT, None,
         ]  # fmt: skip
@@ -71,7 +71,7 @@ def test_helpers_are_one_fewer_than_cores_and_end_with_the_element_or_its_stream
     def work(host: Host, page: Browser) -> None:
         host.deliver = lambda request, body: len(body) // 2
         page.open(f"{host.url}plain")
-        page.wait_for(f"{ELEMENT}?.status?.gaussians > 0", 120)
+        page.wait_for(f"{ELEMENT}?.status?.gaussians > 0")
         most = min(page.evaluate("navigator.hardwareConcurrency") - 1, 4)
         helpers = most if most > 1 else 0
         wait_for_threads(page, 1 + helpers + sorters(page))

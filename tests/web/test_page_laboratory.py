@@ -107,11 +107,11 @@ def test_figures_of_an_incomplete_scene_name_their_reference(streams: dict[str, 
         assert page.evaluate(f"{ELEMENT}.status.complete") is False
         page.evaluate(SPY)
         page.evaluate(f"{ELEMENT}.panel.set({{concealer: 'grow'}})")
-        page.wait_for("gains.includes(null)", 90)  # the picture of what arrived
+        page.wait_for("gains.includes(null)")  # the picture of what arrived
         page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})")  # after the comparison
-        page.wait_for(f"{told} === 'of what arrived: nothing dropped'", 90)
+        page.wait_for(f"{told} === 'of what arrived: nothing dropped'")
         page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.5}})")
-        page.wait_for(f"/^of what arrived: [0-9.]+ dB$/.test({told})", 90)
+        page.wait_for(f"/^of what arrived: [0-9.]+ dB$/.test({told})")
 
     driven(streams, "part", work)
 

@@ -137,6 +137,7 @@ def test_page_draws_a_live_clip_whose_source_changes_degree_and_antialiasing() -
                         await asyncio.to_thread(page.wait_for, f"{ELEMENT}?.view?.shows")
                         await asyncio.to_thread(page.evaluate, SPY)
                     await asyncio.to_thread(page.wait_for, f"{NUMBER} === {2 * GROUP * (part + 1)}")
+                    await asyncio.to_thread(page.wait_for, f"antialiased.length >= {part}")
                     assert await asyncio.to_thread(page.evaluate, "antialiased") == [True, False][:part]
 
     run(work())

@@ -122,7 +122,7 @@ def test_renderer_that_a_busy_server_refused_is_requested_again(streams: dict[st
 def test_scene_appears_without_a_canvas_for_the_first_pictures(streams: dict[str, bytes]) -> None:
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}without-2d")
-        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view", 90)
+        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view")
         assert page.resolve(COLOURS)
         assert page.evaluate(f"{ELEMENT}.status.failed") is None
 
@@ -156,7 +156,7 @@ def test_viewpoints_that_show_nothing_are_ignored(streams: dict[str, bytes]) -> 
 def test_error_of_the_decoding_thread_is_reported(streams: dict[str, bytes]) -> None:
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}without-memory")
-        assert page.wait_for(f"{ELEMENT}?.status?.failed", 90) == "no memory"
+        assert page.wait_for(f"{ELEMENT}?.status?.failed") == "no memory"
 
     driven(streams, work)
 
@@ -171,7 +171,7 @@ def test_refused_renderer_is_requested_again_after_a_lost_context(streams: dict[
             return kind.startsWith("webgl") && refused < 2 && ++refused ? null : get.call(this, kind, ...more); }};
           get.call(before.canvas, "webgl2").getExtension("WEBGL_lose_context").loseContext();
         }})()""")
-        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.view !== before", 90)
+        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.view !== before")
         assert page.evaluate("refused") == 2
         assert page.evaluate(f"{ELEMENT}.status.failed") is None
         assert page.resolve(COLOURS)

@@ -57,15 +57,15 @@ def test_a_clip_is_played_paused_and_sought_from_a_program(clip: str) -> None:
         page.evaluate(f"{ELEMENT}.pause()")
         assert page.evaluate(f"{ELEMENT}.paused")
         page.evaluate(f"{ELEMENT}.currentTime = 4 / {RATE}")
-        page.wait_for(f"{ROOT}.querySelector('.player output').textContent === 'frame 5 of {FRAMES}'", 60)
+        page.wait_for(f"{ROOT}.querySelector('.player output').textContent === 'frame 5 of {FRAMES}'")
         assert page.evaluate(f"{ELEMENT}.currentTime") == 4 / RATE
         told = page.evaluate(f"(() => {{ try {{ {ELEMENT}.currentTime = NaN }} catch (e) {{ return e.name }} }})()")
         assert (told, page.evaluate(f"{ELEMENT}.currentTime")) == ("TypeError", 4 / RATE)
         page.evaluate(f"{ELEMENT}.play()")
-        page.wait_for(f"!{ELEMENT}.paused && {ELEMENT}.currentTime !== 4 / {RATE}", 60)
+        page.wait_for(f"!{ELEMENT}.paused && {ELEMENT}.currentTime !== 4 / {RATE}")
         page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
         page.key(" ")
-        page.wait_for(f"{ELEMENT}.paused", 60)
+        page.wait_for(f"{ELEMENT}.paused")
 
 
 def test_static_scene_has_no_duration_and_does_not_play(still: str) -> None:
@@ -100,10 +100,10 @@ def test_a_failed_stream_shows_a_notice_whose_button_tries_again(still: str) -> 
         opened(page, still)
         assert page.evaluate(f"{notice}.hidden"), "there is a picture"
         page.evaluate(f"{ELEMENT}.removeAttribute('data')")
-        page.wait_for(f"{notice}.className === 'notice error' && {notice}.textContent.includes('no src')", 60)
+        page.wait_for(f"{notice}.className === 'notice error' && {notice}.textContent.includes('no src')")
         assert page.evaluate(f"{notice}.querySelector('button').getClientRects().length") == 1
         page.evaluate(f"{ELEMENT}.setAttribute('data', 'stream'); {notice}.querySelector('button').click()")
-        page.wait_for(f"{ELEMENT}.status.verified && {notice}.hidden", 60)
+        page.wait_for(f"{ELEMENT}.status.verified && {notice}.hidden")
 
 
 def test_hotspots_follow_their_point_and_hide_behind_the_camera(still: str) -> None:
@@ -141,7 +141,7 @@ def test_automatic_rotation_turns_the_camera_and_stops(still: str) -> None:
         before = view_of(page)
         page.evaluate(f"window.moved = 0; {ELEMENT}.addEventListener('camerachange', () => window.moved++)")
         page.evaluate(f"{ELEMENT}.autorotate = ''")
-        page.wait_for("window.moved > 3", 60)
+        page.wait_for("window.moved > 3")
         after = view_of(page)
         assert np.allclose(before[3:], after[3:]), "target and up axis stay"
         assert not np.allclose(before[:3], after[:3])
@@ -181,7 +181,7 @@ def test_controls_fade_without_input_and_return_with_the_pointer(still: str) -> 
     idle = f"{ROOT}.querySelector('.whole').classList.contains('idle')"
     with isolated_page() as page:
         opened(page, still)
-        page.wait_for(idle, 60)
+        page.wait_for(idle)
         page.evaluate(f"{ELEMENT}.dispatchEvent(new PointerEvent('pointermove', {{bubbles: true}}))")
         assert not page.evaluate(idle)
 
@@ -192,9 +192,9 @@ def test_a_poster_is_visible_until_the_first_picture(still: str, tmp_path: Path)
     with isolated_page() as page:
         opened(page, still)
         page.evaluate(f"{ELEMENT}.removeAttribute('data'); {ELEMENT}.poster = '{dot}'")
-        page.wait_for(f"{ELEMENT}.status.failed && {posters} === 1", 60)
+        page.wait_for(f"{ELEMENT}.status.failed && {posters} === 1")
         page.evaluate(f"{ELEMENT}.setAttribute('data', 'stream')")
-        page.wait_for(f"{ELEMENT}.status.verified && {posters} === 0", 60)
+        page.wait_for(f"{ELEMENT}.status.verified && {posters} === 0")
 
 
 def orbit_of(view: list[float]) -> tuple[float, float]:
@@ -239,7 +239,7 @@ def test_the_camera_flies_to_a_view_and_input_stops_it(still: str) -> None:
         page.resolve(NEXT_FRAMES)
         page.evaluate(f"{ROOT}.querySelector('.scene').focus()")
         page.key("ArrowLeft")
-        page.wait_for("window.arrived === false", 60)
+        page.wait_for("window.arrived === false")
         assert "nine numbers" in page.resolve(f"{ELEMENT}.flyTo('1 2 3').catch(({{message}}) => message)")
 
 
@@ -250,8 +250,8 @@ def test_a_budget_of_gaussians_limits_what_is_drawn_of_levels(tmp_path: Path) ->
     packed.write_bytes(pack_stream(encode_levels(scene, Packetization(block_size=500, lanes=2)), "levels"))
     with isolated_page() as page:
         opened(page, packed.as_uri())
-        page.wait_for(f"{ELEMENT}.status.gaussians > 4000", 60)
+        page.wait_for(f"{ELEMENT}.status.gaussians > 4000")
         page.evaluate(f"{ELEMENT}.maxGaussians = 3000")
-        page.wait_for(f"{ELEMENT}.status.gaussians > 0 && {ELEMENT}.status.gaussians <= 3000", 60)
+        page.wait_for(f"{ELEMENT}.status.gaussians > 0 && {ELEMENT}.status.gaussians <= 3000")
         page.evaluate(f"{ELEMENT}.removeAttribute('max-gaussians')")
-        page.wait_for(f"{ELEMENT}.status.gaussians > 4000", 60)
+        page.wait_for(f"{ELEMENT}.status.gaussians > 4000")

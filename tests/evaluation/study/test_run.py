@@ -51,8 +51,8 @@ def done(study, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def light(study):
-    """The study without torch, whose import takes seconds in every process that starts."""
-    return dataclasses.replace(study, rows=[dataclasses.replace(r, conceal=LIGHT[r.conceal]) for r in study.rows])
+    """The study without torch: its import takes seconds in each process that starts."""
+    return dataclasses.replace(study, rows=tuple(dataclasses.replace(r, conceal=LIGHT[r.conceal]) for r in study.rows))
 
 
 @pytest.fixture(scope="module")
