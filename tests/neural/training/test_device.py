@@ -49,10 +49,10 @@ def _run(state: TrainState, dataset: Dataset, config: TrainConfig, kernels: Kern
 
 
 def _short(config: TrainConfig) -> TrainConfig:
-    """All phases in 24 iterations with few anchors, because the fake gsplat is slow."""
+    """All phases in 16 iterations with few anchors, because the fake gsplat is slow."""
     marks = Milestones(
-        iterations=24, noise_start=8, growth_pause_end=10, context_start=15, statistics_start=1, growth_start=2,
-        growth_end=20, growth_interval=4,
+        iterations=16, noise_start=7, growth_pause_end=8, context_start=11, statistics_start=1, growth_start=2,
+        growth_end=14, growth_interval=4,
     )  # fmt: skip
     return dataclasses.replace(config, milestones=marks, growth=dataclasses.replace(config.growth, max_anchors=220))
 
@@ -107,7 +107,7 @@ def test_device_iteration_equals_the_compiled_kernels(
 
 def test_device_growth_equals_the_compiled_kernels(dataset: Dataset, config: TrainConfig, plain: Kernels) -> None:
     states = [initial_state(dataset, config) for _ in range(2)]
-    reports = [_run(s, dataset, config, k, 20) for s, k in zip(states, (COMPILED, plain), strict=True)]
+    reports = [_run(s, dataset, config, k, 14) for s, k in zip(states, (COMPILED, plain), strict=True)]
     compiled, own = (torch.tensor([report.loss for report in run]) for run in reports)
     torch.testing.assert_close(own, compiled, rtol=0.05, atol=0)
     assert states[0].num_anchors > 250  # 200 at the start
@@ -118,14 +118,14 @@ def test_device_run_mixes_no_cpu_tensors(
     dataset: Dataset, config: TrainConfig, gsplat: GsplatRenderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernels, config = plain_kernels(gsplat.draw, HOST_RANDOMNESS), _short(config)
-    options = RunOptions(tmp_path / "run.checkpoint", checkpoint_interval=10, test_interval=12)
+    options = RunOptions(tmp_path / "run.checkpoint", checkpoint_interval=7, test_interval=8)
     test = dataset.select([2])
     reference = train_scene(dataset, test, config)
     monkeypatch.setattr("splatwire.neural.training.trainer.choose_kernels", lambda device: kernels)
     monkeypatch.setattr("splatwire.neural.training.loop.create_renderer", lambda name: _drawn_by(gsplat, name))
     with fake_device():
         result = train_scene(dataset, test, config, options=options, device=str(DEVICE))
-    assert result.state.iteration == 24
+    assert result.state.iteration == 16
     assert result.state.num_anchors > 205  # 200 at the start
     assert all(isinstance(value, FakeDeviceTensor) for value in result.state.parameters.values())
     assert isinstance(result.scene.anchors.features, np.ndarray)
@@ -134,7 +134,7 @@ def test_device_run_mixes_no_cpu_tensors(
     assert result.test.psnr == pytest.approx(reference.test.psnr, abs=0.5)
     assert isinstance(result.test.preview, np.ndarray)
     state, recipe = load_checkpoint(tmp_path / "run.checkpoint")
-    assert (state.iteration, recipe) == (24, config)
+    assert (state.iteration, recipe) == (16, config)
     assert state.device.type == "cpu"
 
 
