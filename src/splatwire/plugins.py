@@ -185,7 +185,7 @@ class Registry(Generic[Entry]):
 
 
 def package_of(point: "EntryPoint") -> str:
-    """Returns the name of the package that announces an entry point."""
+    """Returns the name of the installed package that declares an entry point."""
     return point.dist.name if point.dist else "an installed package"
 
 

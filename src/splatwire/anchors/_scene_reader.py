@@ -35,7 +35,7 @@ class SceneReader:
         self._left = set(file.keys())
 
     def error(self, reason: str) -> BitstreamError:
-        """Returns an error whose message names the file and the reason."""
+        """Returns an error for a damaged scene file, with file name and reason in the message."""
         return BitstreamError(f"{self.path}: {reason}")
 
     def shape(self, name: str) -> tuple[int, ...]:

@@ -248,7 +248,7 @@ class TrainingServer:
         return make_served_stream(stream, self._settings.protection, preview=preview)
 
     def _publish(self, scene: ServedStream, updates: dict[str, ServedStream | None]) -> None:
-        """Offers a new state to clients; returns when they can request it."""
+        """Offers a new training state to clients, and returns the time from which clients can request the state."""
         done: Future[None] = Future()
 
         def publish() -> None:

@@ -47,7 +47,7 @@ def stream_to_bytes(stream: SceneStream) -> bytes:
 
 @checked
 def file_head(manifest: Manifest, side_info: bytes) -> bytes:
-    """Serialises the beginning of a stream file: prefix, manifest and side information."""
+    """Serialises the start of a stream file: prefix, manifest and side information."""
     text = manifest_to_bytes(manifest)
     return FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(text)) + text + side_info
 
@@ -166,7 +166,7 @@ def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None
 
 
 def _find(file: io.BufferedIOBase, mark: bytes, position: int) -> int | None:
-    """Returns the position of the next occurrence of `mark` at or after `position`, or None."""
+    """Returns the byte position of the next `mark` at or after `position`, or None."""
     file.seek(position)
     kept = b""
     while piece := file.read(SEARCH_BYTES):

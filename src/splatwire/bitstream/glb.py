@@ -57,7 +57,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _embedded_range(document: dict[str, Any]) -> tuple[int, int]:
-    """Returns the position of the stream in the binary chunk of a `.glb` file: byte offset and number of bytes."""
+    """Returns byte offset and size of the stream that the binary chunk of a `.glb` file contains."""
     found = [
         primitive["extensions"][KHR_SPLATTING]["extensions"][EXT_SPLATWIRE]
         for mesh in document["meshes"]

@@ -48,7 +48,7 @@ class ReadReport(CheckedFields):
 
     @property
     def complete(self) -> bool:
-        """True if every packet was received."""
+        """True if every packet of the stream was received."""
         return self.num_missing == 0
 
     @property
@@ -165,7 +165,7 @@ class PacketIntake:
             self._check_hashed(packet)
 
     def _check_hashed(self, packet: Packet) -> None:
-        """Checks size and elements of a packet that contains elements in random order (hashed grouping)."""
+        """Checks size and elements of a packet with hashed grouping, whose elements are in pseudo-random order."""
         if packet.num_bytes > self._plan.packetization.packet_bytes:
             raise CorruptPacketError(
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"

@@ -224,7 +224,7 @@ def packetization_to_json(packetization: Packetization) -> bytes:
 
 
 def _packetization_content(packetization: Packetization) -> dict[str, Any]:
-    """Returns the JSON fields of a packetization."""
+    """Returns the JSON fields of packetization parameters."""
     content = asdict(packetization)
     # Manifests without hashed grouping stay as they were before it was introduced.
     if not packetization.hashed:

@@ -154,7 +154,7 @@ class GilbertElliott:
 
     @property
     def share_bad(self) -> float:
-        """Share of time spent in the bad state."""
+        """Long-run share of time in the bad state, 0 to 1."""
         share = (self.rate - (1 - self.arrival_good)) / (self.arrival_good - self.arrival_bad)
         return min(max(share, 0.0), 1.0)  # rounding errors may exceed the range
 

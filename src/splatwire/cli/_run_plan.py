@@ -117,7 +117,7 @@ def _num_views(options: PlanCommand) -> int:
 
 
 def _budget_bytes(options: PlanCommand, plain: int) -> float:
-    """Returns the maximum number of bytes to send; `plain` is the size of the stream without protection."""
+    """Returns the maximum number of bytes to send, given the stream size `plain` without protection."""
     if options.deadline is None or options.rate is None:
         return (_BUDGET if options.budget is None else options.budget) * plain
     return options.deadline * options.rate * 1e6 / 8

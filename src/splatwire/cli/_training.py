@@ -200,7 +200,7 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
 
 
 def columns() -> tuple[ProgressColumn, ...]:
-    """Returns the columns of the progress bar."""
+    """Returns the columns of the progress bar of a training."""
     # Counter and remaining time have priority over the description.
     whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return (

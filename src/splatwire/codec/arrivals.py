@@ -35,7 +35,7 @@ class Arrivals:
 
     @property
     def has_every_packet(self) -> bool:
-        """True if every packet was accepted."""
+        """True if every packet of the stream has been accepted."""
         return len(self._taken) == self.manifest.num_packets
 
     @property

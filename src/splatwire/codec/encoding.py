@@ -199,7 +199,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], elements: 
 
 
 def _consume(packets: list[Packet]) -> Iterator[Packet]:
-    """Yields the packets of a list, and empties the list to free their memory."""
+    """Yields the packets of a list, and removes each yielded packet from the list to free memory."""
     packets.reverse()
     while packets:
         yield packets.pop()

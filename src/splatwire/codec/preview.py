@@ -63,7 +63,7 @@ class PreviewFrame:
             raise InvalidValueError(wrong)
 
     def _problem(self) -> str | None:
-        """Returns a message about the first invalid field; None if all are valid."""
+        """Returns a message about the first invalid field, or None if all fields are valid."""
         if not all(abs(value) <= FARTHEST for value in self.middle):
             return "its middle is out of range"
         if not SPREADS[0] <= self.spread <= SPREADS[1]:

@@ -174,7 +174,7 @@ def _is_whole(values: np.ndarray, max_magnitude: float) -> bool:
 
 
 def _divisor(number: int) -> int:
-    """Returns the largest divisor of a number that the format allows as a quantisation step."""
+    """Returns the largest permitted quantisation step that divides a number."""
     if number <= MAX_STEP:
         return max(number, 1)
     smaller = np.arange(1, MAX_STEP + 1)

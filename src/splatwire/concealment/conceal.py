@@ -61,7 +61,7 @@ def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S
 
 @checked_except("concealer")
 def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scene:
-    """Conceals the losses of a decoded scene; returns a scene without loss information unchanged."""
+    """Conceals the losses of a decoded scene, and returns a scene without loss information unchanged."""
     return conceal(loaded, concealer) if isinstance(loaded, ReceivedScene) else loaded
 
 

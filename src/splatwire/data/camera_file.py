@@ -220,7 +220,7 @@ def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
 
 
 def _warn_of_lenses(path: Path, views: list[dict[str, Any]]) -> None:
-    """Logs a warning about camera fields that describe a lens, which are ignored."""
+    """Logs a warning about lens parameters in a cameras file, which are ignored."""
     if fields := sorted({name for view in views for name in unread_lens_fields(view)}):
         names = ", ".join(fields)[:120]
         LOG.warning("%s: fields about a lens are left out: %s; pictures are those of pinhole cameras", path, names)

@@ -78,7 +78,7 @@ class RadTanThinPrismLens(LensModel):
     s3: float
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Projects rays (x, y, 1) to points of the image plane."""
+        """Projects rays (x, y, 1) to points of the distorted image plane."""
         u, v = _equidistant(x, y)
         angle = u * u + v * v
         radial = np.polynomial.polynomial.polyval(angle, (1.0, *astuple(self)[:6]))

@@ -24,7 +24,7 @@ class OpenedFile(_NativePath):
 
     @property
     def kind(self) -> "Kind | None":
-        """Detected format; None if the path is not open."""
+        """Detected file format, or None if the path is not open."""
         return self._kind
 
     def attach(self, kind: "Kind", file: BufferedReader | None) -> None:
@@ -38,7 +38,7 @@ class OpenedFile(_NativePath):
         self._kind = self._file = None
 
     def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
-        """Returns the status of the open file, even if the path was replaced since; see `Path.stat`."""
+        """Returns the file status (see `Path.stat`) of the open file, also after a replacement of the path."""
         if self._file is not None and follow_symlinks:
             return os.fstat(self._file.fileno())
         return super().stat(follow_symlinks=follow_symlinks)

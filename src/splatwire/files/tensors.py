@@ -108,7 +108,7 @@ class _Name:
 
 @dataclass(frozen=True)
 class _Storage:
-    """Data of tensors in a pickle: dtype, key in the archive, number of elements."""
+    """Reference to the data of a tensor in a pickle: dtype, key in the archive, number of elements."""
 
     kind: str
     key: str

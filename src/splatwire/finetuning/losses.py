@@ -47,7 +47,7 @@ class Reception:
         return Reception(known, gain**coverage.size, gain**coverage.opacity)
 
     def shown(self, splats: Splats) -> Splats:
-        """Returns the received Gaussians as a receiver draws them, enlarged."""
+        """Returns the Gaussians that a receiver draws: the received Gaussians, enlarged to cover gaps."""
         there = splats.select(self.known)
         clear = 1 - np.minimum(there.opacities, np.float32(_MOST_OPAQUE))
         opacities = 1 - clear ** np.float32(self.exponent)

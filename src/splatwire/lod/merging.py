@@ -115,7 +115,7 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
 
 
 def _covariances(splats: Splats) -> np.ndarray:
-    """Returns the covariance matrix of each Gaussian, float64 (N, 3, 3)."""
+    """Returns the 3D covariance matrix of each Gaussian, float64 (N, 3, 3)."""
     axes = rotation_matrices(splats.quats.astype(np.float64)) * splats.scales.astype(np.float64)[:, None, :]
     return axes @ axes.transpose(0, 2, 1)
 

@@ -40,7 +40,7 @@ _HELD: set[Path] = set()
 
 
 def _supports_option(option: str) -> bool:
-    """True if the installed version of numba supports a private compiler option."""
+    """True if the installed numba version supports a certain private compiler option."""
     try:
         from numba.core.registry import cpu_target
 

@@ -117,7 +117,7 @@ class Cari:
         return "cari"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene with the lost attributes estimated."""
+        """Returns the scene with lost attributes estimated from neighbours."""
         context = to_tensors(context)
         fixed = _prepare(context, self)
         estimate = _Estimate(

@@ -93,7 +93,7 @@ def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int)
 
 
 def _extents(context: ReceivedScene) -> Float[Tensor, "N 3"]:
-    """Returns the sizes of the anchors along the world axes."""
+    """Returns the sizes of anchors along the world axes, with which distances are normalised."""
     # The mean size for anchors with missing scaling.
     size = context.scene.anchors.scalings[:, :3]
     known = context.loss_mask.column(Attribute.SCALING) & (size > 0).all(dim=1)

@@ -22,5 +22,5 @@ class Zero:
         return "zero"
 
     def __call__(self, context: ReceivedScene) -> Concealed:
-        """Returns the scene as decoded, with zeros for missing values."""
+        """Returns the scene with zeros for missing values."""
         return Concealed.filled(context.elements)

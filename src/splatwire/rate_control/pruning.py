@@ -149,11 +149,11 @@ class PruningCurve:
         return replace(self, errors=factor * self.errors)
 
     def error(self, share: float) -> float:
-        """Returns the mean squared error of pictures if a share of the Gaussians is kept."""
+        """Returns the mean squared error of pictures after pruning to a share of the Gaussians."""
         return float(np.interp(share, self.shares, self.errors))
 
     def share(self, error: float) -> float:
-        """Returns the smallest share of Gaussians to keep so that pictures have at most a given mean squared error."""
+        """Returns the smallest share of Gaussians with which pictures have at most a given mean squared error."""
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))
 

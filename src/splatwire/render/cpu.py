@@ -85,7 +85,7 @@ def keep_freed_memory() -> None:
 
 
 class _Band(NamedTuple):
-    """Consecutive rows of tiles, with the list of Gaussians in each tile."""
+    """Consecutive rows of image tiles, with a list of Gaussians for each tile."""
 
     first_row: int
     order: np.ndarray

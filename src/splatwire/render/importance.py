@@ -128,7 +128,7 @@ def _moved(cameras: Cameras, positions: Float[np.ndarray, "N 3"], factor: float)
 
 
 def _facing_back(cameras: Cameras) -> Cameras:
-    """Rotates cameras to look in the opposite direction."""
+    """Rotates cameras by half a turn to look in the opposite direction."""
     poses = np.array([[-1], [1], [-1], [1]], np.float32) * cameras.viewmats
     return replace(cameras, viewmats=poses)
 

@@ -82,7 +82,7 @@ class PipeSource:
         self.over = False
 
     def poll(self, now: float) -> list[Path]:
-        """Returns the files whose names have arrived on the pipe since the last call."""
+        """Returns the frame files whose names have been read from the pipe since the previous call."""
         found: list[Path] = []
         while not self.over and len(found) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
             data = os.read(self._source, 1 << 14)
@@ -221,7 +221,7 @@ class Patience:
         return (self._path, self._signature) == (path, signature)
 
     def record_failure(self, path: Path, signature: Signature | None, now: float) -> None:
-        """Records that a file could not be read in its current state."""
+        """Records that a frame file could not be read in its current state."""
         self._first = self._first if self._path == path else now
         self._path, self._signature, self._changed = path, signature, now
 
@@ -241,12 +241,12 @@ class Patience:
         return now - self._first >= GROWING_S
 
     def clear(self) -> None:
-        """Forgets the recorded failures to read a file."""
+        """Deletes the record of failed attempts to read a frame file."""
         self._path = self._signature = None
 
 
 class Backlog:
-    """Decides how many waiting frames a live encoder drops, so that the stream is not delayed for long.
+    """Policy of a live encoder for dropping waiting frames, which limits the delay of the stream.
 
     Args:
         rate: Frames per second.

@@ -134,7 +134,7 @@ class SequenceDecoder:
         self._decoder.add([packet])
 
     def frame(self, number: int) -> SequenceFrame:
-        """Decodes a frame from the packets received so far.
+        """Decodes a frame of a sequence from the packets received so far.
 
         Raises:
             InvalidValueError: If the sequence has no such frame.

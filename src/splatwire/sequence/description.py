@@ -11,7 +11,7 @@ from splatwire.sequence.tracking import SECTION, TrackingReport
 
 
 def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
-    """Returns the properties of an encoded sequence by name, such as numbers of frames and of Gaussians."""
+    """Returns properties of an encoded sequence by name, such as the numbers of frames and Gaussians."""
     manifest, plan = stream.manifest, stream.manifest.plan
     info = open_side_info(manifest, stream.side_info)
     sizes = {True: 0, False: 0}
@@ -37,7 +37,7 @@ def describe_sequence(stream: "SceneStream") -> dict[str, Any]:
 
 
 def count_motions(stream: "SceneStream") -> dict[str, Any]:
-    """Counts the Gaussians that do not move within a group of pictures, and those that disappear."""
+    """Counts, in a group of pictures, the Gaussians that do not move and the Gaussians that disappear."""
     sequence = decode_stream(stream).scene
     alive, there, still = np.zeros(sequence.num_gaussians, bool), 0, 0
     for group in range(sequence.timeline.num_groups):

@@ -209,7 +209,7 @@ class SequenceEncoder:
         return [self._writer.importance[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
-        """Encodes the incomplete group of pictures as the last group, and returns its packets."""
+        """Encodes the incomplete last group of pictures, and returns the group's packets."""
         return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
@@ -262,7 +262,7 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses how finely each track of a group of pictures is quantised (its precision class), by rendering.
+        """Chooses, by rendering, the precision class of each track in a group of pictures.
 
         Args:
             group: Tracks of the group.
@@ -307,7 +307,7 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Does the work that was postponed so that the packets of a group could be sent earlier."""
+        """Performs the work that was deferred to send the packets of a group earlier."""
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
         self._warn_of_changing_harmonics()

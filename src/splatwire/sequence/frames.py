@@ -96,7 +96,7 @@ def _sequence_file(path: Path, kind: Kind) -> Any:
 
 
 def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Sequence:
-    """Opens a single file that contains all frames of a sequence, such as `.4dgs`.
+    """Opens a single file with all frames of a sequence, such as `.4dgs`.
 
     Args:
         path: The file.
@@ -126,7 +126,7 @@ def _open_sequence_file(path: Path, kind: Kind, num_frames: int | None) -> Seque
 
 
 def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
-    """Yields frames of moving Gaussians at given times."""
+    """Yields the frames of moving Gaussians at the given times."""
     logged = False
     for time in times:
         splats = moving.at(time)

@@ -147,7 +147,7 @@ def _moving(splats: Splats) -> dict[str, np.ndarray]:
 
 
 def _repeat_ends(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
-    """Repeats the first and the last value of an attribute outside the lifetime of each track, in place.
+    """Repeats, in place, the first and the last value of an attribute in frames outside of a track's lifetime.
 
     Args:
         values: Attribute of n tracks in F frames, (n, F, ...).

@@ -140,7 +140,7 @@ class LiveIngest:
         return None
 
     def _remove_first(self, signature: Signature | None) -> None:
-        """Removes the first file from the queue, and marks it as read."""
+        """Removes the first file from the queue and marks the file as read."""
         self._patience.clear()
         self._source.mark_read(self._waiting.popleft(), signature)
 
@@ -211,5 +211,5 @@ def _reason(error: Exception) -> str:
 
 
 def new_stream_id() -> int:
-    """Returns a random 32-bit stream id."""
+    """Returns a random stream id, 32 bits."""
     return int.from_bytes(os.urandom(4), "little")

@@ -143,7 +143,7 @@ def _appearance(splats: Splats) -> np.ndarray:
 
 
 def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Fits an affine motion from the previous to the current frame, and applies it to the previous positions.
+    """Fits an affine motion between two frames and applies the motion to the previous positions.
 
     Args:
         positions: Positions in the previous frame, (N, 3).

@@ -26,7 +26,7 @@ AT_ONCE = 1 << 12
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """Gaussians of a frame, each with the key that identifies its track.
+    """Gaussians of a frame with one track key each, equal in all frames of the track.
 
     Attributes:
         splats: The Gaussians.
@@ -39,7 +39,7 @@ class TrackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class NeighborSet:
-    """Nearest neighbours of tracks, and weights to interpolate the motion of a track from them.
+    """Nearest neighbours of tracks, with weights for interpolating the motion of a track.
 
     Attributes:
         tracks: Indices of the tracks, int64 (n).
@@ -68,7 +68,7 @@ class NeighborSet:
 
     @staticmethod
     def joined(parts: "Sequence[NeighborSet]") -> "NeighborSet":
-        """Concatenates neighbour sets."""
+        """Concatenates several neighbour sets."""
         names, count = ("tracks", "frames", "neighbors", "weights"), min(part.neighbors.shape[1] for part in parts)
         values = {name: [getattr(part, name) for part in parts] for name in names}
         values["neighbors"] = [neighbors[:, :count] for neighbors in values["neighbors"]]
@@ -93,7 +93,7 @@ class NeighborSet:
         ])  # fmt: skip
 
     def part(self, selection: np.ndarray | slice) -> "NeighborSet":
-        """Returns the neighbours of some of the tracks.
+        """Returns the neighbours of a selection of the tracks.
 
         Args:
             selection: Indices of these tracks in `tracks`, or a mask or slice.
@@ -103,7 +103,7 @@ class NeighborSet:
         )
 
     def interpolated_motion(self, means: np.ndarray) -> np.ndarray:
-        """Predicts the positions of the tracks in all frames, (n, F, 3), as if they moved like their neighbours.
+        """Predicts the positions of tracks in all frames, (n, F, 3), from the motion of their neighbours.
 
         Args:
             means: Positions of all tracks, float32 (T, F, 3).
@@ -129,7 +129,7 @@ class NeighborIndex:
 
     @staticmethod
     def of(means: np.ndarray, frame: int, rows: np.ndarray) -> "NeighborIndex":
-        """Builds the search tree from the positions of some tracks in one frame.
+        """Builds the search tree from the positions of tracks in one frame.
 
         Args:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
@@ -168,7 +168,7 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Extrapolates positions of Gaussians to frames of the group in which they do not exist, from their neighbours.
+    """Extrapolates positions to frames of the group in which a track does not exist, from the track's neighbours.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
@@ -204,7 +204,7 @@ def extrapolate_partial_tracks(
 
 
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighbors: NeighborSet) -> None:
-    """Moves Gaussians like their neighbours in the frames in which they do not exist.
+    """Moves tracks like their neighbours in frames in which the tracks do not exist.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.

@@ -134,7 +134,7 @@ class Tracker:
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
     def _matched(self, frame: Frame) -> TrackedFrame:
-        """Gives each Gaussian the key of its match in the previous frame, or a new key."""
+        """Returns the track key of each Gaussian: the key of the match in the previous frame, or a new key."""
         assert self._last is not None
         here = _drawn(frame)
         found = match(self._last.splats, here, self._match)

@@ -12,7 +12,7 @@ OBJECT_BYTES = 512
 
 
 class WaitingEvents:
-    """Queue between the receiver of a live sequence and the thread that decodes it.
+    """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
     It contains packets and manifests with side information, because the decoder uses no other events. If it is full,
     packets are dropped. Of manifests between which no packet waits, only the newest is kept.
@@ -64,7 +64,7 @@ class WaitingEvents:
 
 
 def _replaces(event: Event, last: Event, is_full: bool) -> bool:
-    """True if an event is a newer manifest than the last event of the queue, which is then not needed."""
+    """True if an event has a newer manifest than the last queued event and makes that event obsolete."""
     # The last manifest of another stream declares its last frames, and is only left out if the queue is full.
     if not isinstance(event, SideInfoArrived) or not isinstance(last, SideInfoArrived):
         return False

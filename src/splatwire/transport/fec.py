@@ -63,7 +63,7 @@ def repair_symbols(data: bytes, symbol_bytes: int, count: int) -> list[bytes]:
 
 
 def source_symbols(data: bytes, symbol_bytes: int) -> list[bytes]:
-    """Splits data into source symbols of `symbol_bytes` bytes; the last one is padded with zeros."""
+    """Splits data into source symbols of `symbol_bytes` bytes, with zeros after the end of the data."""
     return [data[i : i + symbol_bytes].ljust(symbol_bytes, b"\0") for i in range(0, len(data), symbol_bytes)]
 
 
@@ -96,7 +96,7 @@ def recover(symbols: Mapping[int, bytes], total: int, symbol_bytes: int) -> list
 
 
 def framed(packets: Sequence[bytes], symbol_bytes: int) -> bytes:
-    """Converts packets of different sizes to source symbols of equal size, one after another.
+    """Converts packets of different sizes to source symbols of equal size.
 
     A symbol contains the size of its packet (two bytes, little-endian), the packet, and zeros.
     """

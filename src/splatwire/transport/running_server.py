@@ -39,7 +39,7 @@ class RunningServer:
 
     @property
     def is_busy(self) -> bool:
-        """True while transfers are running or HTTP requests are answered."""
+        """True while the server runs a transfer or answers an HTTP request."""
         return bool(self.server.core.num_transfers or (self.page is not None and self.page.num_active))
 
     def replace(

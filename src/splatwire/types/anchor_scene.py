@@ -124,12 +124,12 @@ class AnchorScene:
 
     @property
     def elements(self) -> Anchors:
-        """The anchors."""
+        """Anchors of the scene."""
         return self.anchors
 
     @property
     def positions(self) -> Float[Any, "N 3"]:
-        """Position of each anchor."""
+        """Position of each anchor relative to the scene's origin, world units, (N, 3)."""
         return self.anchors.positions
 
     @property
@@ -142,7 +142,7 @@ class AnchorScene:
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
     def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":
-        """Returns the scene with other anchors.
+        """Returns the scene with its anchors replaced.
 
         Args:
             elements: The new anchors.

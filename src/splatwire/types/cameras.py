@@ -113,7 +113,7 @@ class Cameras:
         return -(rotation * translation[:, :, None]).sum(1)
 
     def relative_to(self, origin: Origin) -> "Cameras":
-        """Returns the same cameras with matrices relative to another origin."""
+        """Returns the cameras with pose matrices relative to a different origin."""
         if origin == self.origin:
             return self
         viewmats = to_numpy(self.viewmats)

@@ -28,7 +28,7 @@ class Importance:
 
     @staticmethod
     def of_footprints(footprint: Float[np.ndarray, "N"]) -> "Importance":
-        """Computes the importance of anchors from the image area that each of them covers.
+        """Computes the importance of anchors from the image area that each anchor covers.
 
         Args:
             footprint: Opacity times projected area of each anchor, summed over the views, in any unit.

@@ -54,11 +54,11 @@ class Prior(CheckedFields):
 
     @property
     def num_elements(self) -> int:
-        """Number of anchors, N."""
+        """Number of anchors, N, for which the prior network predicts attributes."""
         return len(self.context)
 
     def expected_log_sizes(self) -> Float[Any, "N"]:
-        """Returns, for each anchor, the mean over three axes of the predicted log sizes of its Gaussians.
+        """Returns the predicted log size of the Gaussians of each anchor, averaged over three axes.
 
         The unit is the natural logarithm of world units.
         """

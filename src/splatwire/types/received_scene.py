@@ -142,7 +142,7 @@ class ReceivedScene(Generic[S]):
 
     @property
     def elements(self) -> Any:
-        """The scene's elements."""
+        """Elements of the scene: Gaussians, anchors or keyframe Gaussians."""
         return self.scene.elements
 
     @property

@@ -129,7 +129,7 @@ class Scene(Protocol):
         """Returns the scene with only the elements at `index`, without `hints`."""
 
     def with_elements(self: Own, elements: Any, hints: RenderHints | None = None) -> Own:
-        """Returns the scene with other elements.
+        """Returns the scene with its elements replaced.
 
         Args:
             elements: The new Gaussians or anchors.

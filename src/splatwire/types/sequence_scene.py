@@ -143,7 +143,7 @@ class SequenceScene:
 
     @property
     def elements(self) -> Splats:
-        """The keyframe Gaussians."""
+        """Keyframe Gaussians of the sequence, one per track."""
         return self.tracks.splats
 
     @property
@@ -197,7 +197,7 @@ class SequenceScene:
         return self
 
     def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "SequenceScene":
-        """Returns the sequence with other keyframe Gaussians.
+        """Returns the sequence with its keyframe Gaussians replaced.
 
         Args:
             elements: The new keyframe Gaussians.

@@ -95,7 +95,7 @@ class SplatScene:
 
     @property
     def elements(self) -> Splats:
-        """The Gaussians."""
+        """Gaussians of the scene."""
         return self.splats
 
     @property
@@ -114,7 +114,7 @@ class SplatScene:
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)
 
     def with_elements(self: Own, elements: Splats, hints: RenderHints | None = None) -> Own:
-        """Returns the scene with other Gaussians.
+        """Returns the scene with its Gaussians replaced.
 
         Args:
             elements: The new Gaussians.

@@ -82,7 +82,7 @@ def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def invalid_fields(splats: Splats) -> list[str]:
-    """Returns the names of the attributes that have an invalid value in some Gaussian, for messages."""
+    """Returns the names of the attributes with at least one invalid value, for messages."""
     with np.errstate(invalid="ignore", over="ignore"):
         valid = {
             "positions": np.isfinite(splats.means).all(),

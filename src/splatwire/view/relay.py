@@ -86,7 +86,7 @@ class Relay:
         await self._begun.wait()
 
     async def headed(self) -> None:
-        """Waits until the side information has arrived, or the transfer has ended."""
+        """Waits for the side information or the end of the transfer."""
         await self._headed.wait()
 
     async def pieces(self) -> AsyncIterator[bytes]:

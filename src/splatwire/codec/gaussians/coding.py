@@ -9,7 +9,7 @@ from splatwire.types import SplatCoding
 
 
 def coding_to_bytes(coding: SplatCoding) -> bytes:
-    """Serialises the quantisation parameters of a scene, without the precision class of each Gaussian."""
+    """Serialises the quantisation parameters of a scene, without the precision classes of Gaussians."""
     return write_header(coding)
 
 

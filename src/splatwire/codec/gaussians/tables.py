@@ -16,7 +16,7 @@ _LN2_BITS = 70
 
 @functools.cache
 def negative_powers() -> tuple[int, ...]:
-    """Returns a table of powers of two: entry i is `2**(-i / 2**BITS)`, in units of 2**-62, for i below `2**BITS`."""
+    """Returns the table of `2**(-i / 2**BITS)` for i below `2**BITS`, in units of 2**-62."""
     step = 1 << (_POWER_BITS - 1)
     for _ in range(BITS):
         step = math.isqrt(step << _POWER_BITS)

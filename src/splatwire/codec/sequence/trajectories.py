@@ -93,7 +93,7 @@ class Targets:
         return Targets(**{name: values[index] for name, values in vars(self).items()})
 
     def put(self, index: np.ndarray, others: "Targets") -> None:
-        """Replaces the coefficients of the tracks at `index` by `others`."""
+        """Replaces the motion coefficients of the tracks at `index` by `others`."""
         for name, values in vars(self).items():
             values[index] = getattr(others, name)
 

@@ -187,7 +187,7 @@ def _encode_new(
 
 
 def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
-    """Returns the stream of an update that adds no Gaussians."""
+    """Returns the stream of an update that only removes Gaussians."""
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
     side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))

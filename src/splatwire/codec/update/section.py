@@ -44,7 +44,7 @@ def update_name(base_digest: str) -> str:
 
 
 def write_update(fields: UpdateFields) -> bytes:
-    """Serialises the fields of an update for its side information."""
+    """Serialises the fields of an update (digests, removed Gaussians) for the side information."""
     writer = ByteWriter()
     writer.u8(VERSION)
     head = writer.bytes() + bytes.fromhex(fields.base_digest) + bytes.fromhex(fields.result_digest)
@@ -54,7 +54,7 @@ def write_update(fields: UpdateFields) -> bytes:
 
 
 def read_update(data: bytes) -> UpdateFields:
-    """Parses the fields of an update from its side information.
+    """Parses the fields of an update (digests, removed Gaussians) from the side information.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote it.

@@ -166,7 +166,7 @@ def _with_metrics(
     score: FileScore, references: ReferenceViews, drawn: Iterable[np.ndarray], lpips: Lpips | None, pictures: bool,
     progress: Progress,
 ) -> FileScore:  # fmt: skip
-    """Measures the image quality of a file, and returns its score with the results."""
+    """Measures the image quality of a scene file, and adds the results to the file's score."""
     num_views = references.cameras.num_views
     figures: dict[str, list[float]] = {"psnr": [], "ssim": [], "lpips": []}
     shots = Shots(spread(num_views, Shots.NUM_VIEWS)) if pictures else Shots()

@@ -64,12 +64,12 @@ class SequenceScore:
 
     @property
     def mean(self) -> float:
-        """Mean PSNR, decibels."""
+        """Mean PSNR over the frames after the first group of pictures, decibels."""
         return float(self.psnr[self.later :].mean())
 
     @property
     def flicker(self) -> float:
-        """Mean flicker."""
+        """Mean flicker over the frames after the first group of pictures."""
         return float(self.change[self.later :].mean()) if len(self.change) > self.later else 0.0
 
     def worst_below(self, complete: "SequenceScore") -> float:
@@ -89,7 +89,7 @@ class SequenceScore:
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns by how many decibels packet losses lower the PSNR of each frame."""
+        """Returns the loss of PSNR through packet losses for each frame, decibels."""
         # Frames with equal PSNR have difference 0, even if the PSNR is infinite.
         own, other = self.psnr[self.later :], complete.psnr[self.later :]
         differ = own != other

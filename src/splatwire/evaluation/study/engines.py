@@ -111,7 +111,7 @@ class Attempts:
 
 
 def describe(unit: Unit) -> str:
-    """Describes a task in one line, for messages."""
+    """Describes a task of an evaluation in one line of text."""
     loss = "without loss" if unit.loss is None else f"{unit.loss.label}, seed {unit.seed}"
     return f"scene {unit.scene}, {Path(unit.stream.path).stem}, {unit.conceal}, {loss}"
 

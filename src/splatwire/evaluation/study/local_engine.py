@@ -29,7 +29,7 @@ class LocalEngine:
     workers: int
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
-        """Executes tasks in worker processes and writes their results into the store."""
+        """Executes the tasks of an evaluation in worker processes that write results into the store."""
         waiting, attempts = deque(units), Attempts(listener)
         workers = [_Worker.start(str(store.root)) for _ in range(min(self.workers, len(units)))]
         try:

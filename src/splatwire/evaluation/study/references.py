@@ -133,7 +133,10 @@ def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
-    """Renders the reference images that are not in the store; returns a digest of cameras, background and images."""
+    """Renders the reference images that the store lacks.
+
+    Returns a digest of cameras, background and images.
+    """
     about = store.root / folder / "views.json"
     if (known := read_json(about)) is None:
         digests = []

@@ -144,7 +144,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
 
 @dataclass
 class _TaskRunner:
-    """Executes the tasks whose results are not in the store yet; counts executed tasks and dead workers."""
+    """Runner of the tasks whose results the store lacks; counts executed tasks and dead workers."""
 
     store: Store
     engine: Engine

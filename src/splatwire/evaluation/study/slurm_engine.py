@@ -111,7 +111,7 @@ def _submitted(executor: Any, root: str, units: Sequence[Unit]) -> Any:
 
 
 def _cancel(job: Any) -> None:
-    """Cancels a job that has not ended; errors of the cluster are ignored."""
+    """Cancels an unfinished cluster job, and ignores errors of the cluster."""
     try:
         job.cancel(check=False)
     except (OSError, subprocess.SubprocessError):

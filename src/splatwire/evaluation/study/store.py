@@ -43,7 +43,7 @@ class Store:
     files: InputFiles = field(default_factory=InputFiles, compare=False)
 
     def unit_path(self, key: str) -> Path:
-        """Path of the file with the records (scores per view) of a task."""
+        """Path of the file with the scores of a task, one record per view."""
         return self.root / "units" / f"{key}{UNIT_SUFFIX}"
 
     def has(self, key: str) -> bool:

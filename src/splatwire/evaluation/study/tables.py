@@ -227,7 +227,7 @@ def seconds_table(scene: str, summaries: Sequence[Summary]) -> Table:
 
 
 def summary_csv(summaries: Sequence[Summary]) -> str:
-    """Formats summaries as CSV, one line each."""
+    """Formats summaries as CSV, one line per scene, method and loss."""
     lines: list[dict[str, Any]] = []
     for s in summaries:
         line: dict[str, Any] = {"scene": s.scene, "dataset": s.dataset, "row": s.row.key, "label": s.row.label}

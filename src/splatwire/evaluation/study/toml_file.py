@@ -127,7 +127,7 @@ def _check_plain(location: str, value: Any) -> None:
 
 
 def _tables(content: Mapping[str, Any], name: str) -> list[tuple[str, dict[str, Any]]]:
-    """Returns the entries of a TOML array of tables, each with its location for error messages."""
+    """Returns the entries of a TOML array of tables, each with a location text for error messages."""
     tables = content.get(name, [])
     for number, table in enumerate(tables, 1):
         if not isinstance(table, dict):

@@ -118,7 +118,7 @@ class Stage:
                         raise DatasetError(f"{path}: {prim.GetPath()} repeats Gaussians, which is not read")
 
     def warn_of_left_out(self) -> None:
-        """Logs warnings about prims that are left out, and about colours that are declared as linear."""
+        """Logs warnings about ignored prims and attributes, and about colours declared as linear."""
         if self._num_stand_ins:
             LOG.warning("%s: %d prims with the purpose guide or proxy are left out", self._path, self._num_stand_ins)
         if self._num_others:

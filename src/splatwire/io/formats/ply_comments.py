@@ -71,7 +71,7 @@ def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str]) -> None:
 
 
 def _antialiasing_setting(comment: str) -> bool | None:
-    """Returns the antialiasing setting in a comment: True for on, False for off, None without a setting."""
+    """Returns the antialiasing setting that a PLY comment states: True, False, or None without a setting."""
     text = comment.strip().rstrip(".;,").replace('"', "").replace("'", "")
     if mode := _MODE.fullmatch(text):
         kind = mode[1].strip()

@@ -40,7 +40,7 @@ class PlyElement:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each property, in the order of the file."""
+        """Names of the properties, in file order."""
         return self.rows.dtype.names or ()
 
     def columns(self, prefix: str, count: int | None = None) -> np.ndarray:

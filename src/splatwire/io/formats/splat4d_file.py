@@ -47,7 +47,7 @@ class Splat4dFrames:
     rate: float
 
     def read(self) -> Iterator[FileContent]:
-        """Decodes the frames, one at a time."""
+        """Decodes and yields one frame after the other."""
         with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
             for number in range(self.num_frames):
                 frame = Path(folder) / "frame.splat"

@@ -233,7 +233,7 @@ def _splats(path: Path, header: _Header, columns: dict[str, np.ndarray]) -> Spla
 
 
 def _positions(header: _Header, data: np.ndarray) -> np.ndarray:
-    """Returns positions in the file's axes, float32 (N, 3)."""
+    """Decodes the positions of an SPZ file in the axes of the file, float32 (N, 3)."""
     if header.version == 1:
         return data.view("<f2").reshape(-1, 3).astype(np.float32)
     low, middle, high = data.astype(np.int32).reshape(-1, 3, 3).transpose(2, 0, 1)

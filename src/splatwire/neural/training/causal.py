@@ -172,7 +172,7 @@ def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict
 
 
 def _functions(networks: dict[str, Mlp]) -> dict[str, Callable[[Tensor], Tensor]]:
-    """Returns the networks as functions, by name."""
+    """Returns the networks of the causal model as functions, by name."""
     return {name: partial(run_network, network) for name, network in networks.items()}
 
 

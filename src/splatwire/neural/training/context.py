@@ -315,7 +315,7 @@ def _channel_likelihood(
 
 @torch.no_grad()
 def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
-    """Initialises the context networks with the present mean and standard deviation of each attribute."""
+    """Initialises the context networks with the current mean and standard deviation of each attribute."""
     # From random outputs, training would improve the predictions only slowly.
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:

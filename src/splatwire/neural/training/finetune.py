@@ -25,7 +25,7 @@ _LATENT = 0.01
 
 
 def model_of(scene: Scene) -> str | None:
-    """Returns the name of a scene's context model, or None if the scene does not consist of anchors."""
+    """Returns the name of an anchor scene's context model, or None for scenes without anchors."""
     if not isinstance(scene, AnchorScene):
         return None
     return CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
@@ -119,7 +119,7 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
-    """Returns lower and upper end of the range by which a scene's context model normalises anchor positions."""
+    """Returns the lower and upper bounds with which a scene's context model normalises anchor positions."""
     # The bounding box of the hash grid; with the causal model, the middle of the anchors minus and plus their
     # spread.
     if isinstance(coding, CausalCoding):

@@ -288,7 +288,7 @@ def log_scalings_dim(config: TrainConfig) -> int:
 
 
 def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
-    """Returns the layer widths of every network by name: numbers of inputs, hidden units and outputs."""
+    """Returns the layer widths (inputs, hidden units, outputs) of every network, by name."""
     layout = config.model.layout
     head, prior, channel = config.hidden
     inputs, num_offsets = layout.feature_dim + 4, layout.num_offsets

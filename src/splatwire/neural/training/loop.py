@@ -56,7 +56,7 @@ class ModelState(Protocol):
 
     @property
     def num_elements(self) -> int:
-        """Number of anchors or Gaussians."""
+        """Number of anchors or Gaussians in training."""
 
 
 @runtime_checkable

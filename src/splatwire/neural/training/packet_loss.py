@@ -221,7 +221,7 @@ class PacketLosses:
         return relative_sizes(sizes, gaussians, tiers, 2)[tiers]
 
     def _update_order(self, state: TrainState) -> None:
-        """Recomputes coding order and nearest neighbours of the anchors after the set of anchors has changed."""
+        """Recomputes coding order and nearest neighbours after anchors were added or removed."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")

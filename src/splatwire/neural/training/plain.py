@@ -25,7 +25,7 @@ def interpolate_signs_plain(
     corners: GridCorners,
     index: Int64[Tensor, "M"],
 ) -> Float[Tensor, "M H"]:
-    """Interpolates the binary hash grid; arguments and gradient as in `neural.training.grid.interpolate_signs`."""
+    """Interpolates the binary hash grid, like `neural.training.grid.interpolate_signs` but in plain torch."""
     # Levels are processed one after another, so that memory is proportional to the number of positions, not to
     # positions times levels. On a GPU the order of the gradient's sums is not fixed, so rounding may differ between
     # calls.

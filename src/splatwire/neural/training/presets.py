@@ -177,7 +177,7 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Raises the causal model's learning rates for the last phase of a training."""
+    """Returns learning rates of the causal model with higher values in the last phase of a training."""
     # The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.
     share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LENGTH)
     power = min(max(share, 0.0), 1.0)

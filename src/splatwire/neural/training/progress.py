@@ -127,7 +127,7 @@ class RunningMeans:
         )
 
     def _read_reports(self, state: Any) -> None:
-        """Adds all new reports to the running means."""
+        """Adds all new reports of training iterations to the running means."""
         # The reports are copied from the device at once, because each copy waits for the device.
         columns = torch.stack([
             torch.stack([r.total, r.absolute_error, r.total if r.sample_bits is None else r.sample_bits]).double()

@@ -104,7 +104,7 @@ class _BinaryGrid:
         self._read[torch.cat([corners.volume_rows.flatten(), corners.plane_rows.flatten()]).long()] = 1
 
     def bits(self) -> Float[Tensor, ""]:
-        """Estimates the bits of the grid's signs in the stream; differentiable."""
+        """Estimates the size of the grid's signs in the stream in bits; differentiable."""
         # The estimate is the ideal code length if the coder knows the share of +1 in each level and feature
         # channel. Signs that no anchor reads are not counted.
         signs = torch.cat([straight_through_sign(self.volume), straight_through_sign(self.planes).flatten(0, 1)])

@@ -81,7 +81,7 @@ def first_measured(milestones: Milestones) -> int:
 
 
 def is_time(milestones: Milestones, iteration: int) -> bool:
-    """True if the size of the stream is to be measured after the given iteration of the training."""
+    """True if the size of the stream is measured after the given training iteration."""
     since = iteration - first_measured(milestones)
     return since > 0 and since % _interval(milestones) == 0
 

@@ -199,7 +199,10 @@ class TrainState:
 
 
 def expanded_scalings(scalings: Float[Tensor, "M S"]) -> Float[Tensor, "M 6"]:
-    """Expands four scalings per anchor (common offset scale, three sizes) to six; six are returned unchanged."""
+    """Expands four scalings per anchor (common offset scale, three sizes) to six.
+
+    Six scalings are returned unchanged.
+    """
     if scalings.shape[1] == 6:
         return scalings
     return torch.cat([scalings[:, :1].expand(-1, 3), scalings[:, 1:]], dim=1)

@@ -101,7 +101,7 @@ class CalibrationRun:
         self._pictures: dict[int, Tensor] = {}
 
     def place_on(self, device: str) -> None:
-        """Moves scene, graphs and network to a torch device."""
+        """Moves scene, neighbour graphs and network to a torch device."""
         # The random generator stays on the CPU.
         self.context = to_tensors(self.data.complete, device)
         self.train, self.held_out = (list(to_tensors(tuple(part), device)) for part in (self.train, self.held_out))

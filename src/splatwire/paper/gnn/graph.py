@@ -36,14 +36,14 @@ class RepairGraph:
     given: Anchors
 
     def select(self, rows: Int64[Tensor, "B"]) -> "RepairGraph":
-        """Returns the graph restricted to some queries, given as indices into `queries`."""
+        """Returns the part of the graph for a subset of the lost anchors, given as indices into `queries`."""
         return RepairGraph(
             self.queries[rows], self.index[rows], self.interpolated.select(rows), self.given.select(rows)
         )
 
 
 def interpolator(settings: GnnSettings) -> Concealer:
-    """Returns the interpolating concealer of the settings."""
+    """Returns the concealer that the settings choose for interpolation."""
     if settings.interpolation == "idw":
         return _graph_idw(settings)
     return Cari() if settings.interpolation == "cari" else Kriging()

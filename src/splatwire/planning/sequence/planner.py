@@ -154,7 +154,7 @@ def _efficient_choices(
 
 
 def _hull(choices: Sequence[_Choice]) -> list[_Choice]:
-    """Returns the choices that lie on the upper convex hull of PSNR over bytes, ascending by bytes."""
+    """Returns the parity choices on the upper convex hull of PSNR over bytes, ascending by bytes."""
     hull: list[_Choice] = []
     for choice in choices:
         if hull and choice.psnr <= hull[-1].psnr:

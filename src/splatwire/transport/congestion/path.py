@@ -77,7 +77,7 @@ class QueueMeter:
         return self.queue
 
     def high(self, queue: float) -> bool:
-        """Returns True if a queuing delay (seconds) is so long that the queue may have overflowed."""
+        """Returns True if a queuing delay (seconds) indicates that the queue may have overflowed."""
         return queue >= max(HIGH * self.top, MIN_QUEUE_S)
 
     def low(self, queue: float) -> bool:
@@ -140,7 +140,7 @@ class LossMeter:
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
-        """Returns by how much the number of lost datagrams may exceed its expected value by chance.
+        """Returns how far the number of lost datagrams may exceed the expected number by chance.
 
         Args:
             sent: Number of sent datagrams.

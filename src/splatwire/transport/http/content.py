@@ -154,7 +154,7 @@ class PageContent:
         return make_part(kind, data, headers, request, tag, private=private).for_method(request.method)
 
     def _parse_download(self, target: str) -> tuple[str, str, str] | None:
-        """Parses the path of a download, such as `/room.spz` or `/room/3dtiles/tileset.json`.
+        """Parses a download path such as `/room.spz` or `/room/3dtiles/tileset.json`.
 
         Returns:
             Name of the stream, file format, and path of the file in a folder; None if it is no download.
@@ -182,7 +182,7 @@ class PageContent:
         return offered if schema.explicit and not schema.timed else ()
 
     def _download_list(self, name: str, token: str) -> str:
-        """Returns the HTML list of links to a stream's files of other formats.
+        """Returns the HTML list of links to the formats in which a stream can be downloaded.
 
         Args:
             name: Name of the stream.
@@ -335,7 +335,7 @@ class PageContent:
         return f"{path}?{self._entity_tag(file)}" if isinstance(file, bytes) and file else path
 
     def _stream_path(self, name: str) -> str:
-        """Returns the URL path of a stream's file; private scenes have a path outside `/streams/`."""
+        """Returns the URL path of a stream's file, which is outside `/streams/` for private scenes."""
         return stream_path(name).replace(STREAMS, PRIVATE, 1) if self._is_private(name) else stream_path(name)
 
     def _policy(self) -> str:
@@ -428,6 +428,6 @@ def _head(stream: ServedStream) -> tuple[Manifest, bytes]:
 
 
 def _side_info_of(stream: ServedStream) -> tuple[bytes, str]:
-    """Returns the side information of a prepared stream and the name of its codec schema."""
+    """Returns the side information of a prepared stream and the name of the stream's codec schema."""
     manifest, side_info = _head(stream)
     return side_info, manifest.codec

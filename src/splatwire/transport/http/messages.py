@@ -46,7 +46,7 @@ class GrowingFile(Protocol):
     """Stream file of unknown length that is still being received."""
 
     def pieces(self) -> AsyncIterator[bytes]:
-        """Yields the pieces of the file as they are received."""
+        """Yields the bytes of the file piece by piece during reception."""
 
 
 class Answer(NamedTuple):

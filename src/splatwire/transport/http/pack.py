@@ -44,7 +44,7 @@ if (location.hash) choose();
 
 
 def pack_stream(stream: SceneStream, title: str) -> bytes:
-    """Returns an HTML file that contains one stream and the player that shows it.
+    """Returns an HTML page that contains a stream and the player for the stream.
 
     Args:
         stream: Stream to show; packets may be missing.

@@ -260,7 +260,7 @@ class PageServer:
                 await writer.drain()
 
     async def _pace(self, pacer: Pacer, num_bytes: int, limit: asyncio.Timeout | None) -> None:
-        """Waits until the total rate limit of all responses permits sending further bytes, and counts these bytes.
+        """Waits until the rate limit of all responses permits more bytes, and counts these bytes.
 
         Args:
             pacer: Pacer of the bytes of all responses together.
@@ -294,7 +294,7 @@ def _too_long(start: bytes) -> Answer:
 
 
 async def _linger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    """Ends the response and reads the rest of the request, until the client closes the connection."""
+    """Ends the response, and discards the rest of the request until the client closes the connection."""
     writer.write_eof()
     with suppress(TimeoutError):
         async with asyncio.timeout(LINGER_S):

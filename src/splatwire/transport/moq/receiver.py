@@ -46,11 +46,11 @@ RECONNECT_INTERVAL_S = 1.0
 
 
 class BrokenOffError(BitstreamError):
-    """The session with the relay ended early; a new session may resume the transfer."""
+    """The session with the relay has ended early, and a new session may resume the transfer."""
 
 
 def _records(data: bytes) -> Iterator[bytes]:
-    """Splits data into records, each preceded by its size."""
+    """Divides data into records, each preceded by the record size."""
     at = 0
     while at + RECORD_PREFIX.size <= len(data):
         (size,) = RECORD_PREFIX.unpack_from(data, at)
@@ -107,11 +107,11 @@ class RelayReceiver:
         return self._intake.report() if self._intake else None
 
     def describe_missing(self) -> str:
-        """Returns a message about data that have not arrived."""
+        """Returns a message about the data that the relay has not delivered."""
         return "" if self._manifest else "the relay gave no side information"
 
     def finish(self, reason: str) -> None:
-        """Ends the transfer and reports its reason as an event."""
+        """Ends the transfer and reports the reason as an event."""
         if self.finished is None:
             self.finished = Finished(reason, self._manifest is not None)
             self._tell(self.finished)

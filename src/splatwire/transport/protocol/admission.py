@@ -99,7 +99,7 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
 
 
 class ConnectionSlots:
-    """Limits the number of concurrent connections, and shares them fairly between networks.
+    """Limit on concurrent connections, shared fairly between networks.
 
     If the limit is reached, a new connection can replace the oldest one of the network with the most connections.
 
@@ -157,14 +157,14 @@ class _Starts:
     counts: dict[int, int] = field(default_factory=dict)
 
     def drop_oldest(self) -> None:
-        """Forgets the oldest transfer."""
+        """Removes the oldest transfer start from the record."""
         nonce = self.recent.pop(0)[1]
         self.counts[nonce] -= 1
         if not self.counts[nonce]:
             del self.counts[nonce]
 
     def is_expired(self, now: float) -> bool:
-        """True if the network has not started a transfer recently."""
+        """True if the record has no recent transfer start and can be deleted."""
         return not self.recent or now - self.recent[-1][0] >= WINDOW_S
 
     def drop_expired(self, now: float) -> None:

@@ -86,7 +86,7 @@ class InitSegmentCollector:
 
     @property
     def num_symbols(self) -> int:
-        """Number of source symbols of the whole init segment."""
+        """Number of source symbols of the init segment, over all segments."""
         return self._segments.num_symbols
 
     @property
@@ -129,7 +129,7 @@ class InitSegmentCollector:
         return None
 
     def _restart(self, segment: int) -> None:
-        """Discards all symbols of one segment (source block), because one of them is corrupt."""
+        """Discards all symbols of a segment (source block) after a corrupt symbol."""
         self.num_poisoned += 1
         self._symbols[segment].clear()
         self._pieces[segment] = None
@@ -204,7 +204,7 @@ class PacketCollector:
         return self._intake
 
     def open(self, manifest: Manifest, bundled: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
-        """Checks the packets that arrived before the manifest.
+        """Checks the packets that arrived before the manifest, now that the manifest is known.
 
         Args:
             manifest: Manifest of the stream.

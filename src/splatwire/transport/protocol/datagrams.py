@@ -46,7 +46,7 @@ class Hello(NamedTuple):
 
 
 class Challenge(NamedTuple):
-    """Response of the server to `Hello`, with a token that the client must return in its `Request`.
+    """Server's response to `Hello`, with a token that the client must return in `Request`.
 
     Attributes:
         nonce: Number that identifies the client's connection attempt.
@@ -225,7 +225,7 @@ class Have(NamedTuple):
 
 
 class View(NamedTuple):
-    """Viewpoint of the client, so that the server sends visible packets first.
+    """Viewpoint of the client, with which the server sends visible packets first.
 
     Attributes:
         session: Id of the transfer.

@@ -24,7 +24,7 @@ class GapTracker:
         self._nack_tracker.max_attempts = MAX_ATTEMPTS
 
     def on_received(self, sequence: int, largest: int) -> None:
-        """Records a received datagram, and the datagrams that are missing before it.
+        """Records a received datagram, and the gap of missing datagrams before this datagram.
 
         Args:
             sequence: Sequence number of the datagram.

@@ -40,11 +40,11 @@ class HandshakeAttempt:
 
     @property
     def is_validated(self) -> bool:
-        """True if the server may accept the request, because the client has its token or needs none."""
+        """True if the server may accept the request: the client has a token, or needs no token."""
         return self._token is not None
 
     def poll(self, now: float) -> list[bytes]:
-        """Returns the next handshake datagram in a list if it is due, else an empty list."""
+        """Returns the next handshake datagram as a list of one if due, else an empty list."""
         if now < self.next_at:
             return []
         if not self._reliable and now - self._token_at > TOKEN_S:

@@ -6,7 +6,7 @@ from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, WELCOME
 
 
 class KnownPackets:
-    """Packets that a client has reported as already received."""
+    """Packets that a client has reported as received in an earlier transfer."""
 
     def __init__(self) -> None:
         self._packets = bytearray()

@@ -34,7 +34,7 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 
 @dataclass(frozen=True, eq=False)
 class LiveState(ServedStream):
-    """Live stream prepared for sending, as it is after a new group of pictures.
+    """Live stream prepared for sending, in its state after a new group of pictures.
 
     Attributes:
         persistent: One byte per packet: 1 if later groups of pictures also need the packet, else 0.
@@ -45,7 +45,7 @@ class LiveState(ServedStream):
     newest: int = 0
 
     def may_retransmit(self, index: int) -> bool:
-        """Returns True if a packet, given by its index in sending order, may still be sent."""
+        """Returns True if the packet with a given index in sending order may still be sent."""
         return index < len(self.packets) and (index >= self.newest or bool(self.persistent[index]))
 
 
@@ -98,7 +98,7 @@ class LiveSession:
         return self._state(manifest, side_info, more=True)
 
     def end(self, manifest: Manifest, side_info: bytes) -> LiveState:
-        """Returns the final state of the stream, from which clients know that it has ended.
+        """Returns the final state of the live stream, which marks the end for clients.
 
         Args:
             manifest: Manifest of the whole stream.

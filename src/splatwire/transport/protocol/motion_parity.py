@@ -14,7 +14,7 @@ MOST_CODES = (MAX_PARITY_RANGES - 2) // 2
 
 
 class Arranged(NamedTuple):
-    """Sending order of the packets of some groups of pictures, and their parity.
+    """Sending order and parity of the packets of one or more groups of pictures.
 
     Attributes:
         order: Indices of the packets, in sending order.

@@ -56,7 +56,7 @@ class NackTracker:
         return self._last.get(index, (0.0, 0))[1]
 
     def forget(self, index: int) -> None:
-        """Removes a packet that has arrived."""
+        """Removes a received packet from the tracker."""
         self._last.pop(index, None)
 
     def __bool__(self) -> bool:

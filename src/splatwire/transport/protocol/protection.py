@@ -85,7 +85,7 @@ class Protection:
 
     @property
     def limits_retransmission(self) -> bool:
-        """True if only some of the lost packets, or a limited number of bytes, may be retransmitted."""
+        """True if retransmission is limited to certain packets or to a number of bytes."""
         return self.resend is not None or self.resend_until < 1
 
 

@@ -95,7 +95,7 @@ class ReceiveState:
 
     @property
     def num_missed(self) -> int:
-        """Number of packets of a live sequence that were lost since this receiver joined."""
+        """Number of packets of a live sequence lost since this receiver joined."""
         if self._welcome is None or self._collector is None or not self._grew:
             return self._missed_before
         # Packets from before it joined do not count: the server does not send their motion to late receivers.

@@ -132,7 +132,7 @@ class Receiver(ReceiveState):
             self.set_viewpoint(self.options.viewpoint)
 
     def next_at(self) -> float | None:
-        """Time of the next call of `poll`, seconds; None after the end."""
+        """Time at which `poll` must be called next, seconds; None after the end of the transfer."""
         if self.finished:
             return None
         end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
@@ -253,7 +253,7 @@ class Receiver(ReceiveState):
         return [], []
 
     def _on_refusal(self, greeting: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
-        """Processes the server's refusal of a request: schedules a retry, or ends the transfer."""
+        """Handles the server's refusal of a request: schedules a retry, or ends the transfer."""
         if reason == NOT_YET:
             self._asking_since = now
             greeting.refused(now, RETRY_S if now - self._began < SOON_S else WAIT_S)
@@ -401,7 +401,7 @@ class Receiver(ReceiveState):
         return [arrived, *(PacketArrived(packet, False) for packet in new)]
 
     def _resend_viewpoint(self) -> None:
-        """Sends the viewpoint to the server again, relative to the stream's origin."""
+        """Sends the viewpoint again, relative to the origin of the current stream."""
         if self._viewpoint is not None and self._relative_to_origin(self._viewpoint[0]).origin != AT_ZERO:
             self.set_viewpoint(*self._viewpoint)
             self._moved_at = self._heard_at
@@ -441,7 +441,7 @@ class Receiver(ReceiveState):
         return out, [self.finished]
 
     def _is_silent(self, now: float) -> bool:
-        """True if the server has been silent for so long that a new connection attempt is due."""
+        """True if the server has been silent for long enough to start a new connection attempt."""
         suspect_s = min(RECONNECT_AFTER_S, self.options.silence_s)
         suspect_s += self.options.silence_s if self._reliable else 0.0  # QUIC closes the connection earlier
         if self._welcome is None or now - self._heard_at <= suspect_s:
@@ -473,7 +473,7 @@ class Receiver(ReceiveState):
         return self._view is not None and self._welcome is not None and self._welcome.viewable
 
     def _viewpoint_datagrams(self, now: float) -> list[bytes]:
-        """Returns the datagram with the viewpoint in a list if it is due, else an empty list."""
+        """Returns the viewpoint datagram as a list of one if due, else an empty list."""
         if self._view is None or self._welcome is None or not self._welcome.viewable:
             return []
         if now - self._view_at < (VIEW_S if self._told < TWICE else VIEW_AGAIN_S):
@@ -482,7 +482,7 @@ class Receiver(ReceiveState):
         return [encode(self._view._replace(session=self._welcome.session))]
 
     def _nacks(self, now: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Returns the packets (`Feedback.nacks`) and datagrams (`Feedback.lost_sequences`) to request now."""
+        """Returns the packets (`Feedback.nacks`) and datagrams (`Feedback.lost_sequences`) to request next."""
         assert self._welcome is not None
         if self._collector is None:
             return (), ()

@@ -34,7 +34,7 @@ def viewpoint_of(view: View) -> Viewpoint:
 
 
 class ViewUpdateBudget:
-    """Limits the time that a server spends on new viewpoints of its clients."""
+    """Limit on the processor time that a server spends on new viewpoints of its clients."""
 
     def __init__(self) -> None:
         self._free_at = 0.0
@@ -117,7 +117,7 @@ class SendQueue:
 
     @property
     def viewed(self) -> bool:
-        """True if the client has sent a viewpoint."""
+        """True if the client has sent a viewpoint, so that the remaining order depends on the viewpoint."""
         return self.viewed_at is not None
 
     def __bool__(self) -> bool:
@@ -126,7 +126,7 @@ class SendQueue:
 
     @property
     def _num_scheduled(self) -> int:
-        """Number of datagrams that are sent in the stream's fixed order."""
+        """Number of datagrams in the fixed part of the sending order."""
         return self._schedule.opening_end if self.viewed else len(self._schedule.datagrams)
 
     def pop(self) -> Item:

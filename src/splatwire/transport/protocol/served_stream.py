@@ -172,7 +172,7 @@ class ServedStream:
         return len(self.packets) if self.resendable is None else self.resendable
 
     def may_retransmit(self, index: int) -> bool:
-        """Returns True if a packet, given by its index in sending order, may be retransmitted."""
+        """Returns True if the packet with a given index in sending order may be retransmitted."""
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:

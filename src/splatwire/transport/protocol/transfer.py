@@ -119,7 +119,7 @@ class ServerTransfer:
         self._allow(known)
 
     def _allow(self, known: int) -> None:
-        """Raises the byte limit of this client after a live stream has grown.
+        """Raises this client's byte limit after growth of a live stream.
 
         Args:
             known: Number of packets before the stream grew.
@@ -153,7 +153,7 @@ class ServerTransfer:
 
     @property
     def is_exhausted(self) -> bool:
-        """True if the maximum number of bytes or datagrams for this client has been sent."""
+        """True if this client's maximum number of bytes or datagrams has been sent."""
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
@@ -303,7 +303,7 @@ class ServerTransfer:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns further symbols of the init segment for a client that lacks some.
+        """Returns additional init segment symbols for a client that lacks symbols.
 
         Args:
             missing: Number of symbols that the client still needs.

@@ -91,7 +91,7 @@ def stream_frame(data: bytes) -> bytes:
 
 
 def on_stream(data: bytes) -> bool:
-    """True if a datagram of the protocol is sent on the reliable QUIC stream; False for a QUIC DATAGRAM frame."""
+    """True if a datagram of the protocol is sent on the reliable QUIC stream instead of in a DATAGRAM frame."""
     return kind_of(data) in ON_STREAM
 
 

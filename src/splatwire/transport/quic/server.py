@@ -88,7 +88,7 @@ class QuicServer(SocketServer):
         return self
 
     def load_identity(self) -> None:
-        """Loads the current certificate, for connections that start from now on."""
+        """Loads the current certificate and key for new connections."""
         self._configuration.certificate, chain, self._configuration.private_key = self._identity()
         self._configuration.certificate_chain = list(chain)
 
@@ -176,7 +176,7 @@ class QuicServer(SocketServer):
             self.networks -= Counter([connection.network])
 
     def is_full(self, network: Network, *, begins: bool = False) -> bool:
-        """True if another connection cannot be accepted, because there are too many in total or from one network.
+        """True if no further connection can be accepted, in total or from one network.
 
         Args:
             network: Network of the client.
@@ -230,7 +230,7 @@ class _LimitedEndpoint(AioquicServer):
         super().connection_made(_CountingTransport(transport, self._owner.sent))
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
-        """Passes a UDP datagram to aioquic, unless it starts a connection that the server cannot accept.
+        """Passes a UDP datagram to aioquic, or drops a datagram that would start an excess connection.
 
         Args:
             data: Payload of the datagram.
@@ -255,7 +255,7 @@ class _LimitedEndpoint(AioquicServer):
 
 
 class _CountingTransport:
-    """Datagram transport of asyncio that calls a function with the size of each datagram that it sends."""
+    """Datagram transport of asyncio that reports the size of each sent datagram to a function."""
 
     def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:
         self._transport, self._sent = transport, sent
@@ -335,7 +335,7 @@ class _Connection(QuicConnectionProtocol):
             self.close(code, reason)
 
     def malformed(self, reason: str) -> None:
-        """Closes the connection because of invalid input of the client, and counts this."""
+        """Closes the connection after invalid input of the client, and counts the event."""
         self.owner.num_malformed += 1
         self.end(MALFORMED, reason[:200])
 

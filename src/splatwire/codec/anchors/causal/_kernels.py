@@ -102,7 +102,7 @@ def _encode_packet(
     begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
     out, state,
 ):  # fmt: skip
-    """Encodes a range of anchors as one packet into `out`; returns the number of bytes."""
+    """Encodes a range of anchors as one packet into `out`, and returns the size of the packet in bytes."""
     last = len(firsts) - 2
     encoder_start(state)
     for n in range(begin, end):

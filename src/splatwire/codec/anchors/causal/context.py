@@ -133,7 +133,7 @@ class Chain:
             yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
 
     def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
-        """Adds decoded attributes of a group, int32 (n, size), to the network inputs for later groups."""
+        """Adds the decoded attributes of a group, int32 (n, size), to the inputs of the networks for later groups."""
         # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:

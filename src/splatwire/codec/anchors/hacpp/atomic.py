@@ -39,7 +39,7 @@ class Symbols:
     offset: np.ndarray
 
     def select(self, index: np.ndarray) -> "Symbols":
-        """Returns the symbols of the anchors with the given indices."""
+        """Returns the symbols (quantised attributes) of the anchors with the given indices."""
         return Symbols(self.mask[index], self.feature[index], self.scaling[index], self.offset[index])
 
     def rows(self) -> np.ndarray:
