@@ -95,7 +95,7 @@ class References:
         return References(views.cameras, images, [None if mask is None else _array(mask(view)) for view in numbers])
 
     def psnr(self, view: int, picture: Float[Any, "H W 3"]) -> float:
-        """Returns the PSNR of a rendered view in decibels."""
+        """Returns the PSNR of a rendered view against the reference, decibels."""
         # At most 100.
         mask = self.masks[view]
         decibels = psnr(picture[None], self.images[view][None], None if mask is None else mask[None])

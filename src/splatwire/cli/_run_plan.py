@@ -84,7 +84,7 @@ def _plan_sequences(options: PlanCommand, streams: Sequence[SceneStream], loss: 
 
 
 def _check(options: PlanCommand) -> None:
-    """Checks the options, before files are read."""
+    """Checks the options of the subcommand `plan` before files are read."""
     if not options.streams:
         raise InvalidValueError("name at least one stream to plan for")
     if options.output is not None:

@@ -114,7 +114,7 @@ class PreviewFrame:
         return low + codes * step
 
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
-        """Converts the ten numbers of each Gaussian (see `values`) to quantisation levels, without rounding."""
+        """Converts the ten numbers of each Gaussian (see `values`) to unrounded quantisation levels."""
         low, step = self.scale()
         return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
 

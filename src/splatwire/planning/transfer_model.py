@@ -46,7 +46,7 @@ class StreamLoad(CheckedFields):
 
     @staticmethod
     def of_stream(stream: SceneStream) -> "StreamLoad":
-        """Measures the sizes of a complete stream."""
+        """Measures the packet sizes of a complete stream."""
         ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
         return StreamLoad(
             len(init_segment(stream.manifest, stream.side_info)),

@@ -94,7 +94,7 @@ def finished(buf):
 @njit(inline="always")
 @no_type_check
 def prefetch_splat(splats, ids, k):
-    """Loads the projected Gaussian `ids[k]`, which will be drawn soon, into the processor's cache."""
+    """Prefetches the projected Gaussian `ids[k]`, which will be drawn soon, into the processor's cache."""
     # The Gaussians of a tile are scattered in memory.
     if k < ids.shape[0]:
         prefetch(splats, np.int64(ids[k]) * SPLAT)

@@ -32,13 +32,13 @@ class GroupEncoder(Protocol):
         """Number of encoded frames."""
 
     def push(self, frame: Frame) -> LiveState | None:
-        """Encodes a frame; returns the new state of the stream after the last frame of a group, else None."""
+        """Encodes a frame, and returns the new state of the stream if the frame completes a group, else None."""
 
     def restart(self) -> None:
         """Discards the frames of the incomplete group; the next frame starts a new stream."""
 
     def end(self) -> Iterable[LiveState]:
-        """Encodes the frames that are left; returns the new states of the stream."""
+        """Encodes the remaining frames, and returns the resulting states of the stream."""
 
 
 class LiveIngest:

@@ -59,7 +59,7 @@ class WaitingEvents:
             return event
 
     def empty(self) -> bool:
-        """True if no event waits."""
+        """True if the queue has no events."""
         return not self._events
 
 

@@ -182,7 +182,7 @@ class SequenceScene:
         }
 
     def keyframes(self) -> SplatScene:
-        """Returns the keyframe Gaussians as a static scene."""
+        """Returns the keyframe Gaussians of all tracks as a static scene."""
         return SplatScene(
             self.tracks.splats,
             background=self.background,

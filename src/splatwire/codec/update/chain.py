@@ -34,7 +34,7 @@ class UpdateChain:
 
     @property
     def source_digest(self) -> str:
-        """Digest of the stream that the next update must change, hexadecimal."""
+        """Digest of the stream to which the next update applies, hexadecimal."""
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:

@@ -215,6 +215,9 @@ def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
 
 
 def buckets_of(partial: ReceivedScene) -> np.ndarray:
-    """Returns the size class of each anchor, 0 for the largest, int64 (N). The entropy coder uses it as context."""
+    """Returns the size class of each anchor, 0 for the largest, int64 (N).
+
+    The entropy coder uses the class as context.
+    """
     size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -69,7 +69,7 @@ def result_tables(result: StudyResult, summaries: Sequence[Summary]) -> list[Tab
 
 
 def _with_skipped(table: Table, rows: Sequence[Row]) -> Table:
-    """Appends a row without values for each method that was not evaluated."""
+    """Appends a table row without values for each method that was not evaluated."""
     empty = ("",) * (len(table.columns) - 2)
     return replace(table, rows=(*table.rows, *((row.label, SKIPPED, *empty) for row in rows)))
 

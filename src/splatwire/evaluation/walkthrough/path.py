@@ -33,7 +33,7 @@ class Walk:
             raise InvalidValueError(f"a path takes more than 0 and at most 3600 seconds, not {self.seconds:g}")
 
     def at(self, seconds: float) -> Cameras:
-        """Returns the camera at a time."""
+        """Returns the camera of a camera path at a given time."""
         # Times outside the path are clamped.
         cameras, last = self.cameras, self.cameras.num_views - 1
         place = min(max(seconds / self.seconds, 0.0), 1.0) * last

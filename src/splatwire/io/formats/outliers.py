@@ -69,7 +69,7 @@ class Column:
 
     @property
     def others(self) -> np.ndarray:
-        """Values that are not outliers, float64 (n, C)."""
+        """Values of the column that are not outliers, float64 (n, C)."""
         return self.values[~self.outside]
 
 

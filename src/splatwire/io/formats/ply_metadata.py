@@ -98,7 +98,7 @@ def is_invalid_view(comment: str) -> bool:
 
 
 def names_up(comment: str) -> bool:
-    """True if a comment names the axis that is up."""
+    """True if a PLY comment states the up axis."""
     return named_up(comment) is not None
 
 

@@ -84,7 +84,7 @@ class PacketLosses:
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
-        """True if packet losses may be simulated in the next iteration."""
+        """True if the next training iteration may simulate packet losses."""
         return bool(self._choices) and state.iteration > self._last_lossless
 
     @property

@@ -215,7 +215,7 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """True if the training is over."""
+        """True if all iterations of the calibration have been performed."""
         # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
         # `CalibrationConfig.patience` validations without improvement. If weights are quantised
         # (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.

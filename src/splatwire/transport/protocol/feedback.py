@@ -44,7 +44,7 @@ class FeedbackTracker:
 
     @property
     def has_unreported(self) -> bool:
-        """True if datagrams were sent after the latest one that the receiver has reported."""
+        """True if datagrams were sent after the latest datagram that the receiver has reported."""
         return self.sequence - 1 > (self._last.largest if self._last else -1)
 
     def on_sent(self, num_bytes: int, now: float) -> None:

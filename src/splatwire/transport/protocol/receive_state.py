@@ -90,7 +90,7 @@ class ReceiveState:
 
     @property
     def is_live(self) -> bool:
-        """True if the stream is a live stream, or was one before it ended."""
+        """True if the stream is, or was until its end, a live stream."""
         return self._grew
 
     @property

@@ -148,7 +148,7 @@ def encode(frame: Frame) -> bytes:
 
 
 def kind_of(data: bytes) -> int:
-    """Returns the kind of a datagram without further checks, or 0 for a foreign datagram."""
+    """Returns the kind of a datagram without further checks, or 0 for a datagram of another protocol."""
     kind = data[0] & 15 if data else 0
     return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= VIEW else 0
 
