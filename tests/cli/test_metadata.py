@@ -82,6 +82,28 @@ def test_format_without_metadata_warns(run: Any, ply: Path, tmp_path: Path, capl
     assert "no place for metadata: title, author, license" in caplog.text
 
 
+def test_formats_of_gaussians_warn_of_a_lost_background(run: Any, ply: Path, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    for number in range(2):
+        write_splats([some_splats(60, 0)], tmp_path / "frames" / f"{number}.ply")
+    for words in ((), ("--background", "1", "1", "0.5")):
+        assert run("encode", ply, "-o", tmp_path / "a.swz", *words).status == 0
+        assert run("encode", tmp_path / "frames", "-o", tmp_path / "clip.swz", *words).status == 0
+        for number, command in enumerate(
+            (
+                ("decode", tmp_path / "a.swz", "-o", tmp_path / "b.ply"),
+                ("export", "sog", tmp_path / "a.swz", "-o", tmp_path / "b.sog"),
+                ("convert", tmp_path / "a.swz", tmp_path / f"tiles{len(words)}", "--to", "3dtiles"),
+                ("convert", tmp_path / "a.swz", tmp_path / f"levels{len(words)}", "--to", "streamed-sog"),
+                ("decode", tmp_path / "clip.swz", "-o", tmp_path / f"clip{len(words)}"),
+            )
+        ):
+            done = run(*command)
+            assert done.status == 0, done.err
+            text = "such files have no background colour: that of the scene (1, 1, 0.5) will be lost"
+            assert done.err.count(text) == bool(words), (number, done.err)
+
+
 def test_clips_keep_metadata_on_a_round_trip(run: Any, tmp_path: Path) -> None:
     known = SceneMetadata("Garden", "Ana", "CC0", "z", StartView((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
     (tmp_path / "frames").mkdir()

@@ -14,6 +14,7 @@ from random_numbers import Numbers
 from splatwire.io.formats import read_splats
 from splatwire.lod.tileset import ERROR_SCALE, write_tileset
 from splatwire.types import SplatScene
+from splatwire.types.metadata import SceneMetadata
 from splatwire.types.splats import Splats
 from web.node import WEB, lacking
 
@@ -43,6 +44,18 @@ def tileset(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tiles")
     report = write_tileset(SplatScene(cloud()), folder, tile=TILE)
     return folder, report, json.loads((folder / "tileset.json").read_text())
+
+
+def test_tiles_have_the_copyright_and_antialiasing_gives_a_warning(tmp_path, caplog):
+    known = SceneMetadata(title="Quay", author="Ana", license="CC BY 4.0")
+    write_tileset(SplatScene(cloud(300), antialiased=True, metadata=known), tmp_path, tile=TILE)
+    for path in tmp_path.rglob("*.glb"):
+        data = path.read_bytes()
+        assert (
+            json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["asset"]["copyright"] == "Ana, CC BY 4.0"
+        )
+    assert json.loads((tmp_path / "tileset.json").read_text())["asset"]["extras"]["title"] == "Quay"
+    assert "the request for antialiasing is in extras" in caplog.text
 
 
 def test_the_finest_tiles_hold_every_gaussian_once(tileset):

@@ -20,6 +20,7 @@ from splatwire.cli.convert import Convert
 from splatwire.cli.decode import Decode
 from splatwire.cli.encode import Encode
 from splatwire.cli.export import Export
+from splatwire.codec.background import BACKGROUND
 from splatwire.concealment import create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.kinds import STREAMS, file_kind
@@ -27,7 +28,7 @@ from splatwire.files.scene_formats import FORMATS
 from splatwire.io import drawable_scene
 from splatwire.io.formats import format_for
 from splatwire.io.formats.content import FileContent
-from splatwire.io.formats.dispatch import format_named
+from splatwire.io.formats.dispatch import format_named, warn_of_background
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.lod.tileset import TilesetReport, write_tileset
 from splatwire.sequence.frames import is_sequence, open_sequence
@@ -158,7 +159,9 @@ def _convert_sequence(path: Path, chosen: Conversion, form: SequenceFormat, *, a
     output = prepared_output(Path(chosen.output))
     with progress_bars() as report:
         if file_kind(path) in STREAMS:
-            frames, count, rate = contents_of_stream(read_stream(path)[0])
+            stream = read_stream(path)[0]
+            warn_of_background(output, BACKGROUND.of_stream(stream))
+            frames, count, rate = contents_of_stream(stream)
         else:
             sequence = open_sequence(path)
             frames, count = contents_of_sequence(sequence), sequence.num_frames

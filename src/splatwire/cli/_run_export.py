@@ -19,7 +19,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.exported import compare_export
 from splatwire.files.scene_formats import FileFormat
 from splatwire.io import drawable_scene, open_scene
-from splatwire.io.formats.dispatch import format_named, kept_facts, write_with
+from splatwire.io.formats.dispatch import format_named, kept_facts, warn_of_background, write_with
 from splatwire.io.formats.outliers import Outliers
 from splatwire.io.formats.spz_writer import FULL_BITS
 from splatwire.ops.spherical_harmonics import num_functions
@@ -108,6 +108,7 @@ def _degree(options: Export) -> int:
 
 
 def _write(options: Export, parts: Iterator[Splats], scene: Scene) -> int:
+    warn_of_background(options.output, scene.background)
     facts = kept_facts(
         _format(options),
         options.output,

@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import PlySteps, write_splats
-from splatwire.io.formats.dispatch import format_for, write_with
+from splatwire.io.formats.dispatch import format_for, warn_of_background, write_with
 from splatwire.io.formats.outliers import DEFAULT, Outliers
 from splatwire.types import LossMask, Prior, ReceivedScene, SplatCoding
 from splatwire.types.splats import Splats
@@ -63,6 +63,7 @@ def save_scene(
                 "%s: such files cannot record losses: the %d Gaussians that were lost look like received ones",
                 target, loss_mask.num_lost,
             )  # fmt: skip
+        warn_of_background(target, shown.background)
         write_splats(
             [splats],
             target,

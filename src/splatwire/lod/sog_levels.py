@@ -15,6 +15,7 @@ import numpy as np
 
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.io.formats.dispatch import warn_of_background
 from splatwire.io.formats.outliers import DEFAULT, morton_order
 from splatwire.io.formats.sog_writer import sog_files, treat_outliers
 from splatwire.lod.merging import reduce_gaussians
@@ -69,6 +70,7 @@ def write_sog_levels(
         InvalidValueError: If there is no Gaussian, or the scene has anchors.
     """
     scene = explicit_scene(scene, "streamed SOG holds")
+    warn_of_background(folder, scene.background)
     if scene.origin != NO_ORIGIN:
         LOG.warning(
             "%s: positions are relative to the scene's origin (%s), which only splatwire reads from SOG",

@@ -13,12 +13,13 @@ import numpy as np
 from splatwire.bitstream.tiles import parents_of
 from splatwire.errors import InvalidValueError
 from splatwire.files.atomic_write import atomic_write
+from splatwire.io.formats.dispatch import warn_of_antialiasing_in_extras, warn_of_background
 from splatwire.io.formats.gltf import GLTF_FLIPS
 from splatwire.io.formats.gltf_writer import write_gltf
 from splatwire.lod.building import build_levels
 from splatwire.lod.tiles import level_shapes
 from splatwire.types import Scene, SplatScene
-from splatwire.types.metadata import metadata_to_json
+from splatwire.types.metadata import SceneMetadata, metadata_to_json
 from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
 from splatwire.types.splats import Splats
 from splatwire.version import __version__
@@ -76,6 +77,10 @@ def write_tileset(
         InvalidValueError: If there is no Gaussian, or the scene has anchors.
     """
     scene = explicit_scene(scene, "3D Tiles hold")
+    warn_of_background(folder, scene.background)
+    if scene.antialiased:
+        warn_of_antialiasing_in_extras(folder)
+    credit = SceneMetadata(author=scene.metadata.author, license=scene.metadata.license)
     report = progress or (lambda share: None)
     built = build_levels(scene, tile, lambda share: report(share / 2))
     shapes = level_shapes(scene.num_elements, tile)
@@ -90,7 +95,7 @@ def write_tileset(
             name = f"{CONTENTS}/{level}_{number}.glb"
             path = folder / name
             path.parent.mkdir(exist_ok=True)
-            write_gltf([run], path, antialiased=scene.antialiased)
+            write_gltf([run], path, antialiased=scene.antialiased, metadata=credit)
             num_bytes += path.stat().st_size
             nodes.append(_node(run, ERROR_SCALE * float(built.errors[first + number]), name))
             written += 1
@@ -132,8 +137,9 @@ def explicit_scene(scene: Scene, holder: str) -> SplatScene:
     if rows.complete:
         return scene
     return SplatScene(
-        scene.splats.gathered(rows.kept), antialiased=scene.antialiased, origin=scene.origin, metadata=scene.metadata
-    )
+        scene.splats.gathered(rows.kept), background=scene.background, antialiased=scene.antialiased,
+        origin=scene.origin, metadata=scene.metadata,
+    )  # fmt: skip
 
 
 def _document(root: dict[str, Any], scene: SplatScene) -> dict[str, Any]:

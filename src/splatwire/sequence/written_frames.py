@@ -13,6 +13,7 @@ from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import format_for, write_splats
+from splatwire.io.formats.dispatch import warn_of_background
 from splatwire.io.formats.outliers import Outliers
 from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.sequence.decoding import SequenceFrame, decode_frame, decode_frames
@@ -75,6 +76,7 @@ def write_frames(
     format_for(f"x{suffix}")
     sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
     count = sequence.timeline.num_frames
+    warn_of_background(folder, sequence.background)
     shown = (
         [decode_frame(sequence, frame_number, method)] if frame_number is not None else decode_frames(sequence, method)
     )

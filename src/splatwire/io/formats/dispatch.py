@@ -47,6 +47,7 @@ from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, 
 from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.io.formats.ply_steps import PlySteps
 from splatwire.plugins import source_of
+from splatwire.types.background import BLACK, Background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
 from splatwire.types.splats import Splats
@@ -356,7 +357,7 @@ def kept_facts(
     if antialiased and "antialiased" in form.keeps:
         facts["antialiased"] = True
     if antialiased and form.name == "glb":
-        LOG.warning("%s: the request for antialiasing is in extras, which other programs do not read", path)
+        warn_of_antialiasing_in_extras(path)
     elif antialiased and "antialiased" not in form.keeps:
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
     if origin != NO_ORIGIN and "origin" in form.keeps:
@@ -372,6 +373,20 @@ def kept_facts(
     elif known:
         LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(known))
     return facts
+
+
+def warn_of_antialiasing_in_extras(path: Path) -> None:
+    """Logs a warning that other programs draw an antialiased scene in glTF without antialiasing."""
+    LOG.warning("%s: the request for antialiasing is in extras, which other programs do not read", path)
+
+
+def warn_of_background(path: Path, background: Background) -> None:
+    """Logs a warning if a scene has a background colour, which no file of explicit Gaussians holds."""
+    if background != BLACK:
+        LOG.warning(
+            "%s: such files have no background colour: that of the scene (%s) will be lost",
+            path, ", ".join(f"{value:.3g}" for value in background),
+        )  # fmt: skip
 
 
 @checked
