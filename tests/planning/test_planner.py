@@ -19,10 +19,10 @@ SHARES = np.array([0.0, 0.2, 1.0])
 
 @pytest.fixture
 def load() -> StreamLoad:
-    """A stream of 300 packets, a tenth of them in tier 0, and 60 kB of side information."""
+    """A stream of 150 packets, a tenth of them in tier 0, and 30 kB of side information."""
     rng = np.random.default_rng(0)
     return StreamLoad(
-        60_000, rng.integers(900, 1150, 300), rng.integers(20, 60, 300), np.repeat([0, 1, 2], [30, 70, 200])
+        30_000, rng.integers(900, 1150, 150), rng.integers(20, 60, 150), np.repeat([0, 1, 2], [15, 35, 100])
     )
 
 
@@ -44,8 +44,8 @@ def test_lossless_transfer_delivers_everything(load: StreamLoad) -> None:
 
 def test_transfer_model_contains_each_datagram_once(load: StreamLoad) -> None:
     model = model_transfer(load, Protection(side_repair=0.5, tier_repair=(0.5, 0.25)))
-    assert sorted(model.symbol[model.kind == DATA]) == list(range(300))
-    assert (model.kind == PARITY).sum() == 15 + 18
+    assert sorted(model.symbol[model.kind == DATA]) == list(range(150))
+    assert (model.kind == PARITY).sum() == 8 + 9
     source = sum(model.segment_sizes)
     assert (model.kind == SIDE).sum() == source + round(0.5 * source)
     assert sum(model.bytes_by_kind().values()) == model.num_bytes.sum()
@@ -90,12 +90,12 @@ def test_simulation_equals_explicit_counting(load: StreamLoad, loss: str, share:
 
 
 def test_shares_of_lost_anchors_follow_the_lost_packets(load: StreamLoad) -> None:
-    packets = np.ones((2, 300), dtype=np.bool_)
-    packets[0, :30] = False
-    packets[1, 30] = False
+    packets = np.ones((2, 150), dtype=np.bool_)
+    packets[0, :15] = False
+    packets[1, 15] = False
     lost = lost_fractions(load, packets)
     assert lost[0].tolist() == [1.0, 0.0, 0.0]
-    assert lost[1, 1] == pytest.approx(load.elements[30] / load.elements[30:100].sum())
+    assert lost[1, 1] == pytest.approx(load.elements[15] / load.elements[15:50].sum())
 
 
 def test_larger_budget_is_never_worse_and_protects_important_tiers_first(
@@ -109,9 +109,9 @@ def test_larger_budget_is_never_worse_and_protects_important_tiers_first(
     assert plans[1].psnr <= plans[2].psnr + 0.05
     assert plans[2].lost == (0.0, 0.0, 0.0)
     for plan in plans:
-        inside = round(plan.protection.head_share * 300)
-        assert inside in (0, 30, 100)  # whole tiers
-        repair = plan.protection.tier_repair[(0, 30, 100).index(inside) :]
+        inside = round(plan.protection.head_share * 150)
+        assert inside in (0, 15, 50)  # whole tiers
+        repair = plan.protection.tier_repair[(0, 15, 50).index(inside) :]
         assert list(repair) == sorted(repair, reverse=True)
         assert plan.lost[0] < 0.02  # without parity a fifth would be lost
     assert plans[0].sent_bytes <= _budget(load, 1.1)
@@ -139,26 +139,26 @@ def test_protection_limit_also_binds_side_information(load: StreamLoad, damage: 
 
 
 def test_budget_below_the_side_information_gives_the_blank_quality(load: StreamLoad, damage: DistortionModel) -> None:
-    plan = plan_protection([StreamVariant(load, damage)], Bernoulli(0.2), budget_bytes=30_000, trials=20)
+    plan = plan_protection([StreamVariant(load, damage)], Bernoulli(0.2), budget_bytes=15_000, trials=20)
     assert plan.head_arrives == 0.0
     assert plan.psnr == pytest.approx(-10 * np.log10(BLANK_MSE))
 
 
 def test_preview_counts_as_bytes_and_as_the_lowest_quality(load: StreamLoad, damage: DistortionModel) -> None:
     budget = _budget(load, 1.3)
-    shown = StreamVariant(load, damage, concealment_bytes=900, preview_bytes=1000, blank_psnr=20.0)
+    shown = StreamVariant(load, damage, concealment_bytes=450, preview_bytes=500, blank_psnr=20.0)
     for limit, loss in ((1.0, 0.0), (0.04, 0.2)):
         with_preview, plain = (
             plan_protection([offer], Bernoulli(loss), budget_bytes=budget, trials=20, max_protection=limit)
             for offer in (shown, StreamVariant(load, damage))
         )
-        assert with_preview.concealment_bytes == 1900
+        assert with_preview.concealment_bytes == 950
         assert with_preview.protection_share <= limit
         assert with_preview.sent_bytes <= budget
         if loss:
             assert plain.head_arrives < 0.999
             assert with_preview.psnr > plain.psnr
-    nothing = plan_protection([shown], Bernoulli(0.2), budget_bytes=30_000, trials=20)
+    nothing = plan_protection([shown], Bernoulli(0.2), budget_bytes=15_000, trials=20)
     assert nothing.psnr == pytest.approx(20.0)
     with pytest.raises(InvalidValueError, match="preview"):
         StreamVariant(load, damage, preview_bytes=-1)
@@ -205,7 +205,7 @@ def test_close_plans_are_decided_by_rendering(load: StreamLoad, damage: Distorti
     )
     assert 0 < len(seen) <= 6 * 3
     assert drawn.psnr != curves.psnr
-    assert drawn.psnr == pytest.approx(30.0 - 10.0 * np.average(drawn.lost, weights=[30, 70, 200]), abs=0.5)
+    assert drawn.psnr == pytest.approx(30.0 - 10.0 * np.average(drawn.lost, weights=[15, 35, 100]), abs=0.5)
 
 
 def test_best_of_several_streams_is_chosen(load: StreamLoad, damage: DistortionModel) -> None:
@@ -216,18 +216,18 @@ def test_best_of_several_streams_is_chosen(load: StreamLoad, damage: DistortionM
 
 
 def test_concealment_bytes_count_as_protection(load: StreamLoad, damage: DistortionModel) -> None:
-    offer = StreamVariant(load, damage, concealment_bytes=20_000)
+    offer = StreamVariant(load, damage, concealment_bytes=10_000)
     plan = plan_protection([offer], NoLoss(), budget_bytes=_budget(load, 2.0), trials=5)
-    assert plan.protection_bytes == 20_000
+    assert plan.protection_bytes == 10_000
     with pytest.raises(InvalidValueError, match=r"below 1\.0%"):
         plan_protection([offer], NoLoss(), budget_bytes=1e7, trials=5, max_protection=0.01)
-    with pytest.raises(InvalidValueError, match="in a head object of 60000"):
-        StreamVariant(load, damage, concealment_bytes=60_001)
+    with pytest.raises(InvalidValueError, match="in a head object of 30000"):
+        StreamVariant(load, damage, concealment_bytes=30_001)
 
 
 def test_baselines_are_compared_with_the_planned_allocations(load: StreamLoad, damage: DistortionModel) -> None:
     """If all packets are equally important, equal parity for all is the best plan."""
-    flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
+    flat = dataclasses.replace(load, tiers=np.zeros(150, dtype=np.int64))
     alike = DistortionModel(SHARES, damage.mse[:1], 1e-3)
     budget = _budget(flat, 1.35)
     traces = draw_transfer_losses([StreamVariant(flat, alike)], Bernoulli(0.2), 200, 0)
@@ -244,7 +244,7 @@ def test_baselines_are_compared_with_the_planned_allocations(load: StreamLoad, d
 
 def test_baseline_is_chosen_without_a_clear_gain_of_another_plan(load: StreamLoad) -> None:
     """A small difference of rendered quality does not justify leaving the plain plan."""
-    flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
+    flat = dataclasses.replace(load, tiers=np.zeros(150, dtype=np.int64))
     tiered_mse = np.outer([3e-3, 6e-4, 1e-4], SHARES)
 
     def offers(gain: float) -> list[StreamVariant]:
@@ -270,9 +270,9 @@ def test_tiers_are_interleaved_over_the_transfer(load: StreamLoad) -> None:
     )
 
     def last_of_tier_0(model: TransferModel) -> float:
-        return float(np.flatnonzero((model.kind == DATA) & (model.symbol < 30)).max() / len(model.kind))
+        return float(np.flatnonzero((model.kind == DATA) & (model.symbol < 15)).max() / len(model.kind))
 
     assert last_of_tier_0(plain) < 0.2 < 0.45 < last_of_tier_0(half) < 0.85 < 0.95 < last_of_tier_0(mixed)
     for model in (half, mixed):
         assert model.bytes_by_kind() == plain.bytes_by_kind()
-        assert sorted(model.symbol[model.kind == DATA]) == list(range(300))
+        assert sorted(model.symbol[model.kind == DATA]) == list(range(150))

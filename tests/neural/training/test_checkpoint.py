@@ -17,6 +17,9 @@ from splatwire.neural.training.step import TrainingStep
 
 pytestmark = pytest.mark.slow
 
+LAST = 52
+"""Iterations of a run without losses."""
+
 
 def _train(state: TrainState, dataset: Dataset, config: TrainConfig, last: int) -> None:
     photos, step = PhotoStore(dataset, torch.device("cpu")), TrainingStep(config, dataset.cameras)
@@ -34,14 +37,32 @@ def _tensors(state: TrainState) -> dict[str, torch.Tensor]:
     return values | {"bounds_min": state.bounds_min, "bounds_max": state.bounds_max}
 
 
+@pytest.fixture(scope="module")
+def straight(dataset: Dataset, config: TrainConfig) -> TrainState:
+    """State of an uninterrupted run without losses."""
+    state = initial_state(dataset, config)
+    _train(state, dataset, config, LAST)
+    return state
+
+
+@pytest.fixture(scope="module")
+def saved(dataset: Dataset, config: TrainConfig, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A checkpoint whose context is trained."""
+    path, state = tmp_path_factory.mktemp("saved") / "run.checkpoint", initial_state(dataset, config)
+    _train(state, dataset, config, 38)
+    save_checkpoint(state, config, path)
+    return path.read_bytes()
+
+
 @pytest.mark.parametrize(("pause", "losses"), [(5, ()), (30, ()), (45, ()), (53, ("bernoulli:0.3", "gilbert:0.3,3"))])
 def test_resumed_run_equals_an_uninterrupted_run(
-    pause: int, losses: tuple[str, ...], dataset: Dataset, config: TrainConfig, tmp_path: Path
+    pause: int, losses: tuple[str, ...], dataset: Dataset, config: TrainConfig, straight: TrainState, tmp_path: Path
 ) -> None:
     config = dataclasses.replace(config, losses=LossTraining(losses))
-    last = 58 if losses else 52
-    straight = initial_state(dataset, config)
-    _train(straight, dataset, config, last)
+    last = LAST + 6 if losses else LAST
+    if losses:
+        straight = initial_state(dataset, config)
+        _train(straight, dataset, config, last)
     interrupted = initial_state(dataset, config)
     _train(interrupted, dataset, config, pause)
     save_checkpoint(interrupted, config, tmp_path / "run.checkpoint")
@@ -94,13 +115,9 @@ def test_other_files_are_refused_as_checkpoints(dataset: Dataset, config: TrainC
 
 
 @pytest.mark.parametrize("name", ["parameters.features", "first.prior.hidden.bias", "generator", "statistics.visits"])
-def test_missing_misshapen_and_infinite_tensors_are_refused(
-    name: str, dataset: Dataset, config: TrainConfig, tmp_path: Path
-) -> None:
+def test_missing_misshapen_and_infinite_tensors_are_refused(name: str, saved: bytes, tmp_path: Path) -> None:
     path = tmp_path / "run.checkpoint"
-    state = initial_state(dataset, config)
-    _train(state, dataset, config, 38)
-    save_checkpoint(state, config, path)
+    path.write_bytes(saved)
     from safetensors import safe_open
 
     with safe_open(path, framework="pt") as file:

@@ -10,7 +10,15 @@ from splatwire.anchors.scene_file import load_scene, save_scene
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError, DivergedError, InvalidValueError
-from splatwire.neural.training import Listener, Progress, QualityReport, RunOptions, load_checkpoint, train_scene
+from splatwire.neural.training import (
+    Listener,
+    Progress,
+    QualityReport,
+    RunOptions,
+    TrainResult,
+    load_checkpoint,
+    train_scene,
+)
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
@@ -43,6 +51,12 @@ def trained(dataset: Dataset, config: TrainConfig) -> tuple[float, list[Progress
     return before, news, reports, train
 
 
+@pytest.fixture(scope="module")
+def straight(dataset: Dataset, config: TrainConfig) -> TrainResult:
+    """An uninterrupted run on all views, without callbacks."""
+    return train_scene(dataset, None, config)
+
+
 def test_training_improves_pictures(
     trained: tuple[float, list[Progress], list[QualityReport], Dataset],
 ) -> None:
@@ -64,20 +78,21 @@ def test_progress_reports_size_once_the_context_is_trained(
 
 
 def test_trained_scene_round_trips_through_file_and_codec(
-    dataset: Dataset, config: TrainConfig, tmp_path: Path
+    dataset: Dataset, straight: TrainResult, tmp_path: Path
 ) -> None:
-    result = train_scene(dataset, None, config)
-    assert result.test is None
-    save_scene(result.scene, tmp_path / "scene.splat")
+    assert straight.test is None
+    save_scene(straight.scene, tmp_path / "scene.splat")
     scene = load_scene(tmp_path / "scene.splat")
-    assert np.array_equal(scene.anchors.features, result.scene.anchors.features)
+    assert np.array_equal(scene.anchors.features, straight.scene.anchors.features)
     decoded = decode_stream(encode_scene(scene)).scene
     assert decoded.anchors.num_anchors == scene.anchors.num_anchors
     kept = assess_scene(decoded, dataset, 8, 0).psnr
     assert kept > assess_scene(scene, dataset, 8, 0).psnr - 1.0
 
 
-def test_stopped_run_leaves_a_resumable_checkpoint(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> None:
+def test_stopped_run_leaves_a_resumable_checkpoint(
+    dataset: Dataset, config: TrainConfig, straight: TrainResult, tmp_path: Path
+) -> None:
     path, seen = tmp_path / "run.checkpoint", []
     listener = Listener(progress=seen.append, should_stop=lambda: len(seen) == 10)
     stopped = train_scene(dataset, None, config, options=RunOptions(checkpoint=path), listener=listener)
@@ -85,18 +100,18 @@ def test_stopped_run_leaves_a_resumable_checkpoint(dataset: Dataset, config: Tra
     state, recipe = load_checkpoint(path)
     assert state.iteration == 10
     resumed = train_scene(dataset, None, recipe, state=state)
-    straight = train_scene(dataset, None, config)
     assert not resumed.stopped
     assert np.array_equal(resumed.scene.anchors.features, straight.scene.anchors.features)
     with pytest.raises(DatasetError, match="more training views"):
         train_scene(dataset.select([0, 1]), None, recipe, state=load_checkpoint(path)[0])
 
 
-def test_preview_callbacks_do_not_change_the_result(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> None:
-    plain = train_scene(dataset, None, config)
+def test_preview_callbacks_do_not_change_the_result(
+    dataset: Dataset, config: TrainConfig, straight: TrainResult, tmp_path: Path
+) -> None:
     options = RunOptions(tmp_path / "run.checkpoint", checkpoint_interval=7, test_interval=9)
     watched = train_scene(dataset, dataset.select([2]), config, options=options)
-    assert np.array_equal(plain.scene.anchors.features, watched.scene.anchors.features)
+    assert np.array_equal(straight.scene.anchors.features, watched.scene.anchors.features)
     assert watched.test is not None
 
 
