@@ -1,8 +1,10 @@
 """The element on a third-party page: it releases resources, survives moves and lost links, and reports its state."""
 
 import asyncio
+import base64
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from explicit import encode_splats
@@ -11,6 +13,7 @@ from splatwire.bitstream import Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.packet import make_packet
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.preview import MOST_LEVELS, Preview, PreviewFrame, write_preview
 from splatwire.lod import encode_levels
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.types import SplatScene
@@ -33,6 +36,7 @@ NAMED = f'{SCRIPT}<splat-wire src="ball.swz" panel="open" aria-label="Our yard" 
 PAGES = {"named": NAMED, "one": ONE, "none": NONE, "broken": BROKEN, "late": LATE}
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
 DRAWN = "[...document.querySelectorAll('splat-wire')].filter((one) => one.view)"
+NEXT_FRAMES = "new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)))"
 LOADED = "events.find(([kind]) => kind === 'load')"
 MAKE = "(() => {{const made = document.createElement('splat-wire'); made.src = '{src}'; \
 made.style.height = '6rem'; document.querySelector('{where}').append(made); return true}})()"
@@ -92,13 +96,17 @@ def test_removed_elements_release_all_resources(stream: SceneStream) -> None:
         page.wait_for("customElements.get('splat-wire')")
         page.evaluate("window.theirs = document.querySelector('#theirs').getContext('webgl2'); 0")
         left: list[dict[str, int]] = []
+        kept = "window.kept"  # by the page, also when it is removed
         for n in range(18):
             made(page)
             page.wait_for(f"{ELEMENT}.view?.shows && {LOADED}")
             if n == 0:
                 assert page.evaluate("alive()") == {"contexts": 2, "workers": 2, "urls": 2, "observers": 2}
-            page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
+            page.evaluate(f"{kept} = {ELEMENT}; {kept}.addEventListener('camerachange', () => (window.moved = true))")
+            page.evaluate(f"{kept}.view.orbit.yaw += 1; {kept}.remove(); events.length = 0")
             page.wait_for("window.workers === 0")
+            page.resolve(NEXT_FRAMES)
+            assert page.evaluate(f"[{kept}.shadowRoot.childElementCount, !!window.moved]") == [0, False]
             assert page.evaluate("alive()") == {"contexts": 1, "workers": 0, "urls": 2, "observers": 0}
             left.append({name: count for name, count in page.alive().items() if name != "JSHeapUsedSize"})
         assert left[0]["WorkerGlobalScopes"] == 0
@@ -106,6 +114,28 @@ def test_removed_elements_release_all_resources(stream: SceneStream) -> None:
             counts = [one[name] for one in left]
             assert min(counts[9:]) <= max(counts[:9]), (name, counts)
         assert page.evaluate("window.theirs.isContextLost()") is False
+
+    hosted(stream, work)
+
+
+def test_previews_of_small_scenes_are_drawn(stream: SceneStream) -> None:
+    """An element without an answer and a thumbnail paint the Gaussians of the preview, not only the background."""
+    levels = np.random.default_rng(1).integers(0, 1 + np.array(MOST_LEVELS), (90, len(MOST_LEVELS)))
+    frame = PreviewFrame.fitting((1e-3, 0.0, 0.0), 1e-3, [-1.2, -1.2, -1.2, -2.5], [1.2, 1.2, 1.2, -1.0])
+    data = base64.b64encode(write_preview(Preview(frame, (0, 0, 0), levels))).decode()
+    colours = """(canvas) => canvas?.width > 1 && new Set(canvas.getContext("2d").getImageData(
+        0, 0, canvas.width, canvas.height).data).size"""
+
+    def work(host: Host, page: Browser) -> None:
+        host.deliver = lambda request, body: 0
+        page.open(f"{host.url}none")
+        page.wait_for("customElements.get('splat-wire')")
+        page.evaluate(
+            f"""document.querySelector("#a").innerHTML = `<splat-wire src="ball.swz" preview="{data}"></splat-wire>
+            <splat-wire-preview data="{data}"></splat-wire-preview>`"""
+        )
+        for canvas in (f"{ELEMENT}.shadowRoot.querySelector('.first')", "document.querySelector('#a canvas')"):
+            assert page.wait_for(f"({colours})({canvas})") > 50, canvas
 
     hosted(stream, work)
 

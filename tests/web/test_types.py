@@ -18,6 +18,7 @@ OTHERS = {
 ELEMENT = """
 import "splatwire";
 import type { SplatWire } from "splatwire";
+import { Clip } from "splatwire/clip";
 import { BitstreamError, decode, decodeClip, receive } from "splatwire/decoder";
 
 const element: SplatWire = document.querySelector("splat-wire")!;
@@ -31,6 +32,7 @@ element.addEventListener("their-own", { handleEvent: (event: Event) => console.l
 element.addEventListener("error", ({ detail }) => console.log(detail.retryMs));
 export const shown = decode(new Uint8Array(), { frame: 3 }).then(({ gaussians }) => gaussians.centres);
 export const frames = decodeClip(new Uint8Array()).then((clip) => clip.frame(0).count * clip.clip.rate);
+export const opened = Clip.open("/clip.swz").then((clip) => [clip.duration, clip.update()?.packed.count]);
 export const failed = (error: unknown): boolean => error instanceof BitstreamError;
 for await (const { gaussians, clip } of receive("/scene.swz")) console.log(gaussians.count, clip?.numFrames);
 """

@@ -20,6 +20,9 @@ export interface ClipOptions {
   readonly signal?: AbortSignal;
 }
 
+/** Interval at which a playing clip checks whether it has ended, milliseconds: a hidden page takes no frames. */
+const CHECK_MS = 250;
+
 /** A decoded frame, in the layout of GPU textures. */
 export interface ClipFrame {
   /** Number of the frame, from 0. */
@@ -42,6 +45,8 @@ export class Clip extends EventTarget {
   loop = false;
   readonly #clock: FrameClock;
   #paused = true;
+  /** Checks the end while the clip plays. */
+  #checks: ReturnType<typeof setInterval> | undefined;
   /** Last arrived frame, until `update` returns it. */
   #arrived: ClipFrame | null = null;
   /** Number of the frame that arrived last, also if it was empty; -1 before the first one. */
@@ -145,12 +150,13 @@ export class Clip extends EventTarget {
     if (this.ended && !this.live) this.#clock.seek(0);
     this.#paused = false;
     this.#clock.play(now);
+    this.#checks ??= setInterval(() => this.#due(performance.now() / 1000), CHECK_MS);
   }
 
   pause(): void {
     const now = performance.now() / 1000;
     this.#due(now); // brings the time into the present lap
-    this.#paused = true;
+    this.#stop();
     this.#clock.pause(now);
   }
 
@@ -189,10 +195,16 @@ export class Clip extends EventTarget {
   #due(now: number): number | null {
     const due = this.#clock.due(now, this.loop);
     if (!this.#paused && this.ended) {
-      this.#paused = true;
+      this.#stop();
       this.dispatchEvent(new CustomEvent("ended"));
     }
     return due;
+  }
+
+  #stop(): void {
+    this.#paused = true;
+    clearInterval(this.#checks);
+    this.#checks = undefined;
   }
 
   #request(number: number): void {

@@ -1,6 +1,7 @@
 // Frames of clips and live clips, decoded in the worker for the page.
 
 import type { DecodedFrame } from "./codec/schema.ts";
+import { emptySplats } from "./codec/splats.ts";
 import type { Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
@@ -52,8 +53,10 @@ export class SequenceFrames {
       own = place?.number ?? number,
       { shown, count } = this.#shownMotion(sequence.packets, choice),
       frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer));
-    const packed = pack(frame ? [frame.splats] : [], decoder.schema.degree, size),
-      { antialiased } = decoder,
+    const { antialiased, schema } = decoder,
+      // no Gaussians mean that none has arrived; an invisible one is an empty frame
+      splats = frame?.isWhole && !frame.splats.count ? emptySplats(1, schema.degree) : frame?.splats,
+      packed = pack(splats ? [splats] : [], schema.degree, size),
       drawMs = performance.now() - began;
     this.post(
       { kind: "frame", number, packed, antialiased, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },

@@ -2,7 +2,6 @@
 
 import { BitstreamError } from "./bytes.ts";
 import type { GaussianSchema } from "./codec/gaussians/schema.ts";
-import { readPreview } from "./codec/preview.ts";
 import type { Splats } from "./codec/splats.ts";
 import { headerOf, readUpdate, type SceneUpdate } from "./codec/update/update.ts";
 import { UpdatedScene } from "./codec/update/updated_scene.ts";
@@ -11,6 +10,7 @@ import { type DecodedBatch, type HelperThread, numHelpers, PacketPool } from "./
 import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
+import { packPreview } from "./render/packed_preview.ts";
 import { delay, nextTask, type Pause, periodicPause, SLICE_MS } from "./scheduler.ts";
 import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
@@ -113,9 +113,8 @@ export class WorkerReceiver implements Receiver {
   /** Shows a preview. An invalid one is reported but is no failure. */
   preview(bytes: Uint8Array): void {
     try {
-      const { splats, background } = readPreview(bytes),
-        packed = pack([splats], 0, 1);
-      post({ kind: "preview", packed, background }, buffersOf(packed));
+      const preview = packPreview(bytes);
+      post({ kind: "preview", ...preview }, buffersOf(preview.packed));
     } catch (error) {
       post({ kind: "note", text: (error as Error).message });
     }

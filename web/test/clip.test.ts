@@ -29,7 +29,9 @@ async function opened(
   const opening = Clip.open("https://scenes.example/a.swz");
   const worker = await workerOf(opening);
   worker.send({ kind: "facts", facts: factsOf(sequence) });
-  return [await opening, worker, (ms) => (now = ms)];
+  const clip = await opening;
+  t.after(() => clip.close());
+  return [clip, worker, (ms) => (now = ms)];
 }
 
 /** Waits for the worker of a clip that is being opened. */
@@ -86,6 +88,32 @@ test("a clip ends once, also if it is paused after its last frame and before the
     clip.play();
     assert.deepEqual([clip.ended, clip.paused, clip.currentTime], [false, false, 0]);
     t.mock.restoreAll();
+  }
+});
+
+test("a clip ends although no frames are taken, as in a hidden page", async (t) => {
+  t.mock.timers.enable({ apis: ["setInterval"] });
+  for (const [sequence, expected] of [
+    [TIMING, ["ended"]],
+    [{ ...TIMING, live: true }, ["ended"]],
+  ] as const) {
+    const [clip, worker, at] = await opened(t, sequence),
+      events = heard(clip);
+    worker.send({ kind: "playable", begin: 0, end: 20, late: 0 });
+    clip.update();
+    frame(worker, 0);
+    clip.play();
+    worker.send({ kind: "finished", text: "complete", complete: true });
+    for (const [ms, some] of [
+      [1000, []],
+      [5000, expected],
+      [9000, expected],
+    ] as const) {
+      at(ms);
+      t.mock.timers.tick(1000);
+      assert.deepEqual(events, some);
+      assert.equal(clip.paused, some.length > 0);
+    }
   }
 });
 

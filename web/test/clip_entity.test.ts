@@ -3,33 +3,17 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 
-import { type AppBase, Entity, EventHandler, NullGraphicsDevice } from "playcanvas";
+import { type AppBase, Entity, EventHandler } from "playcanvas";
 
 import type { Clip } from "../src/clip.ts";
 import { ClipEntity } from "../src/integrations/playcanvas_clip.ts";
 import type { GpuGaussians } from "../src/render/gpu_gaussians.ts";
 import { pack } from "../src/render/packed.ts";
+import { deviceOf } from "./null_device.ts";
 
 /** Layer of the entity, and another one. */
 const WORLD = { id: 0 },
   OTHER = { id: 7 };
-
-/** A device that draws nothing. */
-function deviceOf(): NullGraphicsDevice {
-  const device = new NullGraphicsDevice({ width: 1, height: 1, getBoundingClientRect: () => ({}) } as never),
-    nothing = (): undefined => undefined;
-  return Object.assign(device, {
-    isWebGL2: true,
-    gl: { texSubImage2D: nothing },
-    ...Object.fromEntries(
-      ["setTexture", "activeTexture", "bindTexture", "setUnpackFlipY", "setUnpackPremultiplyAlpha"].map((name) => [
-        name,
-        nothing,
-      ]),
-    ),
-    setUnpackAlignment: nothing,
-  });
-}
 
 /** Reports of a camera that draws a layer: the layer, and whether it has sorted the newest frame. */
 type Report = readonly [{ readonly id: number }, boolean];

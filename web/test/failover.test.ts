@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { BitstreamError } from "../src/bytes.ts";
 import type { Listener } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
@@ -177,10 +178,10 @@ test("few handshakes fail in one attempt, because each failure delays the next o
   }
 });
 
-test("a session whose datagrams can no longer be sent ends without waiting for them", async () => {
+test("sessions are closed, also if datagrams can no longer be sent, and after an error", async () => {
   const world = globalThis as Record<string, unknown>,
     random = crypto.getRandomValues;
-  let isClosed = false,
+  let numClosed = 0,
     said = 0;
   const stuck = (): Promise<void> => {
     said++;
@@ -198,7 +199,7 @@ test("a session whose datagrams can no longer be sent ends without waiting for t
       return Promise.resolve({ readable: new ReadableStream(), writable: new WritableStream() });
     }
     close(): void {
-      isClosed = true;
+      numClosed++;
     }
   };
   crypto.getRandomValues = <T>(numbers: T): T => {
@@ -215,8 +216,13 @@ test("a session whose datagrams can no longer be sent ends without waiting for t
     const ended = receiveDatagrams(SESSION, "a", listener);
     const late = new Promise((done) => setTimeout(done, 10_000, "late").unref());
     assert.equal(await Promise.race([ended, late]), "stopped");
-    assert.ok(isClosed);
+    assert.equal(numClosed, 1);
     assert.ok(said > 3);
+    const counts = (): void => {
+      throw new BitstreamError("the listener cannot read this stream");
+    };
+    await assert.rejects(receiveDatagrams(SESSION, "a", { ...listener, counts, stopped: () => false }), /cannot read/);
+    assert.equal(numClosed, 2);
   } finally {
     delete world["WebTransport"];
     crypto.getRandomValues = random;

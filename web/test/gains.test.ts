@@ -43,6 +43,18 @@ test("requests for arriving packets wait longer for answers each time, so that a
   mock.timers.reset();
 });
 
+test("gains are requested again after a time without a scene that has them", () => {
+  let requests = 0;
+  mock.timers.enable({ apis: ["setTimeout"] });
+  const gains = new GainsRequests(() => requests++); // a clip makes no request of it
+  for (let n = 1; n < 4; n++) {
+    gains.soon();
+    mock.timers.tick(20_000);
+    assert.equal(requests, n);
+  }
+  mock.timers.reset();
+});
+
 test("gains are computed once all received packets are decoded, and only for the last request", async () => {
   const said: FromWorker[] = [],
     container = new ContainerReader(),

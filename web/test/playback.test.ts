@@ -1,7 +1,7 @@
 // Playback of the page before a stream arrives: what was requested holds for clips, live clips and stills.
 
 import assert from "node:assert/strict";
-import test from "node:test";
+import { mock, test } from "node:test";
 
 import type { Panel } from "../src/page/panel.ts";
 import { SequencePlayback } from "../src/page/sequence_playback.ts";
@@ -63,4 +63,31 @@ test("a still takes no request along to the clip that replaces it", () => {
   early.begin(CLIP, true);
   assert.deepEqual([early.paused, early.currentTime], [true, 0]);
   early.destroy();
+});
+
+test("a player that is removed while a frame is drawn does not go on when the frame is announced", () => {
+  let now = 0;
+  mock.method(performance, "now", () => now);
+  mock.timers.enable({ apis: ["setTimeout"] });
+  for (const [end, expected] of [
+    [() => undefined, [0, 10]],
+    [(playing: SequencePlayback) => playing.destroy(), [0]],
+  ] as const) {
+    const requests: number[] = [],
+      playing = new SequencePlayback(
+        () => anything as unknown as Panel,
+        (number) => requests.push(number),
+        { playing: true },
+      );
+    now = 0;
+    playing.begin(CLIP, true);
+    end(playing);
+    playing.shown(0);
+    now = 1000;
+    mock.timers.tick(1000);
+    assert.deepEqual(requests, expected);
+    playing.destroy();
+  }
+  mock.timers.reset();
+  mock.restoreAll();
 });

@@ -10,6 +10,8 @@ const VERSION = 1,
 export interface Preview {
   readonly splats: Splats;
   readonly background: readonly [number, number, number];
+  /** Size of the scene's main part, world units. */
+  readonly spread: number;
 }
 
 export function readPreview(bytes: Uint8Array): Preview {
@@ -48,5 +50,5 @@ export function readPreview(bytes: Uint8Array): Preview {
     splats.quats[4 * i] = 1;
     splats.opacities[i] = 1 / 32 + (opacity * 30) / 32;
   }
-  return { splats, background };
+  return { splats, background, spread };
 }

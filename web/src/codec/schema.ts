@@ -40,6 +40,8 @@ export interface DecodedFrame {
   readonly splats: Splats;
   /** Number of elements with estimated motion. */
   readonly concealed: number;
+  /** True if all packets of its group have arrived. */
+  readonly isWhole: boolean;
 }
 
 /** Decoded packet of explicit Gaussians: its integers, and the Gaussians made of them. */

@@ -43,7 +43,7 @@ export class SwzParser {
       gone = (): boolean => stop.signal.aborted || !(this.app.graphicsDevice as GraphicsDevice | null);
     asset?.once("unload", () => stop.abort());
     const file = (asset?.file as { contents?: BufferSource | Promise<Response | ArrayBuffer> } | null)?.contents,
-      options = { concealer: "grow", ...this.options };
+      options = { ...this.options, concealer: this.options.concealer ?? "grow" };
     if (file) {
       const there = await file,
         bytes = there instanceof Response ? await there.arrayBuffer() : there;

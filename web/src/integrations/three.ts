@@ -51,7 +51,8 @@ function harmonicsOf({ count, degree, harmonics }: Gaussians, length: number): R
 /** Loads a whole stream. The default concealer is `grow`. */
 export async function loadSplats(url: string | URL, options: ReceiveOptions = {}): Promise<ExtSplats> {
   let last: Gaussians | null = null;
-  for await (const { gaussians } of receive(url, { concealer: "grow", ...options })) last = gaussians;
+  const concealer = options.concealer ?? "grow";
+  for await (const { gaussians } of receive(url, { ...options, concealer })) last = gaussians;
   if (!last) throw new Error(`nothing arrived from ${withoutQuery(String(url))}`);
   return splatsOf(last);
 }

@@ -17,9 +17,12 @@ export class AutoRotation {
 
   constructor(readonly orbit: Orbit) {}
 
-  /** Sets the speed by an attribute: degrees per second, the default for an empty text, none for null or no number. */
+  /**
+   * Sets the speed by an attribute: degrees per second, the default for an empty text or `true`, none for null or no
+   * number.
+   */
   set(value: string | null): void {
-    const degrees = value === null ? 0 : value.trim() === "" ? DEFAULT_SPEED : Number(value),
+    const degrees = value === null ? 0 : /^(true)?$/.test(value.trim()) ? DEFAULT_SPEED : Number(value),
       still = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.#speed = Number.isFinite(degrees) && !still ? (degrees * Math.PI) / 180 : 0;
     this.#run();

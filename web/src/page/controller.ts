@@ -3,9 +3,8 @@
 import startReceiver from "worker:receiver";
 import { fromBase64 } from "../bytes.ts";
 import type { Viewpoint } from "../codec/decoder.ts";
-import { readPreview } from "../codec/preview.ts";
 import type { FixedCamera } from "../model/camera.ts";
-import { pack } from "../render/packed.ts";
+import { type PackedPreview, packPreview } from "../render/packed_preview.ts";
 import type { View } from "../render/view.ts";
 import { ViewUpdates } from "../render/view_updates.ts";
 import { delay } from "../scheduler.ts";
@@ -28,7 +27,7 @@ import { screenshot } from "./screenshot.ts";
 import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
 import { SessionStatus } from "./session_status.ts";
 import { unlessAborted } from "./settled.ts";
-import { type PictureContent, Stage } from "./stage.ts";
+import { Stage } from "./stage.ts";
 
 /** Memory that is reserved on the GPU for updates, in multiples of the scene. */
 const UPDATE_ROOM = 2;
@@ -161,16 +160,17 @@ export class Controller {
   /** Releases all resources. */
   destroy(): void {
     this.#released.abort(new Error("this <splat-wire> was removed or restarted"));
+    this.#whole.remove(); // the page may keep the element
     this.#windowLeft.abort();
     this.#rotation.destroy();
     clearTimeout(this.#idleTimer);
-    cancelAnimationFrame(this.#cameraFrame);
     this.#playback.destroy();
     this.#worker.terminate();
     this.#gains.skip();
     this.panel.destroy();
     this.#comparison.destroy();
     this.stage.destroy();
+    cancelAnimationFrame(this.#cameraFrame);
   }
 
   /** Applies a changed attribute that does not affect the stream. */
@@ -257,11 +257,7 @@ export class Controller {
     this.#viewpoint(false);
     this.applyAttribute("autorotate");
     this.panel.showNotice("loading", "Connecting ...");
-    if (preview)
-      this.#preview(() => {
-        const { splats, background } = readPreview(fromBase64(preview));
-        return { packed: pack([splats], 0, 1), background };
-      });
+    if (preview) this.#preview(() => packPreview(fromBase64(preview)));
     const sizes = new ResizeObserver(() => stage.resize()),
       sight = new IntersectionObserver((entries) => {
         stage.setVisible(entries[entries.length - 1].isIntersecting);
@@ -354,11 +350,8 @@ export class Controller {
   /** Adapts the canvas resolution to the pixel density, which changes with the screen and with zoom. */
   #followDensity(window: Window | null, signal: AbortSignal): void {
     const density = window?.matchMedia(`(resolution: ${window.devicePixelRatio}dppx)`);
-    const changed = (): void => {
-      this.stage.resize();
-      this.#followDensity(window, signal);
-    };
-    density?.addEventListener("change", changed, { once: true, signal });
+    this.stage.resize();
+    density?.addEventListener("change", () => this.#followDensity(window, signal), { once: true, signal });
   }
 
   /** Applies the page's viewpoint. `anew` applies it even if the visitor has moved the camera. */
@@ -437,7 +430,7 @@ export class Controller {
   }
 
   /** Shows a preview until the scene arrives. An invalid preview is reported but is no failure. */
-  #preview(read: () => PictureContent): void {
+  #preview(read: () => PackedPreview): void {
     try {
       this.stage.preview(read()).then(() => this.#milestones.record("preview"));
       this.#onPicture();

@@ -93,7 +93,7 @@ export class SplatWire extends Base {
   }
 
   set src(value: string) {
-    this.setAttribute("src", value);
+    this.#set("src", value);
   }
 
   /** URL of the WebTransport session. */
@@ -102,7 +102,7 @@ export class SplatWire extends Base {
   }
 
   set session(value: string) {
-    this.setAttribute("session", value);
+    this.#set("session", value);
   }
 
   /** SHA-256 of the certificate of `session`. */
@@ -111,7 +111,7 @@ export class SplatWire extends Base {
   }
 
   set fingerprint(value: string) {
-    this.setAttribute("fingerprint", value);
+    this.#set("fingerprint", value);
   }
 
   /** Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. */
@@ -120,7 +120,7 @@ export class SplatWire extends Base {
   }
 
   set concealer(value: string) {
-    this.setAttribute("concealer", value);
+    this.#set("concealer", value);
   }
 
   /** Initial viewpoint, nine numbers: eye, target, up. */
@@ -129,7 +129,7 @@ export class SplatWire extends Base {
   }
 
   set viewpoint(value: string) {
-    this.setAttribute("viewpoint", value);
+    this.#set("viewpoint", value);
   }
 
   /** `cooperative` leaves the wheel and one-finger gestures to the page. The empty string lets the scene take them. */
@@ -138,7 +138,7 @@ export class SplatWire extends Base {
   }
 
   set gestures(value: string) {
-    this.setAttribute("gestures", value);
+    this.#set("gestures", value);
   }
 
   /** Speed of the automatic rotation in degrees per second; the empty string means 12, null means none. */
@@ -147,8 +147,7 @@ export class SplatWire extends Base {
   }
 
   set autorotate(value: string | null) {
-    if (value === null) this.removeAttribute("autorotate");
-    else this.setAttribute("autorotate", value);
+    this.#set("autorotate", value);
   }
 
   /** URL of a picture that is visible until the first Gaussians are. */
@@ -157,7 +156,7 @@ export class SplatWire extends Base {
   }
 
   set poster(value: string) {
-    this.setAttribute("poster", value);
+    this.#set("poster", value);
   }
 
   /** Limits of the camera: four numbers, see docs/browser.md. The empty string means none. */
@@ -166,7 +165,7 @@ export class SplatWire extends Base {
   }
 
   set cameraLimits(value: string) {
-    this.setAttribute("camera-limits", value);
+    this.#set("camera-limits", value);
   }
 
   /** Maximum number of drawn Gaussians of a scene with levels; 0 means that of the device. */
@@ -175,7 +174,7 @@ export class SplatWire extends Base {
   }
 
   set maxGaussians(value: number) {
-    this.setAttribute("max-gaussians", String(value));
+    this.#set("max-gaussians", value);
   }
 
   /** True to request updates of the scene, which are files beside that of the scene, and to show them. */
@@ -184,7 +183,14 @@ export class SplatWire extends Base {
   }
 
   set updates(value: boolean) {
-    this.toggleAttribute("updates", value);
+    this.#set("updates", value);
+  }
+
+  /** Sets an attribute as frameworks set properties: null, undefined and false remove it, true is the empty string. */
+  #set(name: string, value: unknown): void {
+    const given = value ?? false;
+    if (given === false) this.removeAttribute(name);
+    else this.setAttribute(name, given === true ? "" : (given as string));
   }
 
   /** Starts the stream again. */

@@ -26,7 +26,11 @@ export class GainsRequests {
 
   /** Requests gains after a while, because packets arrived. */
   soon(): void {
-    this.#timer ??= setTimeout(this.request, Math.min(Math.max(INTERVAL_MS, MULTIPLE * this.#tookMs), LONGEST_MS));
+    const ms = Math.min(Math.max(INTERVAL_MS, MULTIPLE * this.#tookMs), LONGEST_MS);
+    this.#timer ??= setTimeout(() => {
+      this.#timer = null; // a clip requests no gains
+      this.request();
+    }, ms);
   }
 
   /**

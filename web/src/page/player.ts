@@ -65,6 +65,7 @@ export abstract class PlayerBase {
   }
 
   destroy(): void {
+    this.#isPlaying = false; // a frame may still be announced
     clearTimeout(this.#ticking);
     this.element.remove();
   }

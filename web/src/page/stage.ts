@@ -10,6 +10,7 @@ import { FreeSpace } from "../render/free_space.ts";
 import { loadView } from "../render/load.ts";
 import { Orbit, type WindowPosition } from "../render/orbit.ts";
 import { hide, type Packed, type Tile } from "../render/packed.ts";
+import type { PackedPreview } from "../render/packed_preview.ts";
 import { cameraFromPose, FAR_CLIP, halfHeight } from "../render/projection.ts";
 import type { SceneCore } from "../render/scene_core.ts";
 import { paint } from "../render/software_renderer.ts";
@@ -35,12 +36,6 @@ const CONTEXT_RETRY_MS = 1000,
 
 /** Display time of a hint, milliseconds. */
 const HINT_MS = 2000;
-
-/** Gaussians in front of a background colour. */
-export interface PictureContent {
-  readonly packed: Packed;
-  readonly background: readonly number[];
-}
 
 export class Stage implements ContextOwner {
   /** Element that receives gestures and contains the canvases. */
@@ -272,8 +267,10 @@ export class Stage implements ContextOwner {
   }
 
   /** Shows a preview if nothing is shown yet. Resolves when it is on the screen. */
-  async preview({ packed, background }: PictureContent): Promise<void> {
+  async preview({ packed, background, size }: PackedPreview): Promise<void> {
     if (this.#count) return;
+    this.begin(size);
+    this.#begun = false;
     this.background(background);
     this.add(packed);
     await this.shown();

@@ -9,7 +9,7 @@ export const STYLE = `
   grid-template: "scene side" minmax(0, 1fr) / minmax(0, 1fr) auto; }
 .scene { grid-area: scene; position: relative; touch-action: none; cursor: grab; }
 .scene:active { cursor: grabbing; }
-canvas, .poster { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
+canvas, .poster { position: absolute; inset: 0; width: 100%; height: 100%; }
 .poster { object-fit: cover; pointer-events: none; }
 canvas.over { grid-area: scene; position: static; }
 .scene.cooperative { touch-action: pan-x pan-y; }
@@ -47,7 +47,7 @@ canvas.over.shown, canvas.first.shown { visibility: visible; }
 .player { flex: 1 1 100%; align-items: center; gap: .6rem; white-space: nowrap; }
 .player input { flex: 1; }
 output { font-variant-numeric: tabular-nums; }
-progress { position: absolute; inset: auto 0 0; z-index: 1; display: block; width: 100%; height: 3px; border: 0;
+progress { position: absolute; inset: auto 0 0; z-index: 1; width: 100%; height: 3px; border: 0;
   appearance: none; background: #fff3; }
 progress::-webkit-progress-bar { background: #fff3; }
 progress::-webkit-progress-value { background: var(--accent); }
@@ -101,7 +101,7 @@ input[type=range] { accent-color: var(--accent); }
 }
 dl { display: grid; grid-template-columns: auto 1fr; gap: .1rem .8rem; margin: .4rem 0; }
 dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; }
-label, fieldset { display: block; margin: .4rem 0; }
+label { display: block; margin: .4rem 0; }
 fieldset { border: 0; padding: 0; display: flex; justify-content: space-between; margin: 0; min-width: 0; }
 fieldset label { margin: 0; }
 input[type=radio] { margin: 0 .25rem 0 0; }

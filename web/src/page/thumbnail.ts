@@ -3,11 +3,10 @@
 import { Vec3 } from "playcanvas";
 
 import { fromBase64 } from "../bytes.ts";
-import { readPreview } from "../codec/preview.ts";
 import { frameScene, sceneCore } from "../render/framing.ts";
 import { FreeSpace } from "../render/free_space.ts";
 import { Orbit } from "../render/orbit.ts";
-import { pack } from "../render/packed.ts";
+import { packPreview } from "../render/packed_preview.ts";
 import { halfHeight } from "../render/projection.ts";
 import { paint } from "../render/software_renderer.ts";
 import { periodicPause } from "../scheduler.ts";
@@ -27,14 +26,15 @@ export class Thumbnail extends Base {
 
   #paint(canvas: HTMLCanvasElement): void {
     const bytes = fromBase64(this.getAttribute("data") ?? ""),
-      { splats, background } = readPreview(bytes),
-      parts = [pack([splats], 0, 1)],
+      { packed, background, size } = packPreview(bytes),
+      parts = [packed],
+      scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / size)),
       orbit = new Orbit(() => undefined),
       viewpoint = viewpointOf(this.getAttribute("viewpoint"));
     orbit.setUp(this.getAttribute("up") ?? "");
     if (viewpoint) {
       const { eye, target, up } = viewpoint;
-      orbit.place(new Vec3(...eye), new Vec3(...target), new Vec3(...up));
+      orbit.place(scaled(eye), scaled(target), new Vec3(...up));
     } else {
       const core = sceneCore(parts),
         down = halfHeight(canvas.clientWidth, canvas.clientHeight),

@@ -61,6 +61,19 @@ export interface OrbitLimits {
 
 const NO_LIMITS: OrbitLimits = { near: 0, far: Infinity, low: -MAX_PITCH, high: MAX_PITCH };
 
+/** Returns a state between two others, on the shorter way around the up axis. */
+function between(from: OrbitState, to: OrbitState, share: number): OrbitState {
+  if (share === 1) return to; // from far away, the sums are inexact
+  const mix = (one: number, other: number): number => one + (other - one) * share,
+    turn = Math.atan2(Math.sin(to.yaw - from.yaw), Math.cos(to.yaw - from.yaw));
+  return {
+    target: new Vec3().lerp(from.target, to.target, share),
+    distance: mix(from.distance, to.distance),
+    yaw: from.yaw + turn * share,
+    pitch: mix(from.pitch, to.pitch),
+  };
+}
+
 export class Orbit {
   readonly defaultDirection = DEFAULT_DIRECTION;
   target = new Vec3();
@@ -151,13 +164,7 @@ export class Orbit {
 
   /** Moves to a state between two others, 0 to 1, on the shorter way around the up axis. Obstacles are ignored. */
   moveBetween(from: OrbitState, to: OrbitState, share: number): void {
-    const mix = (one: number, other: number): number => one + (other - one) * share,
-      turn = Math.atan2(Math.sin(to.yaw - from.yaw), Math.cos(to.yaw - from.yaw));
-    this.target.lerp(from.target, to.target, share);
-    this.distance = mix(from.distance, to.distance);
-    this.yaw = from.yaw + turn * share;
-    this.pitch = mix(from.pitch, to.pitch);
-    if (share === 1) this.#restore(to); // from far away, the sums are inexact
+    this.#restore(between(from, to, share));
     this.touched = true;
     this.#applyLimits();
     this.changed();
@@ -280,17 +287,10 @@ export class Orbit {
     const after = this.state,
       end = this.#position(),
       length = Math.hypot(...end.map((value, a) => value - began[a])),
-      steps = Math.min(Math.max(Math.ceil((2 * length) / space.cell), 1), 64),
-      mix = (one: number, other: number, share: number): number => one + (other - one) * share;
+      steps = Math.min(Math.max(Math.ceil((2 * length) / space.cell), 1), 64);
     let last = before;
     for (let n = 1; n <= steps; n++) {
-      const share = n / steps;
-      this.#restore({
-        target: new Vec3().lerp(before.target, after.target, share),
-        distance: mix(before.distance, after.distance, share),
-        yaw: mix(before.yaw, after.yaw, share),
-        pitch: mix(before.pitch, after.pitch, share),
-      });
+      this.#restore(between(before, after, n / steps));
       if (!space.isFree(this.#position())) break;
       last = this.state;
     }

@@ -1,6 +1,7 @@
 // Messages of the wire protocol, version 4 (docs/wire.md), as far as browsers write and read them.
 
 import type { ViewCamera } from "../codec/levels/cut.ts";
+import { joined } from "../packets/container.ts";
 import { crc32 } from "../packets/crc32.ts";
 import { sha256 } from "../sha256.ts";
 import {
@@ -170,13 +171,11 @@ export function writeBye(session: number): Uint8Array {
 
 /** Splits a reliable stream into messages, each preceded by its size as u16. */
 export class FrameReader {
-  #rest = new Uint8Array();
+  #rest: Uint8Array = new Uint8Array();
 
   feed(chunk: Uint8Array): Uint8Array[] {
-    const bytes = new Uint8Array(this.#rest.length + chunk.length),
+    const bytes = joined(this.#rest, chunk),
       frames: Uint8Array[] = [];
-    bytes.set(this.#rest);
-    bytes.set(chunk, this.#rest.length);
     let at = 0;
     while (bytes.length - at >= 2) {
       const size = bytes[at] | (bytes[at + 1] << 8);

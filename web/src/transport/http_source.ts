@@ -7,9 +7,9 @@ import { HttpError } from "./http_error.ts";
 import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readRange } from "./http_file.ts";
 import { Damaged, PacketReader } from "./packet_reader.ts";
 import type { Gap, PacketStore } from "./packet_store.ts";
+import { ProgressReporter } from "./progress_reporter.ts";
 import { DamagedTiles, OtherOrder, receiveTiles } from "./tiles.ts";
 
-const WAY = "HTTP, in order and without loss";
 /**
  * Largest number of repeated requests for damaged bytes without progress, and of replacements of the file during a
  * transfer.
@@ -286,29 +286,4 @@ function missing(store: PacketStore): Error {
 function missingIn({ head, count }: PacketStore): string {
   const missing = (head?.manifest.numPackets ?? 0) - count;
   return `${missing} ${missing === 1 ? "packet is" : "packets are"} damaged or not in the file`;
-}
-
-/** Reports bytes and packets to the listener. */
-class ProgressReporter {
-  #bytes = 0;
-  readonly #began = performance.now();
-
-  constructor(
-    readonly listener: Listener,
-    readonly store: PacketStore,
-    readonly way = WAY,
-  ) {}
-
-  add(bytes: number): void {
-    this.#bytes += bytes;
-    this.listener.counts({
-      way: this.way,
-      bytes: this.#bytes,
-      packets: this.store.count,
-      expected: this.store.head?.manifest.numPackets ?? 0,
-      lost: 0,
-      rejected: 0,
-      seconds: (performance.now() - this.#began) / 1000,
-    });
-  }
 }

@@ -4,6 +4,7 @@ import type { BoundingSphere, Viewpoint } from "../codec/decoder.ts";
 import type { Texts } from "../codec/metadata.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packed, Tile } from "../render/packed.ts";
+import type { PackedPreview } from "../render/packed_preview.ts";
 import type { Counts } from "./events.ts";
 import type { LossSimulation } from "./losses.ts";
 import type { Session } from "./webtransport.ts";
@@ -49,7 +50,7 @@ export interface Facts {
 }
 
 export type FromWorker =
-  | { kind: "preview"; packed: Packed; background: readonly [number, number, number] }
+  | ({ kind: "preview" } & PackedPreview)
   | { kind: "facts"; facts: Facts }
   /**
    * Gaussians for the page. `replaceAll`: replaces all earlier ones. `fresh`: some are from packets that were not shown

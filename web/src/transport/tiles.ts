@@ -5,6 +5,7 @@ import type { Fetching, Listener, ReceivedPacket } from "./events.ts";
 import { type HttpFile, readRange } from "./http_file.ts";
 import { PacketScanner } from "./packet_reader.ts";
 import type { PacketStore } from "./packet_store.ts";
+import { ProgressReporter } from "./progress_reporter.ts";
 
 /** Largest number of concurrent requests. */
 const AT_ONCE = 2;
@@ -34,21 +35,10 @@ export async function receiveTiles(
   const { head } = view,
     aborted = new AbortController(),
     requested = new Set<number>(),
-    began = performance.now(),
     expected = head.manifest.numPackets,
-    begin = store.headBytes;
-  let bytes = 0;
-  const report = (): void =>
-    listener.counts({
-      way: WAY,
-      bytes,
-      packets: view.packets,
-      expected,
-      lost: 0,
-      rejected: 0,
-      seconds: (performance.now() - began) / 1000,
-    });
-  const triesOf = (tile: number): number => file.damagedTiles.get(tile) ?? 0,
+    begin = store.headBytes,
+    tally = new ProgressReporter(listener, store, WAY),
+    triesOf = (tile: number): number => file.damagedTiles.get(tile) ?? 0,
     isGivenUp = (tile: number): boolean => triesOf(tile) >= MAX_TRIES;
   const busy = new Set<Promise<void>>();
   const start = (run: Run): void => {
@@ -69,14 +59,13 @@ export async function receiveTiles(
         least = offsets[run.first + 1] - offsets[run.first],
         piece = await readRange(file, from, from + size, least, cache, aborted.signal),
         packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, begin, view));
-      bytes += piece.length;
       end = offsets[run.first] + piece.length;
       hasForeign = packets.some(({ bytes: one }) => !isOfTiles(one, run, view));
       if (packets.length) {
         [file.ranges, file.useless] = ["usable", 0];
         listener.packets(packets);
       }
-      report();
+      tally.add(piece.length);
       await view.taken();
       if (!packets.length) file.noteUseless(`${file.name} answers with other bytes than were requested`);
     } finally {
@@ -101,14 +90,14 @@ export async function receiveTiles(
       if (run) start(run);
       else if (busy.size) await Promise.race(busy);
       else {
-        report();
+        tally.add(0);
         await view.moved(isGivenUp);
       }
     }
   } finally {
     aborted.abort();
   }
-  report();
+  tally.add(0);
   if (view.packets >= expected) return "complete";
   if (listener.stopped()) return "stopped";
   throw new OtherOrder(`${expected - view.packets} packets are not where the index of the stream has them`);

@@ -126,23 +126,26 @@ export async function receiveDatagrams(
   }).catch(end);
   const progress = new Progress(transfer, listener),
     looker = new ViewReporter(transfer, listener);
-  while (!transfer.finished) {
-    await delay(FEEDBACK_MS);
-    const now = performance.now();
-    if (listener.stopped()) transfer.finished = "stopped";
-    else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
-    else
-      for (const bytes of transfer.welcome ? looker.messages(now) : now < transfer.waitUntil ? [] : [request])
-        datagrams.write(bytes).catch(() => undefined);
-    if (!looker.seen) progress.report();
-    looker.look(now);
+  try {
+    while (!transfer.finished) {
+      await delay(FEEDBACK_MS);
+      const now = performance.now();
+      if (listener.stopped()) transfer.finished = "stopped";
+      else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
+      else
+        for (const bytes of transfer.welcome ? looker.messages(now) : now < transfer.waitUntil ? [] : [request])
+          datagrams.write(bytes).catch(() => undefined);
+      if (!looker.seen) progress.report();
+      looker.look(now);
+    }
+    progress.report();
+    if (transfer.welcome) {
+      const byes = Array.from({ length: NUM_BYES }, () => datagrams.write(transfer.bye()).catch(() => undefined));
+      await Promise.race([Promise.all(byes), delay(BYE_MS)]);
+    }
+  } finally {
+    transport.close(); // also if the listener rejects the stream
   }
-  progress.report();
-  if (transfer.welcome) {
-    const byes = Array.from({ length: NUM_BYES }, () => datagrams.write(transfer.bye()).catch(() => undefined));
-    await Promise.race([Promise.all(byes), delay(BYE_MS)]);
-  }
-  transport.close();
   if (transfer.headMs === null && !transfer.isSame && transfer.finished !== "stopped")
     throw new Error(transfer.finished);
   return transfer.finished;

@@ -119,9 +119,13 @@ export class Sequence implements SequenceDecoder {
 
   get ready(): number {
     const { groups, timeline } = this.info,
-      last = groups.length - 1,
-      whole = this.#receivedElements[last] >= groups[last].births + groups[last].motions;
-    return whole ? timeline.numFrames : last * timeline.groupFrames;
+      last = groups.length - 1;
+    return this.#isWhole(last) ? timeline.numFrames : last * timeline.groupFrames;
+  }
+
+  #isWhole(group: number): boolean {
+    const { births, motions } = this.info.groups[group];
+    return this.#receivedElements[group] >= births + motions;
   }
 
   forget(number: number): number[] {
@@ -160,7 +164,7 @@ export class Sequence implements SequenceDecoder {
       if (gains) enlarge(splats, to, gains[2 * n], gains[2 * n + 1]);
       extrapolated += concealed[n];
     }
-    return { number, splats, tracks, concealed: extrapolated };
+    return { number, splats, tracks, concealed: extrapolated, isWhole: this.#isWhole(group) };
   }
 
   /** Decodes motion of the next group in advance, for up to `ms` milliseconds. */

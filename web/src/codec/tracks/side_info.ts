@@ -74,8 +74,12 @@ export function readSequenceInfo(bytes: Uint8Array, manifest: Manifest): Sequenc
 
 /** Returns the shot of a block of bases, counted among all blocks of bases. */
 export function shotOf({ shots }: SequenceInfo, block: number): Shot {
-  let at = shots.length - 1;
-  while (shots[at].firstBlock > block) at--;
+  let at = 0;
+  for (let end = shots.length; end - at > 1; ) {
+    const middle = (at + end) >> 1;
+    if (shots[middle].firstBlock <= block) at = middle;
+    else end = middle;
+  }
   return shots[at];
 }
 

@@ -1,0 +1,67 @@
+// Properties of the element: frameworks set them to booleans, to the empty string, and to undefined to remove them.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+/** An element without a document, with its attributes. */
+class FakeElement {
+  readonly attributes = new Map<string, string>();
+
+  getAttribute(name: string): string | null {
+    return this.attributes.get(name) ?? null;
+  }
+
+  hasAttribute(name: string): boolean {
+    return this.attributes.has(name);
+  }
+
+  setAttribute(name: string, value: unknown): void {
+    this.attributes.set(name, String(value));
+  }
+
+  removeAttribute(name: string): void {
+    this.attributes.delete(name);
+  }
+
+  toggleAttribute(name: string, force = !this.attributes.has(name)): void {
+    if (force) this.attributes.set(name, "");
+    else this.attributes.delete(name);
+  }
+}
+
+/** Attribute of each property. */
+const ATTRIBUTES = {
+  src: "src",
+  session: "session",
+  fingerprint: "fingerprint",
+  concealer: "concealer",
+  viewpoint: "viewpoint",
+  gestures: "gestures",
+  autorotate: "autorotate",
+  poster: "poster",
+  cameraLimits: "camera-limits",
+  maxGaussians: "max-gaussians",
+  updates: "updates",
+};
+
+test("properties set attributes as templates of frameworks mean them", async () => {
+  Object.assign(globalThis, { HTMLElement: FakeElement });
+  const { SplatWire } = await import("../src/page/element.ts"),
+    element = new SplatWire(),
+    properties = element as unknown as Record<string, unknown>;
+  for (const [property, attribute] of Object.entries(ATTRIBUTES))
+    for (const [given, expected] of [
+      ["", ""],
+      [undefined, null],
+      ["a", "a"],
+      [null, null],
+      [true, ""],
+      [false, null],
+      [undefined, null],
+      [8, "8"],
+    ]) {
+      properties[property] = given;
+      assert.equal(element.getAttribute(attribute), expected, `${property} = ${given}`);
+      assert.equal(element.updates, property === "updates" && expected !== null);
+    }
+});

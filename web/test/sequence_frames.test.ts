@@ -1,0 +1,45 @@
+// Frames for the page: empty ones are shown, those that have not arrived are not.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { emptySplats } from "../src/codec/splats.ts";
+import { SequenceFrames } from "../src/sequence_frames.ts";
+import { DecodedStream } from "../src/transport/decoded_stream.ts";
+import type { FromWorker } from "../src/transport/messages.ts";
+import { readStream } from "./vectors.ts";
+
+const choice = { concealer: "motion", dropped: 0, burst: 1, seed: 0, sent: 1 };
+
+/** Returns the Gaussians of each frame of a stream that the page gets. */
+function framesOf(received: DecodedStream): { count: number; opacities: Float32Array }[] {
+  const said: FromWorker[] = [],
+    frames = new SequenceFrames((message) => said.push(message));
+  for (let number = 0; number < received.decoder.schema.sequence!.times.numFrames; number++)
+    frames.frame({ kind: "frame", number, choice }, received, 1);
+  return said.flatMap((one) => (one.kind === "frame" ? [one.packed] : []));
+}
+
+test("a frame without Gaussians is drawn as an invisible one once its packets have arrived", () => {
+  const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
+    received = new DecodedStream(head),
+    sequence = received.decoder.schema.sequence!,
+    plain = sequence.frame.bind(sequence);
+  assert.ok(framesOf(received).every(({ count }) => count === 0));
+  for (const packet of packets) received.addPacket(packet);
+  assert.ok(framesOf(received).every(({ count }) => count > 1));
+  sequence.frame = (...given) => ({ ...plain(...given), splats: emptySplats(0, received.decoder.schema.degree) });
+  for (const { count, opacities } of framesOf(received)) assert.deepEqual([count, ...opacities], [1, 0]);
+});
+
+test("a group of frames is whole once all its packets have arrived", () => {
+  const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
+    received = new DecodedStream(head),
+    sequence = received.decoder.schema.sequence!,
+    whole = (): boolean[] =>
+      Array.from({ length: sequence.times.numFrames }, (_, n) => sequence.frame(n, () => true, "motion").isWhole);
+  for (const packet of packets.slice(1)) received.addPacket(packet);
+  assert.deepEqual(new Set(whole()), new Set([false, true]));
+  received.addPacket(packets[0]);
+  assert.deepEqual(new Set(whole()), new Set([true]));
+});
