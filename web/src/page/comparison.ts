@@ -1,6 +1,7 @@
 // Comparison of the picture with and without losses: difference image and PSNR.
 
 import { type Pause, periodicPause } from "../scheduler.ts";
+import { createElement } from "./elements.ts";
 import type { PictureMode } from "./panel.ts";
 import type { Stage } from "./stage.ts";
 
@@ -12,7 +13,7 @@ const REST_MS = 300;
  */
 export class Comparison {
   /** Overlay for the difference image. */
-  readonly canvas = document.createElement("canvas");
+  readonly canvas = createElement("canvas", { class: "over" });
   #gains: Float32Array | null = null;
   /** Gains of the reference picture; null draws every Gaussian unchanged. */
   #lossless: Float32Array | null = null;
@@ -25,9 +26,7 @@ export class Comparison {
     readonly stage: Stage,
     readonly mode: () => PictureMode,
     readonly report: (psnr: string | null) => void,
-  ) {
-    this.canvas.className = "over";
-  }
+  ) {}
 
   /** Applies gains; null for 1. `lossless` are the gains of the reference picture, which hides redundant Gaussians. */
   show(gains: Float32Array | null, lossless: Float32Array | null): void {

@@ -17,6 +17,7 @@ import { paint } from "../render/software_renderer.ts";
 import type { View } from "../render/view.ts";
 import { acquireContext, type ContextOwner, offerContext, releaseContext } from "../render/webgl_contexts.ts";
 import { delay, periodicPause } from "../scheduler.ts";
+import { createElement } from "./elements.ts";
 import { Flight } from "./flight.ts";
 
 /**
@@ -39,9 +40,14 @@ const HINT_MS = 2000;
 
 export class Stage implements ContextOwner {
   /** Element that receives gestures and contains the canvases. */
-  readonly surface = document.createElement("div");
+  readonly surface = createElement("div", {
+    class: "scene",
+    tabindex: "0",
+    role: "application",
+    "aria-roledescription": "three-dimensional scene",
+  });
   /** Canvas of the software-painted pictures, in front of the WebGL canvas until that has a picture. */
-  readonly paintedCanvas = document.createElement("canvas");
+  readonly paintedCanvas = createElement("canvas", { class: "first" });
   readonly orbit = new Orbit(
     () => this.touch(),
     () => this.#freeSpace(),
@@ -50,7 +56,7 @@ export class Stage implements ContextOwner {
   readonly controls = new Controls(this.surface, this.orbit, (text) => this.#showHint(text));
   readonly flight = new Flight(this.orbit);
   #limits: readonly number[] | null = null;
-  readonly #hint = document.createElement("p");
+  readonly #hint = createElement("p", { class: "hint" });
   #hintTimer = 0;
   view: View | null = null;
   isVisible = true;
@@ -100,14 +106,8 @@ export class Stage implements ContextOwner {
     readonly failed: (error: Error) => void,
     readonly title: string,
   ) {
-    this.surface.className = "scene";
-    this.surface.tabIndex = 0;
-    this.surface.setAttribute("role", "application");
-    this.surface.setAttribute("aria-roledescription", "three-dimensional scene");
     this.surface.setAttribute("aria-label", `${title}: arrow keys rotate, plus and minus zoom, Home resets the camera`);
-    this.paintedCanvas.className = "first";
     describe(this.paintedCanvas, title);
-    this.#hint.className = "hint";
     this.surface.append(this.paintedCanvas, this.#hint);
   }
 

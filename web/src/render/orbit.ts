@@ -106,7 +106,7 @@ export class Orbit {
 
   /** Sets the initial state: a target and a distance. */
   begin(target: readonly number[], distance: number, yaw = this.yaw): void {
-    this.target.set(target[0], target[1], target[2]);
+    this.target = new Vec3(...target);
     Object.assign(this, { distance, yaw });
     this.#storeInitial();
   }
@@ -268,7 +268,7 @@ export class Orbit {
   /** Keeps the target within the scene, and the distance within its limits. */
   #clampToScene({ middle, radius }: FreeSpace): void {
     const home = this.#initial,
-      centre = new Vec3(middle[0], middle[1], middle[2]),
+      centre = new Vec3(...middle),
       reach = Math.max(radius, home.target.distance(centre)),
       away = new Vec3().sub2(this.target, centre);
     if (away.length() > reach) this.target.copy(away.mulScalar(reach / away.length()).add(centre));

@@ -14,7 +14,7 @@ export class HttpError extends Error {
 
   constructor(url: string, { status, statusText, headers }: Response) {
     super(`${withoutQuery(url)} answers ${status} ${statusText}`.trim());
-    this.final = status >= 400 && status < 500 && status !== 408 && status !== 425 && status !== 429;
+    this.final = status >= 400 && status < 500 && ![408, 425, 429].includes(status);
     const ms = retryDelay(headers.get("retry-after") ?? "");
     this.retryMs = ms > 0 ? Math.min(ms, MAX_WAIT_MS) : 0;
   }
