@@ -245,7 +245,7 @@ class Pool:
             "positions": splats.means, "colors": splats.means, "SparsePoints.positions": splats.means,
             "image_paths": (self.photo,), "load_photo.path": self.photo,
             "open_dataset.path": self.photo.parent, "read_splatv.path": self.moving,
-            "growth": (0.0, 0.0, 0.0),
+            "Copies.indices": np.arange(300), "growth": (0.0, 0.0, 0.0),
             "sizes": np.ones(300, np.float32), "size": 1.0, "opacity": 1.0, "load_photo.size": (8, 8),
             "frames": lambda: [splats, splats], "files": sorted(self.frames.iterdir()), "folder": self.frames,
             "open_sequence.path": self.frames, "is_sequence.path": self.frames, "drawn": np.ones(300, np.bool_),
@@ -289,7 +289,7 @@ class Pool:
             "protection": importlib.import_module("splatwire.transport").Protection(), "facts": {},
             "read_plan.name": "a.plan",
             "read_plan.data": lambda: self._plan(),
-            "SimulatedTransfers.head": lambda: self._arrival.head,
+            "SimulatedTransfers.side_info": lambda: self._arrival.side_info,
             "SimulatedTransfers.packets": lambda: self._arrival.packets,
             **{f"StreamLoad.{name}": (lambda name=name: getattr(self._load, name)) for name in
                ("head_bytes", "packet_bytes", "elements", "tiers")},
