@@ -88,7 +88,7 @@ class Coder(NamedTuple):
     normal: Any
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 @no_type_check
 def new_coder(decoding, data, words, models, statistics, tables):
     """Creates the entropy coder of a packet, without initialising the state of the range coder.

@@ -4,6 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
+from splatwire.bitstream.limits import MAX_DEGREE
 from splatwire.codec._coder_kernels import code_bit, code_escape, code_flag
 from splatwire.codec._step_kernels import step_exponent
 from splatwire.codec.gaussians.layout import (
@@ -21,18 +22,23 @@ RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 """Lower bound, for each context of a harmonic, of the moving average of the magnitudes of the preceding harmonics, in
 sixteenths of a quantisation step.
 """
+CONTEXTS = np.searchsorted(RUNNING, np.arange(RUNNING[-1] + 1), side="right") - 1
+"""Context of a harmonic for each moving average up to the last lower bound, int64."""
+POSITIONS = np.array(
+    [2 * np.searchsorted([3, 9, 21], j, side="right") + (j % 3 > 0) for j in range(3 * ((MAX_DEGREE + 1) ** 2 - 1))]
+)
+"""Context of a harmonic by its place in the order of coding, int64: group of coefficients, luma or chroma."""
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def code_harmonics(coder, values, i, source, bases, precision_class):
+def code_harmonics(coder, values, source, bases, precision_class):
     """Encodes or decodes the spherical harmonics of a Gaussian, in the colour space Y Co Cg.
 
     Args:
         coder: Entropy coder.
-        values: Decoded harmonics of the packet's Gaussians, int32 (n, harmonics); row `i` is written.
-        i: Index of the Gaussian in the packet.
-        source: Harmonics before quantisation, int64 (n, harmonics); only used by an encoder.
+        values: Output: decoded harmonics of the Gaussian, int32 (harmonics).
+        source: Harmonics before quantisation, int32 (harmonics); only used by an encoder.
         bases: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.
@@ -43,26 +49,21 @@ def code_harmonics(coder, values, i, source, bases, precision_class):
     half = (1 << shift) >> 1
     some = 0
     if not coder.decoding:
-        for j in range(values.shape[1]):
-            values[i, j] = (source[i, j] + half) >> shift
-            some |= values[i, j] != 0
+        for j in range(len(values)):
+            values[j] = (source[j] + half) >> shift
+            some |= values[j] != 0
     some = code_bit(coder, FIRST_HARMONIC + precision_class, np.int64(some))
     running = np.int64(0)
-    for j in range(values.shape[1]):
-        magnitude = np.int64(0)
-        if some:
-            context = 0
-            while context < 7 and running >= RUNNING[context + 1]:
-                context += 1
-            group = 0 if j < 3 else 1 if j < 9 else 2 if j < 21 else 3
-            value = np.int64(values[i, j]) if not coder.decoding else np.int64(0)
-            zero = FIRST_HARMONIC + MAX_CLASSES + (context * 4 + group) * 2 + (1 if j % 3 else 0)
-            value = _code_level(coder, value, zero, context)
-            magnitude = abs(value)
-            values[i, j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
-        else:
-            values[i, j] = 0
-        running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)
+    if not some:
+        for j in range(len(values)):
+            values[j] = 0
+        return
+    for j in range(len(values)):
+        context = CONTEXTS[min(running, len(CONTEXTS) - 1)]
+        value = np.int64(values[j]) if not coder.decoding else np.int64(0)
+        value = _code_level(coder, value, FIRST_HARMONIC + MAX_CLASSES + 8 * context + POSITIONS[j], context)
+        values[j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
+        running = ((running * 13) >> 4) + (min(abs(value), 1 << 16) << 4)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)

@@ -43,6 +43,8 @@ which dominates the encoding time.
 FIRST = 20
 """Assumed number of bytes per Gaussian in the first attempt of a block, which serves only to measure the actual size.
 """
+LEVEL_WEIGHT = np.int64(2)
+"""Estimated coded size of a Gaussian of precision class 0; that of class c is larger by c in the same unit."""
 SLACK = 64
 """Size of an encoder's buffer in addition to the space for its Gaussians, bytes."""
 
@@ -190,9 +192,9 @@ def spin_angle(row, axes, primary):
     return np.arctan2(across, vx * tx + vy * ty + vz * tz)
 
 
-@njit(borrows=True, error_model="numpy")
+@njit(borrows=True, error_model="numpy", forceinline=True)  # one copy for each direction, without branches on it
 @no_type_check
-def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmonics, scratch):
+def _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, harmonics, scratch):
     """Encodes or decodes one packet of n Gaussians.
 
     Args:
@@ -200,7 +202,8 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmoni
         stream_params: Parameters of the stream, from `SideInfo.kernel_stream`.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
-        source: The packet's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
+        source: The block's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
+        order: Indices of the packet's Gaussians in `source`, int64 (n); ignored by a decoder.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
@@ -214,11 +217,11 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmoni
     at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
     if not coder.decoding:
         for i in range(n):
-            packed[i] = codes[i] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
+            packed[i] = codes[order[i]] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
     _code_cell_codes(coder, packed, 3 * (box_bits - at), spread, cells[0], stack)
     _spread_cells(packed, cells, near.narrow)
     for i in range(n):
-        j = 0 if coder.decoding else i
+        j = 0 if coder.decoding else order[i]
         row = rows[i]
         count = find_neighbours(near, i, box_bits - at)
         row[CLASS] = level = code_class(coder, predict(near, count, defaults), classes[j])
@@ -238,7 +241,7 @@ def _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmoni
         code_colour(coder, row, colours[j], bases, level, near, count, running, absolute)
         remember(near, row, i)
         if harmonics.shape[1]:
-            code_harmonics(coder, harmonics, i, levels, bases, level)
+            code_harmonics(coder, harmonics[i], levels[j], bases, level)
 
 
 @njit(error_model="numpy")
@@ -256,30 +259,15 @@ def new_scratch(n):
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(tables, stream_params, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
+def _encode_packet(
+    tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer, rows, harmonics
+):
     coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, tables)
     encoder_start(coder.state)
-    _code_packet(coder, stream_params, box_bits, defaults, source, rows, harmonics, new_scratch(len(rows)))
+    # Sorted by the codes of the cells; Gaussians of equal codes keep their order.
+    order = begin + np.argsort(source[2][begin : begin + len(rows)], kind="mergesort")
+    _code_packet(coder, stream_params, box_bits, defaults, source, order, rows, harmonics, new_scratch(len(rows)))
     return encoder_finish(buffer, coder.state)
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _packet_source(source, begin, n):
-    """Selects the Gaussians of one packet from the sorted Gaussians of a block."""
-    order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
-    cells_at, spread, codes, positions, classes, logs, axes, colours, levels = source
-    return (
-        cells_at,
-        spread,
-        codes[order],
-        positions[order],
-        classes[order],
-        logs[order],
-        axes[order],
-        colours[order],
-        levels[order],
-    )
 
 
 @njit(nogil=True, error_model="numpy")
@@ -307,8 +295,8 @@ def encode_fixed(
     for p in range(len(sizes)):
         end = begin + sizes[p]
         at += _encode_packet(
-            tables, stream_params, models, statistics, box_bits, defaults, _packet_source(source, begin, sizes[p]),
-            buffer[at:], rows[begin:end], harmonics[begin:end],
+            tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
+            rows[begin:end], harmonics[begin:end],
         )  # fmt: skip
         ends[p] = at
         begin = end
@@ -352,16 +340,15 @@ def encode_cut(
         Number of packets.
     """
     total, begin, at, packets = len(rows), 0, 0, 0
-    aim = max_bytes - (max_bytes >> AIM)
-    guess = max(max_bytes // FIRST, 1)
+    aim, levels, used = max_bytes - (max_bytes >> AIM), source[4], np.int64(0)
     while begin < total:
         left = total - begin
         low, high, tries, last, length = 0, left + 1, 0, 0, 0
-        n = min(guess, left)
+        n = _count_within(levels[begin:], used * aim // at) if at else min(max(max_bytes // FIRST, 1), left)
         while high - low > 1:
             length = _encode_packet(
-                tables, stream_params, models, statistics, box_bits, defaults, _packet_source(source, begin, n),
-                buffer[at:], rows[begin : begin + n], harmonics[begin : begin + n],
+                tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
+                rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
             tries, last = tries + 1, n
             if length <= max_bytes or n == 1:
@@ -370,18 +357,53 @@ def encode_cut(
                     break
             else:
                 high = n
-            n = min(max(n * aim // max(length, 1), low + 1), high - 1)
+            weight = _weight(levels[begin : begin + n]) * aim // max(length, 1)
+            n = min(max(_count_within(levels[begin:], weight), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
-                tables, stream_params, models, statistics, box_bits, defaults, _packet_source(source, begin, low),
-                buffer[at:], rows[begin : begin + low], harmonics[begin : begin + low],
+                tables, stream_params, models, statistics, box_bits, defaults, source, begin, buffer[at:],
+                rows[begin : begin + low], harmonics[begin : begin + low],
             )  # fmt: skip
         at += length
         sizes[packets], ends[packets] = low, at
+        used += _weight(levels[begin : begin + low])
         begin += low
-        guess = max(begin * aim // max(at, 1), 1)
         packets += 1
     return packets
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _weight(levels):
+    """Estimates the coded size of Gaussians relative to that of others of their block, in any unit.
+
+    Args:
+        levels: Precision class of each Gaussian, int64 (n).
+    """
+    # Within blocks, sizes of packets deviate from these weights by 1.8 % (standard deviation, two scenes of degree 1
+    # and 3), and by 4 % from the number of Gaussians.
+    weight = np.int64(0)
+    for i in range(len(levels)):
+        weight += levels[i] + LEVEL_WEIGHT
+    return weight
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _count_within(levels, weight):
+    """Returns the number of first Gaussians, at least one, whose estimated size is at most `weight`.
+
+    Args:
+        levels: Precision class of each Gaussian, int64 (n).
+        weight: Limit of the size, in the unit of `_weight`.
+    """
+    count, total = 0, np.int64(0)
+    while count < len(levels):
+        total += levels[count] + LEVEL_WEIGHT
+        if total > weight:
+            break
+        count += 1
+    return max(count, 1)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -403,7 +425,7 @@ def decode_packets(tables, stream_params, models, data, ends, starts, box_bits, 
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)
-    source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, three)
+    source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, np.zeros((1, 3), np.int32))
     for p in range(len(starts) - 1):
         begin, end = starts[p], starts[p + 1]
         payload = data[ends[p] : ends[p + 1]]
@@ -415,6 +437,7 @@ def decode_packets(tables, stream_params, models, data, ends, starts, box_bits, 
             box_bits[p],
             defaults[p],
             source,
+            one,
             rows[begin:end],
             harmonics[begin:end],
             new_scratch(end - begin),

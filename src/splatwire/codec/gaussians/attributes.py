@@ -6,20 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.codec.gaussians import _source_kernels as sources
 from splatwire.codec.gaussians.blocks import runs
 from splatwire.codec.gaussians.layout import (
     BITS,
     COLUMNS,
     MAX_COLOUR,
-    MAX_LOG,
-    MAX_OPACITY,
-    MIN_OPACITY,
     TRANSFORM_UNIT,
 )
 from splatwire.codec.gaussians.tables import exponentials, thinness_table
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
 
@@ -27,6 +24,8 @@ LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [
 """Orthonormal transform from RGB to brightness (row 0), orange-blue (row 1) and green-purple (row 2), called Y Co Cg in
 this package.
 """
+
+_MAX_TRANSFORMED = 1 << 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +70,8 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
         splats: The Gaussians.
         size_log: log2 of the scene's size in world units, from `scene_log`.
     """
-    order = np.argsort(-splats.scales, axis=1, kind="stable")
-    axes = np.take_along_axis(matrices_of(splats.quats.astype(np.float64)), order[:, None, :], axis=2)
+    axes = np.empty((splats.num_gaussians, 3, 3))
+    sources.write_axes(kernel_array(splats.scales), kernel_array(splats.quats), axes)
     return Sources(to_logs(splats, size_log), axes, to_colours(splats))
 
 
@@ -83,22 +82,43 @@ def to_logs(splats: Splats, size_log: int) -> np.ndarray:
         splats: The Gaussians.
         size_log: log2 of the scene's size in world units; scales are relative to this size.
     """
-    logs = np.empty((splats.num_gaussians, 4), np.int64)
-    logs[:, 0] = _fixed(np.log2(splats.opacities.astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
-    for place, scales in zip((3, 2, 1), sort3(splats.scales), strict=True):
-        logs[:, place] = _fixed(np.log2(scales.astype(np.float64)) - size_log, -MAX_LOG, MAX_LOG)
+    return logs_of(splats.opacities, splats.scales, size_log)
+
+
+def logs_of(opacities: np.ndarray, scales: np.ndarray, size_log: int) -> np.ndarray:
+    """Returns base-2 logarithms of opacity and scales (largest first) in fixed point, int64 (n, 4).
+
+    Args:
+        opacities: float32 (n).
+        scales: Standard deviations, float32 (n, 3).
+        size_log: log2 of the scene's size in world units; scales are relative to this size.
+    """
+    logs = np.empty((len(opacities), 4), np.int64)
+    sources.write_logs(kernel_array(opacities), kernel_array(scales), size_log, logs)
     return logs
 
 
 def to_colours(splats: Splats) -> np.ndarray:
     """Converts base colours to Y Co Cg in fixed point with `BITS` fractional bits, int64 (N, 3)."""
-    base = splats.sh[:, 0].astype(np.float64) @ LUMA_CHROMA.T
-    return _fixed(LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
+    return colours_of(splats.sh[:, 0])
+
+
+def colours_of(base: np.ndarray) -> np.ndarray:
+    """Converts spherical harmonics of degree 0 to base colours as Y Co Cg in fixed point, int64 (n, 3).
+
+    Args:
+        base: float32 (n, 3).
+    """
+    colours = np.empty((len(base), 3), np.int64)
+    sources.write_colours(kernel_array(base), LUMA_CHROMA * DC, LUMA_CHROMA.sum(axis=1) / 2, colours)
+    return colours
 
 
 def to_harmonics(splats: Splats) -> np.ndarray:
     """Converts spherical harmonics above degree 0 to the colour space Y Co Cg, times `2**BITS`, float64 (N, K, 3)."""
-    flat = splats.sh[:, 1:].astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
+    side = splats.sh[:, 1:].astype(np.float64).reshape(splats.num_gaussians, -1)
+    # One product with a large matrix is several times as fast as many with a 3 x 3 matrix.
+    flat = side @ np.kron(np.eye(side.shape[1] // 3), LUMA_CHROMA.T * (1 << BITS))
     # Not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of its stream.
     return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
 
@@ -131,11 +151,11 @@ def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
         transform: int64 (K, K), from `fit_transform`.
 
     Returns:
-        int64 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then of the second, and so on.
+        int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then of the second, and so on.
     """
     count = splats.num_gaussians
     if not transform.size:
-        return np.zeros((count, 0), dtype=np.int64)
+        return np.zeros((count, 0), dtype=np.int32)
     inverse, side = np.linalg.inv(transform / TRANSFORM_UNIT), splats.sh[:, 1:]
     # One product with a large matrix is several times as fast as a product with a 3 x 3 matrix before it. Only values
     # that `to_harmonics` limits need the slow way: each is at most sqrt(3) times the largest coefficient.
@@ -143,7 +163,9 @@ def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
         numbers = side.reshape(count, -1).astype(np.float64) @ np.kron(inverse, LUMA_CHROMA.T * (1 << BITS))
     else:
         numbers = to_harmonics(splats).reshape(count, -1) @ np.kron(inverse, np.eye(3))
-    return np.rint(numbers, out=numbers).astype(np.int64)
+    # The inverse of a damaged transform may be large.
+    np.clip(np.rint(numbers, out=numbers), -_MAX_TRANSFORMED, _MAX_TRANSFORMED, out=numbers)
+    return numbers.astype(np.int32)
 
 
 def to_splats(
@@ -225,8 +247,12 @@ def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
         digest.update(np.ascontiguousarray(rows[1], "<i4").data)
 
 
-def _fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:
-    return np.clip(np.rint(values * (1 << BITS)), low, high).astype(np.int64)
+def kernel_array(values: np.ndarray) -> np.ndarray:
+    """Returns an array that is contiguous and writeable, by a copy if necessary.
+
+    A kernel is compiled again for each layout of its arguments, and for arrays that cannot be written.
+    """
+    return np.require(values, requirements=["C", "W"])
 
 
 def matrices_of(quats: np.ndarray) -> np.ndarray:

@@ -10,11 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.bitstream import PacketPlan
+from splatwire.codec.gaussians import _source_kernels as kernels
 from splatwire.codec.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS, SLOT_BITS
 from splatwire.errors import InvalidValueError
+from splatwire.files.mmap_array import large_empty
 from splatwire.ops.code_order import code_order
-from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.ops.morton import MAX_AXIS_BITS
 from splatwire.ops.order_statistics import quantiles
+from splatwire.ops.threads import share
 
 ROWS = 1 << 16
 _OUTSIDE, _MARGIN = 50, 2
@@ -90,11 +93,15 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
     size = max(float((last - first).max()), 1e-30)
 
-    def codes(rows: np.ndarray) -> np.ndarray:
-        away = compressed(means.take(rows, axis=0).astype(np.float64))
-        return morton_encode(np.rint((away - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
+    codes = large_empty((len(means),), np.int64)
 
-    return code_order(codes, len(means), 3 * MAX_AXIS_BITS, tiers)
+    def find(begin: int) -> None:
+        places = compressed(means[begin : begin + ROWS].astype(np.float64))
+        points = np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64)
+        kernels.write_codes(points, 0, codes[begin : begin + ROWS])
+
+    share(find, range(0, len(means), ROWS))
+    return code_order(codes.take, len(means), 3 * MAX_AXIS_BITS, tiers)
 
 
 def block_sizes(plan: PacketPlan) -> np.ndarray:
@@ -167,7 +174,11 @@ def block_codes(positions: np.ndarray, bits: int) -> np.ndarray:
         positions: int64 (n, 3), integer positions relative to the corner of the box.
         bits: Number of bits of a coordinate within the box.
     """
-    return morton_encode(positions >> max(bits - MAX_CELL_BITS, 0))
+    codes = np.empty(len(positions), np.int64)
+    used = kernels.write_codes(np.ascontiguousarray(positions), max(bits - MAX_CELL_BITS, 0), codes)
+    if used >> MAX_CELL_BITS:
+        raise ValueError(f"positions must be in [0, 2**{bits}) to have a code")
+    return codes
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
@@ -204,6 +215,18 @@ def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
         InvalidValueError: If a position exceeds the range of the lattice.
     """
     scaled = np.floor(np.ldexp(means, unit - size_log))
-    if np.abs(scaled).max(initial=0) >= 2.0**MAX_LATTICE_BITS:
-        raise InvalidValueError("a Gaussian is too far away from the others for the precision of their positions")
+    check_reach(np.abs(scaled).max(initial=0))
     return scaled.astype(np.int64)
+
+
+def check_reach(most: float) -> None:
+    """Raises an error if a position exceeds the range of the lattice.
+
+    Args:
+        most: Largest magnitude of a coordinate, in lattice spacings.
+
+    Raises:
+        InvalidValueError: If it is too large.
+    """
+    if most >= 2.0**MAX_LATTICE_BITS:
+        raise InvalidValueError("a Gaussian is too far away from the others for the precision of their positions")

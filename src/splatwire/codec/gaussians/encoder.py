@@ -94,9 +94,9 @@ def fit_side_info(
             sample of the scene.
         threads: Number of threads; None for one per processor.
     """
-    ends = np.array(list(ordered_map(scene.ends, range(scene.num_blocks), threads)))
+    found = ordered_map(lambda block: (scene.ends(block), scene.means(block)), range(scene.num_blocks), threads)
+    ends, means = (np.array(values) for values in zip(*found, strict=True))
     boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
-    means = list(ordered_map(scene.means, range(scene.num_blocks), threads))
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
     side = (scene.splats.degree + 1) ** 2 - 1
     transform = scene_transform(scene) if known is None or len(known) != side else known
@@ -173,7 +173,7 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     bits = int(info.boxes.bits[block])
     count, width = len(source.codes), info.num_harmonics
     rows, harmonics = empty_rows(count, width)
-    buffer = np.zeros(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
+    buffer = np.empty(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
     statistics, defaults = empty_statistics(), info.block_defaults[block]
     stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, source)
     if max_bytes:

@@ -8,6 +8,7 @@ import numpy as np
 from splatwire.codec.gaussians.attributes import scene_middle
 from splatwire.codec.gaussians.blocks import pieces, runs
 from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LATTICE_BITS
+from splatwire.ops.threads import share
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -63,10 +64,10 @@ def within_reach(splats: Splats, size_log: int) -> Splats:
 def log_clipped_colours(splats: Splats) -> None:
     """Logs the number of Gaussians with colours or harmonics beyond the range of the format."""
     most = MAX_COLOUR / (1 << BITS)
-    sh = splats.sh.reshape(splats.num_gaussians, -1)
-    largest = [np.abs(some).max(axis=1) for some in runs(sh)]
-    cut = sum(int((some > most).sum()) for some in largest)
-    if cut:
+    parts = list(runs(splats.sh.reshape(splats.num_gaussians, -1)))
+    if max(share(lambda some: max(some.max(), -some.min()), parts)) > most:
+        largest = [np.abs(some).max(axis=1) for some in parts]
+        cut = sum(int((some > most).sum()) for some in largest)
         LOG.warning(
             "encoding: %s of %s Gaussians have harmonics up to %.3g, which are cut to %g",
             f"{cut:,}", f"{splats.num_gaussians:,}", float(max(some.max() for some in largest)), most,

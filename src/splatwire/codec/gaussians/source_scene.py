@@ -9,16 +9,24 @@ import numpy as np
 
 from splatwire.bitstream import PacketPlan
 from splatwire.codec.gaussians import _gaussian_kernels as kernels
-from splatwire.codec.gaussians.attributes import scene_log, to_colours, to_logs, to_sources, transformed
+from splatwire.codec.gaussians import _source_kernels as sources
+from splatwire.codec.gaussians.attributes import (
+    colours_of,
+    logs_of,
+    scene_log,
+    to_logs,
+    to_sources,
+    transformed,
+)
 from splatwire.codec.gaussians.blocks import (
     ROWS,
     arrange_block,
     block_codes,
     block_sizes,
     cell_shift,
+    check_reach,
     gaussian_order,
     runs,
-    to_lattice,
     typical_cell,
 )
 from splatwire.codec.gaussians.layout import (
@@ -194,7 +202,9 @@ class SourceScene:
         The unit is the spacing of the position lattice.
         """
         means = self.centres.take(self.order[self.members(block)], axis=0)
-        return to_lattice(means.astype(np.float64), self.unit, self.size_log)
+        places = np.empty(means.shape, np.int64)
+        check_reach(sources.write_places(means, 2.0 ** (self.unit - self.size_log), places))
+        return places
 
     def ends(self, block: int) -> np.ndarray:
         """Returns the smallest and largest coordinates of a block's Gaussians, int64 (2, 3).
@@ -206,14 +216,14 @@ class SourceScene:
 
     def means(self, block: int) -> np.ndarray:
         """Returns mean opacity, scales and colour of a block's Gaussians, int64 (7), 4 fractional bits."""
-        here = self.pick(self.members(block))
-        logs = to_logs(here, self.size_log).astype(np.float64)
+        here = self.order[self.members(block)]
+        logs = logs_of(self.splats.opacities.take(here), self.splats.scales.take(here, axis=0), self.size_log)
         ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
-        thin = (1 - 2.0**-ratio) / np.log(2) * (1 << BITS)
+        thin = (1 - np.exp2(-ratio)) / np.log(2) * (1 << BITS)
         # In the form of the bitstream: logarithm of the largest scale, logarithm of its ratio to the second scale, and
         # companded ratio of the second to the third scale.
         values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
-        means = np.concatenate([values.mean(axis=0), to_colours(here).mean(axis=0)])
+        means = np.concatenate([values.mean(axis=0), colours_of(self.splats.sh[here, 0]).mean(axis=0)])
         return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
 
     def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
@@ -367,11 +377,7 @@ def _quantised_positions(
         own = classes[begin : begin + len(some)].astype(np.int64)
         kernels.position_shifts(to_logs(part, size_log), own, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means
-        # Twice: the centre of a cell near float32 precision is rounded, possibly into a neighbouring cell.
-        for _ in range(2):
-            cells = to_lattice(some.astype(np.float64), unit, size_log) >> shifts[:, None]
-            half_units = ((2 * cells + 1) << shifts[:, None]).astype(np.float64)
-            some[:] = np.ldexp(half_units, size_log - unit - 1)
+        check_reach(sources.move_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
 
     share(find, range(0, len(centres), ROWS))
     return centres
