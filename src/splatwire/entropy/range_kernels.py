@@ -28,10 +28,7 @@ ADAPTIVE_FAST = 4
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_interval(buffer, state, start, size, total_bits):
-    """Encodes a symbol, given its probability interval `[start, start + size)` in units of `2**-total_bits`.
-
-    The buffer must have room for three bytes more than those of the symbols.
-    """
+    """Encodes a symbol, given its probability interval `[start, start + size)` in units of `2**-total_bits`."""
     unit = state[1] >> total_bits
     low = state[0] + unit * start
     span = unit * size
@@ -43,16 +40,14 @@ def encode_interval(buffer, state, start, size, total_bits):
             buffer[back] = 0
             back -= 1
         buffer[back] += 1
-    # A symbol takes at most three bytes, because `total_bits` is at most 24. All three are written, and only `count` of
-    # them are kept: processors predict a branch on the number of bytes badly.
-    count = np.int64(span < BOTTOM) + np.int64(span < BOTTOM >> 8) + np.int64(span < BOTTOM >> 16)
-    buffer[position] = low >> 40
-    buffer[position + 1] = (low >> 32) & 255
-    buffer[position + 2] = (low >> 24) & 255
-    bits = count << 3
-    state[0] = (low << bits) & ((1 << TOP) - 1)
-    state[1] = span << bits
-    state[2] = position + count
+    while span < BOTTOM:
+        buffer[position] = low >> 40
+        position += 1
+        low = (low & LOW_MASK) << 8
+        span <<= 8
+    state[0] = low
+    state[1] = span
+    state[2] = position
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")

@@ -31,8 +31,6 @@ HISTORY = 4
 BYTES_PER_VALUE = 40
 """Maximum bytes of a coded value: 15 adaptive bits of at most 11 bits, a sign and an escape of 65 bits."""
 BYTES_PER_BIT = 2
-SLACK = 8
-"""Size of an encoder's buffer in addition to the space for its values, bytes."""
 
 
 class Coder(NamedTuple):
@@ -53,7 +51,7 @@ class Coder(NamedTuple):
         """Returns a coder that encodes at most `num_bytes` bytes."""
         state = np.empty(3, dtype=np.int64)
         encoder_start(state)
-        return Coder(False, np.empty(num_bytes + SLACK, dtype=np.uint8), state)
+        return Coder(False, np.empty(num_bytes, dtype=np.uint8), state)
 
     @staticmethod
     def decoder(coded: bytes) -> "Coder":
