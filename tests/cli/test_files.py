@@ -198,3 +198,34 @@ def test_a_folder_of_another_user_is_refused_before_the_work(run, tmp_path, monk
     outcome = run(verb, *LEAST_WORDS[verb], "-o", tmp_path / "out")
     assert_complains(outcome, f"nothing can be written into {tmp_path}: Permission denied")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", ["render", "evaluate", "publish", "study"])
+def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monkeypatch, verb):
+    monkeypatch.chdir(tmp_path)
+    protocol = tmp_path.parent / "small.toml"
+    protocol.write_text('[protocol]\nname = "x"\ntitle = "x"\n[[scene]]\nname = "a"\nstream = "a.swz"\n')
+    scene = protocol if verb == "study" else journey / "tiny.scene"
+    more = ("--reference", journey / "tiny.scene") if verb == "evaluate" else ()
+    outcome = run(verb, scene, "-o", "-", *more)
+    assert outcome.status == 2
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("verb", ["pack", "evaluate", "verify", "publish", "serve"])
+def test_a_link_to_itself_is_no_input(run, journey, tmp_path, verb):
+    link = tmp_path / "loop.swz"
+    link.symlink_to("loop.swz")
+    more = {"evaluate": ("--reference", journey / "tiny.scene"), "pack": ("-o", tmp_path / "x.html"),
+            "publish": ("-o", tmp_path / "x")}.get(verb, ())  # fmt: skip
+    assert_complains(run(verb, link, *more), "loop.swz")
+
+
+def test_names_that_are_not_utf8_are_evaluated_and_not_published(run, journey, tmp_path):
+    name = tmp_path / os.fsdecode(b"bad\xff.swz")
+    name.write_bytes((journey / "tiny.swz").read_bytes())
+    done = run("evaluate", name, "--reference", journey / "tiny.scene", "--views", 1, "-o", tmp_path / "report")
+    assert done.status == 0, done.err
+    assert "bad\\udcff.swz" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    for verb, *more in (("publish", "-o", tmp_path / "site"), ("pack", "-o", tmp_path / "a.html"), ("serve",)):
+        assert_complains(run(verb, name, *more), "not valid UTF-8: rename it")

@@ -1,6 +1,7 @@
 """A fresh process decodes a stream, so that no state of the encoder can help."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -36,3 +37,22 @@ def test_verbs_work_in_a_shell_pipe(journey, tmp_path):
     assert done.returncode == 0, done.stderr.decode()
     here = decode_stream(read_stream(journey / "lossy.swz")[0])
     assert json.loads(done.stdout)["digest"] == scene_digest(here.scene.anchors)
+
+
+@pytest.mark.parametrize("words", [("verify",), ("verify", "--json"), ("inspect",), ("inspect", "--json")])
+def test_damaged_input_fails_even_if_nobody_reads_the_output(journey, tmp_path, words):
+    content = (journey / "tiny.swz").read_bytes()
+    (tmp_path / "cut.swz").write_bytes(content[: len(content) * 3 // 4])
+    line = f"{sys.executable} -m splatwire {' '.join(words)} cut.swz | true; exit ${{PIPESTATUS[0]}}"
+    assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == 3
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_characters_that_a_terminal_lacks_are_escaped(journey, tmp_path, encoding):
+    (tmp_path / "\u540d.swz").write_bytes((journey / "tiny.swz").read_bytes())
+    command = [sys.executable, "-m", "splatwire", "inspect", "\u540d.swz"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, check=False, env={**os.environ, "PYTHONIOENCODING": encoding}
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(b"\\u540d.swz (stream)")

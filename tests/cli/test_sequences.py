@@ -132,7 +132,7 @@ def test_empty_frames_have_files_and_keep_their_numbers(run, tmp_path):
         write_splats([frame], frames / f"{number}.ply")
     assert run("encode", frames, "-o", tmp_path / "a.swz").status == 0
     for words, name in ((("--format", "spz"), "frame_1.spz"), ((), "frame_1.ply")):
-        target = tmp_path / name
+        target = tmp_path / name.replace(".", "_")
         done = run("decode", tmp_path / "a.swz", "-o", target, *words)
         assert done.status == 0, done.err
         assert (
@@ -322,3 +322,11 @@ def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):
     assert scored["rows"][0]["psnr"] > 30
     assert "encode` makes a clip of it" in run("render", source, "-o", tmp_path / "a.png").err
     assert "--fps, --group and --frames are for clips" in run("encode", target, "-o", "b.swz", "--frames", 3).err
+
+
+@pytest.mark.parametrize(("name", "words"), [("one.ply", "has no such suffix"), ("-", "standard output cannot be")])
+def test_frames_are_not_written_to_a_folder_that_looks_like_a_file(run, clip, tmp_path, monkeypatch, name, words):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("decode", clip, "-o", name)
+    assert (outcome.status, words in outcome.err) == (2, True)
+    assert not list(tmp_path.iterdir())

@@ -425,3 +425,22 @@ def test_monitored_server_reports_its_transfers_in_metrics_and_log(stream_file: 
 def test_invalid_monitoring_address_is_refused(text: str, capsys: pytest.CaptureFixture[str]):
     assert call("serve", f"--monitor={text}") == 2
     assert "--monitor takes PORT or HOST:PORT" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_following_that_is_stopped_before_a_scene_arrives_fails(tmp_path: Path, monkeypatch, capsys, number):
+    """A script must not take an old output for the scene."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+
+        def stop() -> None:
+            silent.recv(2048)
+            signal.raise_signal(number)
+
+        waiting = threading.Thread(target=stop)
+        waiting.start()
+        url = f"udp://127.0.0.1:{silent.getsockname()[1]}/room"
+        assert call("receive", url, "-o", str(tmp_path / "a.swz"), "--follow") == 130
+        waiting.join()
+    assert not list(tmp_path.iterdir())
+    assert capsys.readouterr().err.endswith("splatwire: stopped\n")

@@ -39,7 +39,13 @@ def test_updates_are_encoded_inspected_verified_and_applied(folder, run):
     wrong = run("apply", new, change, "-o", again)
     assert (wrong.status, "the update changes another stream" in wrong.err) == (2, True)
     unlike = run("encode", change, "-o", again)
-    assert (unlike.status, "an update is encoded from a stream and a scene" in unlike.err) == (2, True)
+    assert (unlike.status, "is an update, which has only the changes" in unlike.err) == (2, True)
+    for words in (("decode", change, "-o", folder / "x.ply"), ("render", change, "-o", folder / "x"),
+                  ("thumb", change, "-o", folder / "x.png"), ("convert", change, folder / "x.spz"),
+                  ("evaluate", change, "--reference", folder / "old.ply"), ("plan", change)):  # fmt: skip
+        alone = run(*words)
+        assert (alone.status, "is an update, which has only the changes" in alone.err) == (2, True), words
+    assert not list(folder.glob("x*"))
 
 
 @pytest.mark.parametrize("option", [("--quality", "50"), ("--preset", "paper"), ("--levels", "auto"), ("--fps", "30")])

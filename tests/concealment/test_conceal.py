@@ -186,3 +186,8 @@ def test_context_with_arrays_of_unequal_length_is_refused() -> None:
     context = random_context(10, 0)
     with pytest.raises(ValueError, match="different numbers of elements"):
         dataclasses.replace(context, loss_mask=LossMask.of_anchors(np.ones(9, np.bool_)))
+
+
+def test_the_class_of_a_concealer_is_no_concealer() -> None:
+    with pytest.raises(InvalidValueError, match="expected a concealer or its name such as 'grow', not type"):
+        conceal(random_context(40, 0), type(create_concealer("grow")))

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from random_numbers import Numbers
-from splatwire.metrics import psnr, psnr_by_channel
+from splatwire.errors import InvalidValueError
+from splatwire.metrics import psnr, psnr_by_channel, ssim
+from splatwire.metrics.masks import image_pair
 
 
 def test_known_error_has_the_expected_psnr() -> None:
@@ -28,3 +30,14 @@ def test_channel_mean_of_psnr_is_at_least_the_joint_psnr() -> None:
     assert psnr_by_channel(a, uneven) > psnr(a, uneven) + 1
     flat = a + 0.1
     assert psnr_by_channel(a, flat).item() == pytest.approx(psnr(a, flat).item(), abs=1e-3)
+
+
+@pytest.mark.parametrize("metric", [psnr, psnr_by_channel, ssim])
+def test_pictures_of_eight_bits_are_an_error(metric) -> None:
+    """Differences of unsigned integers wrap around, and those of floats up to 255 mean no decibels."""
+    image = Numbers(0).rand(1, 16, 16, 3)
+    for ours, theirs in ((image, 255 * image), (255 * image, image)):
+        with pytest.raises(InvalidValueError, match=r"expected RGB from 0 to 1, not float32 up to 2.*divide by 255"):
+            metric(ours, theirs)
+    with pytest.raises(InvalidValueError, match="expected RGB from 0 to 1, not uint8 up to"):
+        image_pair(image, (255 * image).astype(np.uint8))

@@ -264,3 +264,14 @@ def test_best_writes_the_stream_of_default_if_fine_tuning_gains_nothing(monkeypa
     best = encode_controlled(scene, target, encode_plainly, effort="best", tuning=Tuning(1, 12))
     assert "gains nothing" in caplog.text
     assert best.stream.packets == encode_controlled(scene, target, encode_plainly).stream.packets
+
+
+@pytest.mark.parametrize("effort", ["fast", "default"])
+def test_lengths_of_quaternions_do_not_change_the_stream(effort):
+    """Trainers store quaternions that are not normalised; precision and pruning are measured in pictures."""
+    splats = ball_of_gaussians()
+    longer = replace(splats, quats=splats.quats * np.float32(3))
+    streams = [splatwire.encode(scene, effort=effort) for scene in (splats, longer, SplatScene(longer))]
+    assert len({stream.manifest.symbols_digest for stream in streams}) == 1
+    clips = [splatwire.encode([scene] * 3, splatwire.SequenceOptions()) for scene in (splats, longer)]
+    assert clips[0].manifest.symbols_digest == clips[1].manifest.symbols_digest

@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from explicit import ball_of_gaussians
 from scenes import tiny_cameras, tiny_scene
 from splatwire.anchors.compiled_heads import drawn_gaussians
 from splatwire.errors import UnknownNameError
 from splatwire.render import create_renderer, iterate_views, render_scene
-from splatwire.types import RenderHints
+from splatwire.types import RenderHints, SplatScene
 
 
 @pytest.mark.needs_torch
@@ -49,3 +52,33 @@ def test_render_hints_change_the_picture() -> None:
 def test_an_unknown_renderer_is_refused_before_anything_is_drawn() -> None:
     with pytest.raises(UnknownNameError):
         iterate_views(tiny_scene(num_anchors=5), tiny_cameras(1), renderer="opengl")
+
+
+def test_gaussians_that_cannot_be_drawn_are_left_out_with_a_warning(caplog: pytest.LogCaptureFixture) -> None:
+    """They are the same Gaussians as in `encode`; one colour that is not finite would blank all pixels it touches."""
+    splats, cameras = ball_of_gaussians(), tiny_cameras(1, 48, 32)
+    for name, value in (("sh", np.nan), ("opacities", 3.0), ("quats", 0.0), ("scales", -1.0), ("means", np.inf)):
+        values = getattr(splats, name).copy()
+        values[:50] = value
+        image = render_scene(replace(splats, **{name: values}), cameras)
+        assert np.array_equal(image, render_scene(splats.select(np.arange(50, 200)), cameras)), name
+    assert [record.message for record in caplog.records] == [
+        "rendering: 50 of 200 Gaussians cannot be drawn and are left out (the first is row 0)"
+    ] * 5
+
+
+@pytest.mark.parametrize("factor", [0.1, 3.0, -1e-10, 1e20])
+def test_rotations_of_any_length_give_the_same_picture(factor: float) -> None:
+    """Trainers store quaternions that are not normalised."""
+    splats, cameras = ball_of_gaussians(), tiny_cameras(1, 48, 32)
+    longer = replace(splats, quats=splats.quats * np.float32(factor))
+    expected = render_scene(splats, cameras)
+    for scene in (longer, SplatScene(longer)):
+        assert np.abs(render_scene(scene, cameras) - expected).max() < 1e-5
+
+
+def test_quaternions_of_length_one_are_not_copied() -> None:
+    splats = ball_of_gaussians()
+    assert splats.with_unit_quats() is splats
+    halves = replace(splats, quats=splats.quats.astype(np.float16))
+    assert halves.with_unit_quats() is halves

@@ -55,6 +55,7 @@ def test_packets_are_dropped_with_a_warning_if_frames_are_written_too_slowly(
         live.on_event(HEAD)
         going_on.set()
         live.finish()
+    assert live.num_dropped == 990
     assert [type(event) for event in written] == [*[PacketArrived] * 10, SideInfoArrived]
     assert [record.message.split(":")[0] for record in caplog.records] == [
         "frames are written more slowly than they arrive"

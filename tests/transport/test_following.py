@@ -270,3 +270,12 @@ def test_a_receiver_that_was_stopped_before_needs_no_network() -> None:
         return await receive_udp(Address("no-such-host.invalid", 1), ReceiverOptions(), stop=stop)
 
     assert run(work()).finished.reason == "stopped"
+
+
+def test_an_outage_of_the_server_causes_one_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[tuple[str, SceneStream | None]] = [("nothing listens there", None)] * 5
+    _, warnings, _ = followed(
+        monkeypatch, ("complete", BASE), *closed, ("complete", UPDATES[0]), *closed, ("no answer", None)
+    )
+    reasons = [text.partition("(")[2].partition(")")[0] for text in warnings]
+    assert reasons == ["nothing listens there", "nothing listens there", "no answer"]

@@ -33,6 +33,9 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
     Args:
         value: A scene; the result of a decoder without losses; or explicit Gaussians, which get a black background.
 
+    Returns:
+        The scene; explicit Gaussians have quaternions of length 1.
+
     Raises:
         InvalidValueError: If the value has another type, or elements were lost.
     """
@@ -44,7 +47,10 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
             )
         return value.scene
     if isinstance(value, Splats):
-        return SplatScene(value)
+        return SplatScene(value.with_unit_quats())
+    if isinstance(value, SplatScene):
+        unit = value.splats.with_unit_quats()
+        return value if unit is value.splats else replace(value, splats=unit)
     if gaussians_of_view.dispatch(type(value)) is gaussians_of_view.dispatch(object):
         raise InvalidValueError(f"expected a scene {_conversion_hint(value)}, not {type(value).__name__}")
     return value

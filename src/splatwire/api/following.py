@@ -45,7 +45,7 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
     """
     # If an update does not arrive or cannot be applied, it or the whole scene is requested again.
     scene: SceneStream | None = None
-    without_updates = ""
+    without_updates, warn_of_change = "", _changes_only(warn)
     while True:
         receiver = await (fetch(name) if scene is None else _fetch_repeatedly(fetch, name, warn))
         stream, reason = receiver.stream(), _reason(receiver)
@@ -54,13 +54,14 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
         if stream is None or reason != "complete":
             if scene is None:
                 raise InvalidValueError(f"the scene did not arrive as a whole: {reason}")
-            warn(f"the scene did not arrive as a whole ({reason}); the last one remains")
+            warn_of_change(f"the scene did not arrive as a whole ({reason}); the last one remains")
             await asyncio.sleep(RETRY_S)
             continue
         digest = manifest_digest(stream.manifest)
         if digest == without_updates:
             raise InvalidValueError("the server offers no updates of the scene: `serve --updates` does")
         scene = stream
+        warn_of_change("")
         yield scene
         try:
             without_updates = digest
@@ -92,6 +93,7 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         BitstreamError: If it is damaged.
         OSError: If a transfer fails for another reason than a missing network.
     """
+    warn_of_change = _changes_only(warn)
     while True:
         receiver = await _fetch_repeatedly(fetch, update_name(digest), warn)
         stream, reason = receiver.stream(), _reason(receiver)
@@ -100,12 +102,26 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         if reason == REFUSALS[MISSING_STREAM]:
             return
         if stream is None or reason != "complete":
-            warn(f"an update did not arrive as a whole ({reason}); the last scene remains")
+            warn_of_change(f"an update did not arrive as a whole ({reason}); the last scene remains")
             await asyncio.sleep(RETRY_S)
             continue
         check_follows(stream, digest)
+        warn_of_change("")
         yield stream
         digest = read_update(sections_of(stream)[SECTION]).result_digest
+
+
+def _changes_only(warn: Warn) -> Warn:
+    """Returns a function that passes on a warning unless it equals the one before; an empty text resets it."""
+    last = ""
+
+    def changed(text: str) -> None:
+        nonlocal last
+        if text and text != last:
+            warn(text)
+        last = text
+
+    return changed
 
 
 async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:

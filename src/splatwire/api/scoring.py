@@ -41,7 +41,7 @@ def evaluate(
 
     Args:
         scene: The scene, e.g. after losses and concealment.
-        reference: The scene without losses, or one picture per camera, RGB in [0, 1].
+        reference: The scene without losses, or one picture per camera, RGB in [0, 1], numpy or torch.
         cameras: The cameras.
         renderer: A renderer or its name.
 
@@ -61,5 +61,5 @@ def evaluate(
         True
     """
     images = render_scene(scene, cameras, renderer=renderer)
-    wanted = reference if isinstance(reference, np.ndarray) else render_scene(reference, cameras, renderer=renderer)
+    wanted = reference if hasattr(reference, "shape") else render_scene(reference, cameras, renderer=renderer)
     return Scores(psnr(images, wanted), ssim(images, wanted))

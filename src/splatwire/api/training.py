@@ -112,7 +112,7 @@ class TrainingServer:
 
         Args:
             means: World coordinates of the centres, (G, 3).
-            quats: Rotations, unit quaternions (w, x, y, z), (G, 4).
+            quats: Rotations, quaternions (w, x, y, z) of any length, (G, 4).
             scales: Standard deviations along the axes, not their logarithms, world units, (G, 3).
             opacities: Opacities in (0, 1), not logits, (G,).
             sh: Coefficients of spherical harmonics, (G, D, 3).
@@ -133,7 +133,7 @@ class TrainingServer:
         for name, values in rows.items():
             if len(values) != len(rows["means"]):
                 raise InvalidValueError(f"{name}: expected {len(rows['means'])} rows, as in means, not {len(values)}")
-        splats = Splats(**rows)
+        splats = Splats(**rows).with_unit_quats()
         if not splats.num_gaussians:
             raise InvalidValueError("means: expected at least one Gaussian")
         self._check_process()
@@ -151,6 +151,7 @@ class TrainingServer:
             if wait and self._num_done < number:
                 raise InvalidValueError("push: the server was closed before the Gaussians were encoded")
 
+    @checked
     def drain(self, most_s: float = 10.0) -> None:
         """Waits until clients have received what was pushed.
 
@@ -158,7 +159,8 @@ class TrainingServer:
             most_s: Maximum duration, seconds.
 
         Raises:
-            InvalidValueError: If the duration is negative, or the last pushed Gaussians could not be encoded.
+            InvalidValueError: If the duration is not a number of at least 0, or the last pushed Gaussians could not be
+                encoded.
         """
         # Clients that follow the scene get `REQUEST_S` to request the last state.
         if not most_s >= 0:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from splatwire.arguments import check_fields, checked
-from splatwire.bitstream.limits import UNNAMED_SCHEMA
+from splatwire.bitstream.limits import UNNAMED_SCHEMA, UPDATE
 from splatwire.bitstream.manifest import Manifest, manifest_to_bytes, packetization_to_json
 from splatwire.bitstream.packet import HEADER_BYTES, Packet, make_packet
 from splatwire.bitstream.packet_id import PacketId
@@ -64,16 +64,20 @@ class SceneStream:
         }
 
     def still(self, source: object = "the stream") -> "SceneStream":
-        """Returns the stream itself after checking that the stream contains a static scene, not a sequence.
+        """Returns the stream itself after checking that the stream contains a static scene, no sequence or update.
 
         Args:
             source: Source of the stream, for the message.
 
         Raises:
-            InvalidValueError: If the stream is a sequence.
+            InvalidValueError: If the stream is a sequence or an update.
         """
         if self.manifest.schema.timed:
             raise InvalidValueError(f"{source} is a clip, and this takes scenes; `decode` writes its frames as scenes")
+        if self.manifest.codec == UPDATE:
+            raise InvalidValueError(
+                f"{source} is an update, which has only the changes of a scene: `apply` makes a stream of both"
+            )
         return self
 
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":

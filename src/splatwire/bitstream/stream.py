@@ -28,7 +28,7 @@ from splatwire.bitstream.scene_stream import FILE_MAGIC, SceneStream
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, is_not, opened
-from splatwire.files.names import path_of
+from splatwire.files.names import path_of, real_path
 from splatwire.files.read_limited import open_regular, read_at_most, read_limited
 
 FILE_SUFFIX = ".swz"
@@ -52,7 +52,7 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
         OSError: If writing fails.
     """
     check_kind(stream, SceneStream, "read_stream")
-    target = path_of(path, "a stream").resolve()
+    target = real_path(path_of(path, "a stream"))
     is_file = target.suffix.lower() == FILE_SUFFIX
     _check_replaceable(target, is_file)
     with atomic_output(target) as new:

@@ -13,6 +13,7 @@ from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.files.atomic_write import atomic_output, check_writable
 from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes, opened
+from splatwire.files.names import real_path
 
 STANDARD = "-"
 _FORMATS = {
@@ -36,8 +37,17 @@ _HEAD_BYTES = 1 << 16
 
 
 def stream_name(path: str) -> str:
-    """Returns the name under which clients request a stream."""
-    return "scene" if path == STANDARD else Path(path).resolve().name.removesuffix(FILE_SUFFIX)
+    """Returns the name under which clients request a stream.
+
+    Raises:
+        InvalidValueError: If the name of the file is not valid UTF-8, which addresses and pages need.
+    """
+    name = "scene" if path == STANDARD else real_path(Path(path)).name.removesuffix(FILE_SUFFIX)
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise InvalidValueError(f"{path}: the name of the file is not valid UTF-8: rename it") from error
+    return name
 
 
 @contextmanager
@@ -136,9 +146,9 @@ def output_folder(name: str) -> Iterator[Path]:
         InvalidValueError: If a folder of that name exists and is not empty.
     """
     target = Path(name)
+    check_folder(target)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
-    check_folder(target)
     with atomic_output(target) as made:
         made.mkdir()
         yield made
@@ -148,12 +158,28 @@ def check_folder(path: Path) -> None:
     """Checks, before the work, that an output folder can be created.
 
     Raises:
-        InvalidValueError: If the path exists and is not a folder, or its parent folder does not exist or is not
-            writable.
+        InvalidValueError: If the path exists and is not a folder, its parent folder does not exist or is not writable,
+            or the path means standard output.
     """
+    if str(path) == STANDARD:
+        raise InvalidValueError("a folder is written, which standard output cannot be: give -o a name")
     if path.exists() and not path.is_dir():
         raise InvalidValueError(f"{path}: not a folder, so nothing can be written into it")
     check_writable(path, inside=True)
+
+
+def check_folder_name(name: str, instead: str) -> None:
+    """Checks that the name of an output folder does not end like that of a file.
+
+    Args:
+        name: Output path given by the user.
+        instead: Hint for users who want a file.
+
+    Raises:
+        InvalidValueError: If its suffix is that of a file format.
+    """
+    if Path(name).suffix.lower() in _FORMATS:
+        raise InvalidValueError(f"{name}: a clip is written to a folder, whose name has no such suffix; {instead}")
 
 
 def check_output(verb: Any) -> None:

@@ -18,6 +18,7 @@ from splatwire.concealment import create_concealer
 from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.walkthrough.path import viewpoint_of
+from splatwire.files.names import real_path
 from splatwire.io import save_decoded
 from splatwire.io.formats.ply import write_ply
 from splatwire.sequence.written_frames import check_num_frames, write_frames
@@ -50,7 +51,7 @@ def keep_preview(command: Receive, preview: bytes) -> str:
         return f", and what should have been its {error}"
     if command.output == STANDARD:
         return "; its preview did, but standard output is for the scene: name a file with -o to keep it"
-    path = prepared_output(Path(command.output).resolve().with_suffix(".preview.ply"))
+    path = prepared_output(real_path(Path(command.output)).with_suffix(".preview.ply"))
     write_ply([shown.splats], path)
     behind = " ".join(f"{value:.3f}" for value in shown.background)
     return f"; its preview did: {shown.num_elements} Gaussians before {behind} (RGB) -> {path}"
@@ -76,7 +77,7 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
         write_frames(stream, path, ".ply", command.conceal or "", None, show)
         return
     if explicit != stream.manifest.schema.explicit or stream.manifest.schema.timed:
-        kept = Path(command.output).resolve().with_suffix(FILE_SUFFIX)
+        kept = real_path(Path(command.output)).with_suffix(FILE_SUFFIX)
         write_stream(stream, prepared_output(kept))
         raise InvalidValueError(
             f"{without_token(command.url)} sent {stream.manifest.elements}, which {command.output} is no name for; "

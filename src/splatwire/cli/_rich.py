@@ -19,7 +19,14 @@ def console(*, stderr: bool = False) -> Console:
     stream = sys.stderr if stderr else sys.stdout
     while isinstance(stream, PrintableStream):
         stream = stream.target
-    return Console(file=stream, markup=False, emoji=False, highlight=False)
+    return _Console(file=stream, markup=False, emoji=False, highlight=False)
+
+
+class _Console(Console):
+    """Rich console that leaves a closed pipe to `main`, which rich would make an exit with status 1."""
+
+    def on_broken_pipe(self) -> None:
+        raise
 
 
 def print_table(table: RenderableType) -> None:

@@ -24,6 +24,7 @@ from splatwire.codec.background import BACKGROUND
 from splatwire.concealment import create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.kinds import STREAMS, file_kind
+from splatwire.files.names import real_path
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io import drawable_scene
 from splatwire.io.formats import format_for
@@ -262,7 +263,7 @@ def _convert_inputs(command: Convert, form: str) -> None:
 def _output_name(source: str, form: str) -> str:
     """Returns the file name of an output: name of the input with the suffix of the output format."""
     # Outputs that are folders, such as frames, have no suffix.
-    path = Path(source).resolve()
+    path = real_path(Path(source))
     of_sequences = (suffix for known in SEQUENCE_FORMATS for suffix in known.suffixes)
     suffixes = sorted(
         (FILE_SUFFIX, *of_sequences, *(known.suffix for known in FORMATS.all().values())), key=len, reverse=True

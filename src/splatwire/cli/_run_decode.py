@@ -5,7 +5,7 @@ from pathlib import Path
 
 from splatwire.bitstream import ReadReport, SceneStream, read_stream
 from splatwire.cli._concealers import check_concealer
-from splatwire.cli._files import input_path, output_folder, output_path, read_report_json
+from splatwire.cli._files import check_folder_name, input_path, output_folder, output_path, read_report_json
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli._scenes import chosen_outliers
 from splatwire.cli.decode import Decode
@@ -31,6 +31,7 @@ def run(options: Decode) -> None:
     if (options.frame, options.format, options.max_frames) != (None, None, None):
         raise InvalidValueError(f"--frame, --max-frames and --format are for a clip, which {options.stream} is not")
     concealer = None if options.conceal is None else create_concealer(options.conceal)
+    stream.still(options.stream)
     elements, explicit = stream.manifest.elements, stream.manifest.schema.explicit
     suffix = Path(options.output).suffix if explicit else ""
     if explicit:
@@ -66,6 +67,8 @@ def _decode_sequence(options: Decode, stream: SceneStream, report: ReadReport) -
     folder = options.frame is None or not Path(options.output).suffix
     if not folder and options.format is not None:
         raise InvalidValueError("with --frame the file name sets the format: leave out --format")
+    if options.frame is None:
+        check_folder_name(options.output, "--frame writes one frame to a file")
     suffix = f".{(options.format or 'ply').lstrip('.')}" if folder else Path(options.output).suffix
     format_for(f"x{suffix}" if folder else options.output)
     outliers = chosen_outliers(options.outliers, f"x{suffix}" if folder else options.output)

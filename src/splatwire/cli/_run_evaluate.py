@@ -12,6 +12,7 @@ from splatwire.cli._files import check_folder, check_inputs, input_path
 from splatwire.cli._output import print_facts, print_json, print_table, progress_bars, refuse_options
 from splatwire.cli._scenes import chosen_background
 from splatwire.cli._table import print_rows
+from splatwire.cli._terminal import printable
 from splatwire.cli.evaluate import Evaluate
 from splatwire.concealment import create_concealer
 from splatwire.concealment.temporal.concealers import temporal_concealer
@@ -51,7 +52,7 @@ def run(command: Evaluate) -> None:
 def _evaluate_path(command: Evaluate, stream: SceneStream, link: Link) -> None:
     assert command.path is not None
     assert command.reference is not None
-    name = Path(command.source).name
+    name = _title(command)
     with progress_bars() as show:
         content = evaluate_path(
             stream, command.path, link, command.reference, lossy=bool(command.loss), seconds=command.seconds,
@@ -67,7 +68,10 @@ def _evaluate_sequence(command: Evaluate, stream: SceneStream) -> None:
         raise InvalidValueError("a clip is compared with its source frames: give --reference FOLDER")
     for concealer in command.conceal:
         temporal_concealer(concealer)
-    name, rows = Path(command.source).name, sequence_rows(stream, command.conceal, command.loss, command.seeds)
+    name, rows = (
+        _title(command),
+        sequence_rows(stream, command.conceal, command.loss, command.seeds),
+    )
     with progress_bars() as show:
         content = evaluate_sequence(
             stream, command.reference, rows, cameras=command.cameras, views=command.views, renderer=command.renderer,
@@ -135,6 +139,11 @@ def _check(command: Evaluate) -> Link | None:
     return link
 
 
+def _title(command: Evaluate) -> str:
+    """Returns the name of the source for titles; bytes of the name that are not UTF-8 are escaped."""
+    return printable(Path(command.source).name)
+
+
 def _link(command: Evaluate) -> Link | None:
     """Returns the simulated network link for a walk along a camera path (option `--path`); None without a path."""
     if command.path is None:
@@ -164,7 +173,7 @@ def _parse_rate(text: str) -> float:
 def _study(command: Evaluate, path: Path, reference: Path | None, files: InputFiles) -> Study:
     """Returns the definition of the evaluation of a stream or scene file."""
     entry = SceneEntry(
-        name=Path(command.source).stem if command.source != "-" else "standard input",
+        name=printable(Path(command.source).stem) if command.source != "-" else "standard input",
         source=path,
         kind="stream" if is_stream(path) else "scene",
         photos=command.data,
@@ -176,7 +185,7 @@ def _study(command: Evaluate, path: Path, reference: Path | None, files: InputFi
     lossy = [row.key for row in rows if not row.lossless and row.label != "contiguous drop"]
     return Study(
         name=entry.name,
-        title=f"{Path(command.source).name} {'as it is' if command.loss is None else 'under ' + command.loss}",
+        title=f"{_title(command)} {'as it is' if command.loss is None else 'under ' + command.loss}",
         scenes=(entry,),
         rows=rows,
         losses=(Loss(command.loss or "none"),),

@@ -156,6 +156,8 @@ def _read(path: str) -> SceneStream:
         stream = read_stream(file)[0]
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
+    if not stream.manifest.schema.timed:
+        stream.still(path)
     return in_datagrams(stream, path)
 
 

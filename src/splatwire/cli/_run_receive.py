@@ -20,6 +20,7 @@ from splatwire.cli._output import Reporter, print_json, print_summary, progress_
 from splatwire.cli._receiving import transfer_of
 from splatwire.cli.receive import Receive
 from splatwire.errors import InvalidValueError, MissingSideInfoError
+from splatwire.files.names import real_path
 from splatwire.sequence.live_frames import LiveFrames
 from splatwire.transport import (
     Event,
@@ -76,9 +77,13 @@ def run(command: Receive) -> None:
     _print_result(command, receiver, stream, reason, moments)
     if stopped:
         raise KeyboardInterrupt  # sets the exit status; the received data is already written
-    if not (command.partial or _is_complete(reason, live=receiver.is_live, num_missed=receiver.num_missed)):
+    num_missed = receiver.num_missed + live.num_dropped
+    if not (command.partial or _is_complete(reason, live=receiver.is_live, num_missed=num_missed)):
+        missing = receiver.describe_missing()
+        if live.num_dropped:
+            missing = f"{missing}, {live.num_dropped:,} packets were dropped".removeprefix(", ")
         print(
-            f"splatwire: error: {url}: the stream is incomplete ({reason}: {receiver.describe_missing()}); "
+            f"splatwire: error: {url}: the stream is incomplete ({reason}: {missing}); "
             f"what arrived is in {command.output}. Receive it again, or accept this with --partial", file=sys.stderr,
         )  # fmt: skip
         sys.exit(DAMAGED)
@@ -92,9 +97,10 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
     """
     if command.deadline or command.partial or command.camera or command.pcap or address.scheme == "moq":
         raise InvalidValueError("--follow is for udp:// and quic://, without --deadline, --partial, --camera, --pcap")
-    transfer, decoding = transfer_of(command.trust, address), _decoding_module()
+    transfer, decoding, num_written = transfer_of(command.trust, address), _decoding_module(), 0
 
     async def run() -> None:
+        nonlocal num_written
         loop = asyncio.get_running_loop()
         stop = loop.create_future()
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -110,6 +116,7 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
                     write_stream(stream, path)
                 else:
                     decoding.write_scene(command, stream, path, show)
+            num_written += 1
             elements, seconds = stream.manifest.num_elements, time.perf_counter() - began
             if command.json:
                 print_json({"output": command.output, "num_elements": elements, "seconds": seconds,
@@ -120,6 +127,8 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
                 print_summary(text, command.output)
 
     asyncio.run(run())
+    if not num_written:
+        raise KeyboardInterrupt  # stopped before the scene arrived; sets the exit status
 
 
 def print_warning(text: str) -> None:
@@ -161,7 +170,7 @@ def _transfer(
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
     """Writes one period of an endless live clip to a file named with the period's number."""
     # The last period is written to the regular output.
-    path = prepared_output(Path(command.output).resolve().with_suffix(f".{number:03}{FILE_SUFFIX}"))
+    path = prepared_output(real_path(Path(command.output)).with_suffix(f".{number:03}{FILE_SUFFIX}"))
     write_stream(stream, path)
 
 

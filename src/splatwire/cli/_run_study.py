@@ -24,6 +24,7 @@ from splatwire.evaluation.study import (
     write_size_outputs,
 )
 from splatwire.evaluation.study.slurm_options import SlurmOptions
+from splatwire.files.names import real_path
 
 BUNDLED = "bundled"
 _REPORT = ("jinja2", "matplotlib")
@@ -36,7 +37,7 @@ def run(command: StudyCommand) -> None:
     study = study_of(command)
     check_folder(command.output)
     engine = create_engine(command.engine, command.workers, _slurm(command))
-    store = Store((command.output / "store").resolve())
+    store = Store(real_path(command.output / "store"))
     _check_modules(_REPORT if study.kind == "sizes" else (*_REPORT, *_RECORDS))
     if study.kind == "sizes":
         _run_sizes(command, study, store)
@@ -91,11 +92,11 @@ def _replaced_scene(command: StudyCommand) -> SceneEntry | None:
     kind = "model" if (source / "point_cloud").is_dir() else "stream" if is_stream(source) else "scene"
     return SceneEntry(
         name=source.name if kind == "model" else source.stem,
-        source=source.resolve(),
+        source=real_path(source),
         kind=kind,
         photos=command.photos,
         cameras=cameras,
-        weights=command.weights.resolve() if command.weights else None,
+        weights=real_path(command.weights) if command.weights else None,
     )
 
 

@@ -19,7 +19,10 @@ def run(command: Thumb) -> None:
     prepared_output(command.output)
     with input_path(command.scene) as path:
         if is_stream(path):
-            pixels = stream_thumbnail(read_stream(path)[0], command.size)
+            stream = read_stream(path)[0]
+            pixels = stream_thumbnail(
+                stream if stream.manifest.schema.timed else stream.still(command.scene), command.size
+            )
         else:
             pixels = thumbnail(drawable_scene(path, create_concealer("drop"))[0], command.size)
     atomic_write(command.output, picture_bytes(pixels, command.output.suffix))

@@ -41,13 +41,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     if arguments is None:
         sys.excepthook = _print_traceback
-    try:
-        with _standard_streams(), _signals_as_exit(), _rare_collections():
-            status = _run(list(sys.argv[1:] if arguments is None else arguments))
-            status = _flush_stdout(status)
-    except BrokenPipeError:  # the reader of the output has exited, e.g. `| head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
+    with _standard_streams(), _signals_as_exit(), _rare_collections():
+        try:
+            status: Any = _run(list(sys.argv[1:] if arguments is None else arguments))
+        except SystemExit as end:
+            status = end.code
+        except BrokenPipeError:
+            _discard_stdout()
+            status = 0
+        status = _flush_stdout(status)
     sys.exit(status)
 
 
@@ -56,28 +58,33 @@ def _print_traceback(kind: type[BaseException], error: BaseException, trace: Tra
         traceback.print_exception(kind, error, trace)
 
 
-def _flush_stdout(status: int) -> int:
-    """Writes the buffered standard output before the process exits; returns the exit status.
-
-    Raises:
-        BrokenPipeError: If the reader of standard output has exited.
-    """
+def _flush_stdout(status: Any) -> Any:
+    """Writes the buffered standard output before the process exits; returns the exit status."""
     if sys.stdout is None:
         return status
     try:
         sys.stdout.flush()
-    except BrokenPipeError:
-        raise
+    except BrokenPipeError:  # the reader of the output has exited, e.g. `| head`
+        _discard_stdout()
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # otherwise Python would flush it again at exit
+        _discard_stdout()
         return _print_error(f"standard output: {resource_problem(error) or error}")
     return status
 
 
+def _discard_stdout() -> None:
+    """Redirects standard output to the null device; otherwise Python would flush it again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 @contextmanager
 def _standard_streams() -> Iterator[None]:
-    """Redirects a closed standard error to the null device."""
-    # `print` would use standard output instead.
+    """Redirects a closed standard error to the null device, and escapes characters that standard output cannot encode.
+
+    `print` would use standard output instead of a closed standard error.
+    """
+    if getattr(sys.stdout, "errors", None) == "strict" and hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(errors="backslashreplace")  # e.g. in a terminal with Latin-1
     if sys.stderr is not None:
         yield
         return
@@ -138,7 +145,10 @@ def _run(arguments: list[str]) -> int:
             print(f"splatwire: warning: {warning}", file=sys.stderr)
         waits = startup_messages(arguments[0])
         with printable_streams(), waits, input_warnings() as warnings:
-            _execute(arguments[0], verb)
+            try:
+                _execute(arguments[0], verb)
+            except BrokenPipeError:  # the reader of the output has exited; damaged input still fails
+                _discard_stdout()
     except BrokenPipeError:
         raise
     except (Exception, KeyboardInterrupt) as error:

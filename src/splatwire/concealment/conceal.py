@@ -9,7 +9,7 @@ from splatwire.anchors.appearance import ReceivedScene, Scene
 from splatwire.arguments import checked_except
 from splatwire.concealment.base import Concealed, Concealer
 from splatwire.concealment.registry import check_needs, create_concealer
-from splatwire.errors import InvalidValueError, check_kind
+from splatwire.errors import InvalidValueError, check_kind, shown
 from splatwire.types.received_scene import S
 
 
@@ -33,6 +33,8 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
     """
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
     check_kind(partial, ReceivedScene, "decode_stream")
+    if not isinstance(method, Concealer) or isinstance(method, type):
+        raise InvalidValueError(f"expected a concealer or its name such as 'grow', not {shown(method)}")
     check_needs(method, partial)
     if partial.loss_mask.num_lost == 0:
         return partial.scene

@@ -33,6 +33,11 @@ def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str
     return tuple(found)
 
 
+def real_path(path: Path) -> Path:
+    """Returns the absolute path without symbolic links, as far as they can be followed."""
+    return Path(os.path.realpath(path))  # `Path.resolve` fails for a link to itself
+
+
 def path_of(value: object, what: str = "a file or folder") -> Path:
     """Validates a path argument of a public function, and converts it to a `Path`.
 

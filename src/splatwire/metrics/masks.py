@@ -9,6 +9,9 @@ from splatwire.arguments import array_of, checked
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import to_numpy
 
+_MOST = 8.0
+"""Largest value of a picture. Renders that are not clamped exceed 1 a little; 8-bit pictures reach 255."""
+
 
 @checked
 def black_outside(images: Float[Any, "C H W 3"], masks: Bool[Any, "C H W"]) -> Float[np.ndarray, "C H W 3"]:
@@ -27,10 +30,18 @@ def image_pair(images: Any, references: Any) -> tuple[np.ndarray, np.ndarray]:
     """Converts two sets of pictures to arrays of the same shape (C, H, W, 3).
 
     Raises:
-        InvalidValueError: If they are not pictures of one size.
+        InvalidValueError: If they are not pictures of one size, or their values are those of 8-bit pictures.
     """
-    ours = array_of(images, "images", ("C", "H", "W", 3))
-    return ours, array_of(references, "references", ours.shape)
+    ours = _unit_range(array_of(images, "images", ("C", "H", "W", 3)), "images")
+    return ours, _unit_range(array_of(references, "references", ours.shape), "references")
+
+
+def _unit_range(images: np.ndarray, name: str) -> np.ndarray:
+    """Checks that pictures are not those of 8 bits, whose differences mean nothing here."""
+    if images.dtype.kind != "f" or (images.size and images.max() > _MOST):
+        most = images.max() if images.size else 0
+        raise InvalidValueError(f"{name}: expected RGB from 0 to 1, not {images.dtype} up to {most:g}: divide by 255")
+    return images
 
 
 def mean_inside(

@@ -137,6 +137,7 @@ class SequenceEncoder:
         """
         self._finish_deferred_work()
         taken = frame if isinstance(frame, Frame) else Frame.of(frame)
+        taken = replace(taken, splats=taken.splats.with_unit_quats())
         if self._degree not in (None, taken.splats.degree):
             raise InvalidValueError(
                 f"a frame has harmonics of degree {taken.splats.degree}, those before of {self._degree}"

@@ -29,7 +29,8 @@ class LiveFrames:
         self._waiting = WaitingEvents()
         self._thread: threading.Thread | None = None
         self._error: Exception | None = None
-        self._drops = False
+        self.num_dropped = 0
+        """Number of received packets that were dropped, because frames were written too slowly."""
 
     @property
     def began(self) -> bool:
@@ -48,9 +49,10 @@ class LiveFrames:
             self._folder.mkdir(exist_ok=True)
             self._thread = threading.Thread(target=self._work, name="frames", daemon=True)
             self._thread.start()
-        if self.began and not self._waiting.put(event) and not self._drops:
-            LOG.warning("frames are written more slowly than they arrive: packets are dropped")
-            self._drops = True
+        if self.began and not self._waiting.put(event):
+            if not self.num_dropped:
+                LOG.warning("frames are written more slowly than they arrive: packets are dropped")
+            self.num_dropped += 1
 
     def finish(self) -> None:
         """Waits until all received frames are written.

@@ -41,6 +41,8 @@ def check_arrays(
         value = getattr(record, name)
         kind = "bool" if name in boolean else "float32"
         tensor = hasattr(value, "is_floating_point")
+        if isinstance(value, np.ma.MaskedArray):
+            raise _wrong(record, name, kind, shape, "a masked array: `.filled(value)` makes one without a mask")
         if not isinstance(value, np.ndarray) and not (tensors and tensor):
             how = ": `.detach().cpu().float().numpy()` makes one" if tensor else ""
             raise _wrong(record, name, kind, shape, f"{type(value).__module__}.{type(value).__name__}{how}")

@@ -19,6 +19,8 @@ from splatwire.types.shapes import Shape, check_arrays
 ROWS = 1 << 16
 """Number of Gaussians copied at a time."""
 
+_ROUNDING = 4e-3
+"""Maximum difference of a unit quaternion's squared length from 1, rounded to float16."""
 _SHAPES: dict[str, Shape] = {
     "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3),
 }  # fmt: skip
@@ -30,7 +32,7 @@ class Splats:
 
     Attributes:
         means: World coordinates of the centres.
-        quats: Unit quaternions, (w, x, y, z).
+        quats: Unit quaternions, (w, x, y, z). Functions that take a scene normalise other lengths.
         scales: Standard deviations along the principal axes, world units (linear, not logarithms).
         opacities: Opacity at the centre, in (0, 1) (not logits).
         sh: Coefficients of red, green and blue, ordered as in `splatwire.ops.spherical_harmonics`; the colour is 0.5
@@ -91,6 +93,21 @@ class Splats:
         indices = np.flatnonzero(index) if index.dtype == np.bool_ else index
         # indexing with brackets is several times slower than `take`
         return Splats(**{f.name: getattr(self, f.name).take(indices, axis=0) for f in dataclasses.fields(self)})
+
+    def with_unit_quats(self) -> "Splats":
+        """Returns the Gaussians with quaternions of length 1.
+
+        Quaternions of length 0 or with invalid values are not changed, nor are those that differ by rounding only.
+        """
+        if all(_are_unit(self.quats[begin : begin + ROWS]) for begin in range(0, self.num_gaussians, ROWS)):
+            return self
+        quats = large_empty((self.num_gaussians, 4), np.float32)
+        for begin in range(0, self.num_gaussians, ROWS):
+            some = self.quats[begin : begin + ROWS].astype(np.float64)
+            lengths = np.sqrt(np.einsum("gi,gi->g", some, some))[:, None]
+            valid = np.isfinite(lengths) & (lengths > 0)
+            quats[begin : begin + ROWS] = np.where(valid, some / np.where(valid, lengths, 1), some)
+        return dataclasses.replace(self, quats=quats)
 
     def at_most_degree(self, degree: int) -> "Splats":
         """Returns the Gaussians with spherical harmonics truncated to `degree`.
@@ -153,3 +170,10 @@ class Splats:
         directions = rays / np.maximum(distances, np.float32(1e-12))
         colors = np.einsum("gd,gdc->gc", sh_basis(directions, self.degree), self.sh) + np.float32(0.5)
         return Gaussians(self.means, self.quats, self.scales, self.opacities, np.maximum(colors, np.float32(0)))
+
+
+def _are_unit(quats: Float[np.ndarray, "G 4"]) -> bool:
+    """True if all quaternions with a length have the length 1, within the rounding of float16."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.einsum("gi,gi->g", quats, quats, dtype=np.float64, casting="safe")
+        return not (np.abs(squares - 1) > _ROUNDING)[np.isfinite(squares) & (squares > 0)].any()

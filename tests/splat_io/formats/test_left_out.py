@@ -3,6 +3,7 @@
 import logging
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from close import assert_close
 from splat_io.formats.handmade import glb, ksplat, legacy_spz, some_splats, write
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.errors import DatasetError
+from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.io.formats import read_rows, read_splats, write_splats
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
@@ -212,3 +213,28 @@ def _usable(splats: Splats) -> None:
     scene = SplatScene(splats)
     encode_scene(scene)
     assert all(bool(np.isfinite(p).all()) for p in render_scene(scene, surrounding_cameras(scene, 2, 16)))
+
+
+@pytest.mark.parametrize("suffix", ["ply", "compressed.ply", "splat", "spz", "sog", "glb"])
+def test_invalid_gaussians_are_not_written(tmp_path: Path, suffix: str) -> None:
+    """Logits as opacities would otherwise become 0 or 1 without a word."""
+    path, splats = tmp_path / f"a.{suffix}", some_splats(40, degree=0)
+    for name, what, value in (("opacities", "opacities", 3.0), ("quats", "rotations", 0.0), ("scales", "scales", 0.0),
+                              ("sh", "harmonics", NAN), ("means", "positions", INF)):  # fmt: skip
+        values = getattr(splats, name).copy()
+        values[7] = value
+        with pytest.raises(InvalidValueError, match=f"{what} of Gaussians are invalid \\(the first is row 27\\)"):
+            write_splats([splats.run(0, 20), replace(splats, **{name: values})], path)
+        assert not path.exists()
+
+
+@pytest.mark.parametrize("suffix", ["ply", "compressed.ply", "splat", "spz", "sog", "glb"])
+@pytest.mark.parametrize("factor", [0.2, 5.0])
+def test_rotations_of_any_length_are_written_alike(tmp_path: Path, suffix: str, factor: float) -> None:
+    splats = some_splats(40, degree=0)
+    unit = replace(splats, quats=splats.quats / np.linalg.norm(splats.quats, axis=1, keepdims=True))
+    write_splats([unit], tmp_path / f"a.{suffix}")
+    write_splats([replace(unit, quats=unit.quats * np.float32(factor))], tmp_path / f"b.{suffix}")
+    expected, found = (read_splats(tmp_path / f"{name}.{suffix}") for name in "ab")
+    for name, values in vars(expected).items():
+        assert_close(getattr(found, name), values, rtol=0, atol=1e-5)

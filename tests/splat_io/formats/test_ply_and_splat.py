@@ -164,7 +164,7 @@ def test_unwritable_gaussians_are_refused_and_leave_no_file(tmp_path: Path) -> N
         write_ply([_splats(degree=0), _splats(degree=1)], tmp_path / "a")
     flat = _splats()
     flat.scales[0, 0] = 0
-    with pytest.raises(InvalidValueError, match="positive"):
+    with pytest.raises(InvalidValueError, match="scales above 0"):
         write_ply([flat], tmp_path / "a")
     assert not list(tmp_path.iterdir())
 

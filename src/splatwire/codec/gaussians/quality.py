@@ -117,8 +117,8 @@ def quality_of(name: str | int | float | Quality) -> Quality:
     """
     if isinstance(name, Quality):
         return name
-    if isinstance(name, int | float) and not isinstance(name, bool):
-        return numbered_quality(name)
+    if isinstance(name, int | float | np.integer | np.floating) and not isinstance(name, bool):
+        return numbered_quality(name if isinstance(name, int) else float(name))
     if not isinstance(name, str):
         known = ", ".join(map(repr, QUALITIES))
         raise InvalidValueError(

@@ -89,7 +89,7 @@ def write_comparison_report(comparison: Comparison, folder: Path) -> Path:
         views=[_view(scores, number, cameras.names) for number in range(len(scores[0].shots.kept))],
         worst=[_pictures(score, score.shots.worst, cameras.names) for score in scores if not score.exact],
     )  # fmt: skip
-    atomic_write(folder / NAME, page.encode(), parents=True)
+    atomic_write(folder / NAME, page.encode(errors="backslashreplace"), parents=True)
     return folder / NAME
 
 

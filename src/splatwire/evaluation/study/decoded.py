@@ -12,6 +12,7 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.evaluation.study.definition import Row, SceneEntry
 from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
 from splatwire.evaluation.study.references import References, digest_of_files
+from splatwire.files.names import real_path
 from splatwire.io import read_scene_file
 
 PICTURES = "pictures"
@@ -38,7 +39,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
         return None
     if references.frames:
         raise InvalidValueError(f"row '{row.key}': '{entry.name}' is a sequence, and results are for still scenes")
-    path, digest = found.source.resolve(), digest_of_files(found.source)
+    path, digest = real_path(found.source), digest_of_files(found.source)
     if path.is_dir() and has_pictures(path):
         if found.num_bytes is None:
             raise InvalidValueError(f"row '{row.key}': pictures need 'num_bytes', the bytes that the codec sends")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from splatwire.bitstream import SceneStream, read_stream
+from splatwire.files.names import real_path
 from splatwire.io import SceneFile, read_scene_file
 
 _STREAMS, _SCENES = 4, 1
@@ -27,11 +28,11 @@ class InputFiles:
 
     def stream(self, path: Path) -> SceneStream:
         """Reads a stream."""
-        return keep(self._streams, path.resolve(), _STREAMS, lambda: read_stream(path)[0])
+        return keep(self._streams, real_path(path), _STREAMS, lambda: read_stream(path)[0])
 
     def scene_file(self, path: Path) -> SceneFile:
         """Reads a scene file or a file of explicit Gaussians."""
-        return keep(self._scenes, path.resolve(), _SCENES, lambda: read_scene_file(path))
+        return keep(self._scenes, real_path(path), _SCENES, lambda: read_scene_file(path))
 
 
 def keep(cache: "OrderedDict[Key, Value]", key: Key, max_values: int, make: Callable[[], Value]) -> Value:

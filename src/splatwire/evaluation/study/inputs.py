@@ -35,6 +35,7 @@ from splatwire.evaluation.study.records import CODE
 from splatwire.evaluation.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluation.study.sequences import frame_cameras
 from splatwire.evaluation.study.store import Store, read_json
+from splatwire.files.names import real_path
 from splatwire.io import drawable_scene
 from splatwire.io.formats import find_format
 from splatwire.io.importing import import_model
@@ -303,7 +304,7 @@ def _with_cameras(entry: SceneEntry, load_scene: Callable[[], Scene], stamp: str
 
 
 def _passthrough(source: Source, digest: str) -> PreparedStream:
-    entry, path = source.entry, str(source.entry.source.resolve())
+    entry, path = source.entry, str(real_path(source.entry.source))
     if (stream := source.stream) is not None:
         manifest = stream.manifest
         return PreparedStream(

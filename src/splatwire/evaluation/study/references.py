@@ -177,14 +177,14 @@ def _camera_content(cameras: Cameras) -> dict[str, Any]:
 
 def digest_of(*texts: str) -> str:
     """Returns a hash of one or more texts, 24 hexadecimal digits, for use in file names."""
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
+    return hashlib.sha256("\0".join(texts).encode(errors="surrogateescape")).hexdigest()[:24]
 
 
 def digest_of_files(path: Path) -> str:
     """Returns a hash of a file, or of all files of a folder."""
     digest = hashlib.sha256()
     for file in [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file()):
-        digest.update(f"{file.relative_to(path)}\0".encode())
+        digest.update(f"{file.relative_to(path)}\0".encode(errors="surrogateescape"))
         with open_regular(file, SplatwireError) as data:
             digest.update(hashlib.file_digest(data, "sha256").digest())
     return digest.hexdigest()

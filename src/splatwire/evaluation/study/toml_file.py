@@ -22,6 +22,7 @@ from splatwire.evaluation.study.definition import (
     SceneEntry,
     Study,
 )
+from splatwire.files.names import real_path
 from splatwire.types.background import Background, check_background
 
 MAX_FILE_BYTES = 1 << 20
@@ -187,7 +188,7 @@ class _Expander:
             raise InvalidValueError(f"{location}: '{text:.60}' is no path: {reason}") from error
         if not there:
             raise DatasetError(f"{location}: {path} does not exist")
-        return path.resolve()
+        return real_path(path)
 
 
 def _scene(location: str, table: dict[str, Any], expand: _Expander) -> SceneEntry:

@@ -10,6 +10,7 @@ import numpy as np
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.types.splats import ROWS, Splats
+from splatwire.types.validity import invalid_fields, validity_of_splats
 
 LOG = logging.getLogger(__name__)
 MAX_GAUSSIANS = 20_000_000
@@ -143,23 +144,31 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
-    """Drops empty batches of Gaussians, and checks that all remaining batches have the same degree of harmonics.
+    """Drops empty batches of Gaussians, checks the others, and normalises their quaternions.
 
     Args:
         path: Path of the output, for messages.
         parts: Batches of Gaussians, all of one degree of spherical harmonics.
 
     Raises:
-        InvalidValueError: If there is no Gaussian, or degrees differ.
+        InvalidValueError: If there is no Gaussian, degrees differ, or a value is invalid, such as an opacity above 1.
     """
-    degree = None
+    degree, count = None, 0
     for part in parts:
         if not part.num_gaussians:
             continue
         degree = part.degree if degree is None else degree
         if part.degree != degree:
             raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {degree}")
-        yield part
+        rows = validity_of_splats(part)
+        if rows.first_invalid is not None:
+            raise InvalidValueError(
+                f"{path}: {' and '.join(invalid_fields(part))} of Gaussians are invalid (the first is row "
+                f"{count + rows.first_invalid}): numbers must be finite, scales above 0, rotations not 0, and "
+                "opacities from 0 to 1, not logits"
+            )
+        count += part.num_gaussians
+        yield part.with_unit_quats()
     if degree is None:
         raise InvalidValueError(f"{path}: there is no Gaussian to write")
 
@@ -175,10 +184,7 @@ def join(path: Path, parts: Iterable[Splats]) -> Splats:
         InvalidValueError: If there is no Gaussian, degrees differ, or a value is invalid.
     """
     pieces = list(filled(path, parts))
-    whole = Splats(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Splats)})
-    if not all(np.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
-        raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
-    return whole
+    return Splats(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Splats)})
 
 
 def rounded_bytes(values: np.ndarray) -> np.ndarray:

@@ -275,9 +275,5 @@ def _rows(part: Splats) -> np.ndarray:
     opacities = np.clip(part.opacities.astype(np.float64), _MIN_OPACITY, 1 - _MIN_OPACITY)
     rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
     logits = np.log(opacities / (1 - opacities))[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(scales)
-    rows = np.concatenate([means, np.zeros_like(means), sh[:, 0], rest, logits, logs, quats], axis=1)
-    if not np.isfinite(rows).all():
-        raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
-    return rows
+    logs = np.log(scales)
+    return np.concatenate([means, np.zeros_like(means), sh[:, 0], rest, logits, logs, quats], axis=1)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.errors import DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._columns import build_splats, check_count, filled, rounded_bytes
@@ -64,8 +64,6 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
 def _records(part: Splats) -> np.ndarray:
     tensors = (part.means, part.scales, part.sh[:, 0], part.opacities, part.quats)
     means, scales, constant, opacities, quats = (t for t in tensors)
-    if not all(np.isfinite(values).all() for values in (means, scales, constant, opacities, quats)):
-        raise InvalidValueError("a Gaussian has a number that is not finite")
     records = np.empty(part.num_gaussians, dtype=RECORD)
     records["position"], records["scale"] = means, scales
     records["color"][:, :3] = rounded_bytes(255 * (0.5 + DC * constant))
