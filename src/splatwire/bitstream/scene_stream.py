@@ -80,6 +80,7 @@ class SceneStream:
             )
         return self
 
+    @checked
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
         """Returns a copy of the stream with the given packets, in any order."""
         return replace(self, packets=tuple(sorted(packets, key=lambda packet: packet.id)))

@@ -11,7 +11,7 @@ from splatwire.errors import InvalidValueError, whole_number
 from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
 from splatwire.types.origin import NO_ORIGIN, Origin
-from splatwire.types.shapes import check_arrays
+from splatwire.types.shapes import check_arrays, indices_of
 
 MAX_PIXELS = 1 << 27
 """Maximum number of pixels of an image (134 million, more than any camera has); as float32 it takes 1.6 GB."""
@@ -121,10 +121,15 @@ class Cameras:
         poses[:, :3, 3] += poses[:, :3, :3] @ (np.array(origin) - np.array(self.origin))
         return replace(self, viewmats=poses.astype(viewmats.dtype), origin=origin)
 
-    def select(self, views: list[int]) -> "Cameras":
-        """Returns the cameras at the given indices, in that order."""
-        names = tuple(self.names[v] for v in views)
-        return replace(self, viewmats=self.viewmats[views], Ks=self.Ks[views], names=names)
+    def select(self, views: Any) -> "Cameras":
+        """Returns the cameras at the given indices (integers, a mask or a slice), in that order.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
+        """
+        chosen = indices_of(views, self.num_views)
+        names = tuple(self.names[view] for view in chosen)
+        return replace(self, viewmats=self.viewmats[chosen], Ks=self.Ks[chosen], names=names)
 
     def scaled(self, factor: float) -> "Cameras":
         """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels)."""

@@ -1,12 +1,14 @@
 """Scenes with levels of detail, from coarse to fine Gaussians."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, UInt8
 
 from splatwire.reprs import summary_repr
 from splatwire.types.scene import RenderHints
+from splatwire.types.shapes import indices_of
 from splatwire.types.splat_scene import SplatScene
 
 
@@ -24,10 +26,10 @@ class LevelScene(SplatScene):
 
     __repr__ = summary_repr
 
-    def select(self, index: np.ndarray) -> "LevelScene":
+    def select(self, index: Any) -> "LevelScene":
         """Returns the scene with the Gaussians at the ascending indices `index`."""
         chosen = np.zeros(self.num_elements, np.bool_)
-        chosen[index] = True
+        chosen[indices_of(index, self.num_elements)] = True
         left = tuple(int(part.sum()) for part in np.split(chosen, np.cumsum(self.level_sizes)[:-1]))
         return replace(super().select(chosen), level_sizes=left)
 

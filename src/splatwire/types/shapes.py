@@ -62,3 +62,32 @@ def check_arrays(
 def _wrong(record: Any, name: str, kind: str, shape: Shape, found: str) -> InvalidValueError:
     extents = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
     return InvalidValueError(f"{type(record).__name__}.{name}: expected a {kind} array ({extents}), not {found}")
+
+
+def indices_of(index: Any, count: int) -> np.ndarray:
+    """Converts a selection of elements to their indices.
+
+    Args:
+        index: Whole numbers, a boolean mask of all elements, or a slice; an array, a tensor or a list.
+        count: Number of elements.
+
+    Raises:
+        InvalidValueError: If it is anything else, a mask has another length, or an index is out of range.
+    """
+    if isinstance(index, slice):
+        return np.arange(count)[index]
+    try:
+        found = np.asarray(to_numpy(index))
+    except ValueError:  # a ragged list
+        found = np.zeros((), np.object_)
+    if found.dtype == np.bool_ and found.shape == (count,):
+        return np.flatnonzero(found)
+    if found.shape == (0,) and isinstance(index, list | tuple):
+        return np.zeros(0, np.int64)
+    if found.ndim != 1 or found.dtype.kind not in "iu":
+        raise InvalidValueError(f"index: expected whole numbers (M,) or a mask ({count:,},), not {summarize(index)}")
+    if found.size and not (-count <= int(found.min()) and int(found.max()) < count):
+        raise InvalidValueError(
+            f"index: expected numbers from 0 to {count - 1:,}, not {int(found.min()):,} to {int(found.max()):,}"
+        )
+    return found

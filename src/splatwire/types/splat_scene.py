@@ -2,7 +2,7 @@
 
 import functools
 from dataclasses import dataclass, replace
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int64, UInt8
@@ -14,6 +14,7 @@ from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.shapes import indices_of
 from splatwire.types.splats import Splats
 from splatwire.types.validity import ElementValidity, validity_of_splats
 
@@ -108,8 +109,9 @@ class SplatScene:
         """Number of Gaussians, N."""
         return self.splats.num_gaussians
 
-    def select(self: Own, index: np.ndarray) -> Own:
-        """Returns the scene with only the Gaussians at `index` (integers or mask), without `hints`."""
+    def select(self: Own, index: Any) -> Own:
+        """Returns the scene with only the Gaussians at `index` (integers, mask or slice), without `hints`."""
+        index = indices_of(index, self.num_elements)
         coding = None if self.coding is None else self.coding.select(index)
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,7 +15,7 @@ from splatwire.types.anchors import MIN_SIZE
 from splatwire.types.gaussians import Gaussians
 from splatwire.types.loss_mask import LossMask
 from splatwire.types.origin import Origin
-from splatwire.types.shapes import Shape, check_arrays
+from splatwire.types.shapes import Shape, check_arrays, indices_of
 
 ROWS = 1 << 16
 """Number of Gaussians copied at a time."""
@@ -72,12 +73,12 @@ class Splats:
         """Returns the Gaussians from index `begin` to `end` (exclusive), without copying them."""
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
-    def gathered(self, index: np.ndarray) -> "Splats":
+    def gathered(self, index: Any) -> "Splats":
         """Returns the Gaussians at `index`, in that order.
 
         Large arrays of the result are backed by a temporary file, so that the result may be larger than memory.
         """
-        indices = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        indices = indices_of(index, self.num_gaussians)
         found = Splats.empty(len(indices), self.degree)
         for begin in range(0, len(indices), ROWS):
             found.fill(begin, self.select(indices[begin : begin + ROWS]))
@@ -88,9 +89,13 @@ class Splats:
         for name, values in vars(self.run(begin, begin + source.num_gaussians)).items():
             values[:] = getattr(source, name)
 
-    def select(self, index: np.ndarray) -> "Splats":
-        """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
-        indices = np.flatnonzero(index) if index.dtype == np.bool_ else index
+    def select(self, index: Any) -> "Splats":
+        """Returns the Gaussians at `index` (integers, a boolean mask over G or a slice), in that order.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
+        """
+        indices = indices_of(index, self.num_gaussians)
         # indexing with brackets is several times slower than `take`
         return Splats(**{f.name: getattr(self, f.name).take(indices, axis=0) for f in dataclasses.fields(self)})
 
