@@ -143,7 +143,8 @@ def render_scene(
     """
     cameras = cameras_of(cameras)
     check_progress(progress)
-    warn_of_near_plane(as_scene(scene), cameras)
+    scene = without_invalid(as_scene(scene))
+    warn_of_near_plane(scene, cameras)
     images = np.empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
     for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
         images[view] = image
