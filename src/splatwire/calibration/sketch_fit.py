@@ -269,14 +269,14 @@ class _Plan:
         error = np.where(mask.any(axis=1), error, np.inf)
         return _Plan(mask, values, offsets * np.repeat(mask, 3, axis=1), error)
 
-    def bits(self, members: np.ndarray) -> np.ndarray:
+    def bits(self, copied: np.ndarray) -> np.ndarray:
         """Estimates the size of each candidate's copy in bits at the precision level of this plan, float64 (M).
 
         Args:
-            members: Mask of the copies that provide the counts of values, bool (M).
+            copied: Mask of the copies that provide the counts of values, bool (M).
         """
-        used = members if members.sum() >= 16 else np.ones_like(members)
-        total = np.full(len(members), 6.0)
+        used = copied if copied.sum() >= 16 else np.ones_like(copied)
+        total = np.full(len(copied), 6.0)
         for c in range(self.values.shape[1]):
             total += _ideal_bits(self.values[:, c], self.values[used, c])
         exists = np.repeat(self.mask, 3, axis=1)

@@ -168,11 +168,11 @@ class MadeDownloads:
         if process.returncode:
             raise SplatwireError(" ".join(errors.decode(errors="replace").split())[-500:])
 
-    async def _evict(self, kept: tuple[str, str]) -> None:
+    async def _evict(self, kept_key: tuple[str, str]) -> None:
         """Removes the oldest converted files until the total size of all is within the limit.
 
         Args:
-            kept: Key of a file that is not removed.
+            kept_key: Key of a file that is not removed.
         """
         # Responses that are still sending a removed file are not affected.
         done = {key: task for key, task in self._files.items() if task.done() and not task.exception()}
@@ -181,7 +181,7 @@ class MadeDownloads:
         for key, task in done.items():
             if total <= self._most_bytes:
                 break
-            if key != kept:
+            if key != kept_key:
                 total -= task.result().num_bytes
                 place = Path(tempfile.mkdtemp(dir=self._folder))
                 self._target(*key).replace(place / "removed")  # the file may be made again while this one is removed

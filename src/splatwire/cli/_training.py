@@ -133,20 +133,23 @@ GAUSSIAN_RECIPE: dict[str, Callable[[Any], object]] = {
 
 
 def check_same_recipe(
-    set_options: Iterable[str], requested: Config, kept: Config, recipe: Mapping[str, Callable[[Config], object]]
+    set_options: Iterable[str],
+    requested: Config,
+    checkpointed: Config,
+    recipe: Mapping[str, Callable[[Config], object]],
 ) -> None:
     """Raises an error if options would change the training settings of a run resumed from a checkpoint.
 
     Args:
         set_options: Names of the options set by the user.
         requested: Training settings that result from the options.
-        kept: Training settings in the checkpoint.
+        checkpointed: Training settings in the checkpoint.
         recipe: For each option that must not change, a function that reads its value from the training settings.
 
     Raises:
         InvalidValueError: If such an option differs from the recipe of the checkpoint.
     """
-    other = [name for name in set_options if name in recipe and recipe[name](requested) != recipe[name](kept)]
+    other = [name for name in set_options if name in recipe and recipe[name](requested) != recipe[name](checkpointed)]
     if other:
         options = ", ".join(f"--{name}" for name in other)
         raise InvalidValueError(f"{options}: the checkpoint was made with another value, which --resume keeps")

@@ -8,7 +8,7 @@ from splatwire.ops.compiled import njit
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def step_exponent(bases, attribute, precision_class, area, long, thin, opacity):
+def step_exponent(bases, attribute, precision_class, area, elongation, flatness, opacity):
     """Computes `-log2` of the quantisation step of one attribute of a Gaussian, as an integer.
 
     Args:
@@ -18,21 +18,21 @@ def step_exponent(bases, attribute, precision_class, area, long, thin, opacity):
         precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
             large as in the class before it.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
-        long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
-        thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
+        elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
+        flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
     """
     # The result grows by one from each precision class to the next higher one. It also depends linearly on the
     # logarithms of the scales and of the opacity.
     c = COEFFICIENTS[attribute]
-    sums = c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity
+    sums = c[0] * area + c[1] * elongation + c[2] * flatness + c[3] * opacity
     sums += (bases[attribute] + (precision_class << STEP_BITS)) << BITS
     return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def step_shift(bases, attribute, precision_class, area, long, thin, opacity, max_shift):
+def step_shift(bases, attribute, precision_class, area, elongation, flatness, opacity, max_shift):
     """Returns log2 of an attribute's quantisation step, given the Gaussian's size, shape and opacity.
 
     Args:
@@ -41,20 +41,22 @@ def step_shift(bases, attribute, precision_class, area, long, thin, opacity, max
         precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
             large as in the class before it.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
-        long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
-        thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
+        elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
+        flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
         max_shift: Upper limit on the returned value.
 
     Returns:
         log2 of the step in units of `2**-BITS`, 0 to `max_shift`.
     """
-    return min(max(BITS - step_exponent(bases, attribute, precision_class, area, long, thin, opacity), 0), max_shift)
+    return min(
+        max(BITS - step_exponent(bases, attribute, precision_class, area, elongation, flatness, opacity), 0), max_shift
+    )
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def position_shift(bases, precision_class, s0, long, thin, opacity, unit, max_shift):
+def position_shift(bases, precision_class, s0, elongation, flatness, opacity, unit, max_shift):
     """Returns log2 of the quantisation step of a Gaussian's position, which depends on size, shape and precision class.
 
     Args:
@@ -62,8 +64,8 @@ def position_shift(bases, precision_class, s0, long, thin, opacity, unit, max_sh
         precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
             large as in the class before it.
         s0: log2 of the largest of the three scales, `BITS` fractional bits.
-        long: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
-        thin: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
+        elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
+        flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         max_shift: Upper limit on the returned value.
@@ -72,6 +74,6 @@ def position_shift(bases, precision_class, s0, long, thin, opacity, unit, max_sh
         log2 of the step in lattice spacings, 0 to `max_shift`.
     """
     # The step is at most half the second scale.
-    exponent = step_exponent(bases, S_POSITION, precision_class, 2 * s0 - long, long, thin, opacity)
-    e = max(exponent, 1 - ((s0 - long) >> BITS))
+    exponent = step_exponent(bases, S_POSITION, precision_class, 2 * s0 - elongation, elongation, flatness, opacity)
+    e = max(exponent, 1 - ((s0 - elongation) >> BITS))
     return min(max(unit - e, 0), max_shift)

@@ -62,12 +62,14 @@ def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:
         )
 
 
-def threads_within(held: int, working: int, stream_bytes: int | None, what: str, threads: int | None = None) -> int:
+def threads_within(
+    shared_bytes: int, thread_bytes: int, stream_bytes: int | None, what: str, threads: int | None = None
+) -> int:
     """Returns the number of threads that decoding may use within a stream's memory limit.
 
     Args:
-        held: Bytes of memory that decoding needs regardless of the number of threads.
-        working: Additional bytes of memory for each thread.
+        shared_bytes: Bytes of memory that decoding needs regardless of the number of threads.
+        thread_bytes: Additional bytes of memory for each thread.
         stream_bytes: Received bytes of the stream, which determine the limit; None if its size is not known yet.
         what: Activity that needs the memory, for the error message.
         threads: Upper bound; None for the number of processors.
@@ -75,8 +77,8 @@ def threads_within(held: int, working: int, stream_bytes: int | None, what: str,
     Raises:
         BitstreamError: If the limit is too low for one thread.
     """
-    check_memory(held + working, stream_bytes, what)
-    room = (allowed_bytes(stream_bytes) - held) // max(working, 1)
+    check_memory(shared_bytes + thread_bytes, stream_bytes, what)
+    room = (allowed_bytes(stream_bytes) - shared_bytes) // max(thread_bytes, 1)
     return max(1, min(threads or allowed_threads(), room))
 
 

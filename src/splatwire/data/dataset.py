@@ -336,15 +336,15 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
         warn_of_copies(halves["test"], names, photos, [file == halves["test"] for file, _, _ in listed])
 
 
-def _views_of_split(views: list[TransformsView], found: Transforms, split: str) -> list[TransformsView]:
+def _views_of_split(views: list[TransformsView], transforms: Transforms, split: str) -> list[TransformsView]:
     """Selects the views of a split, by the lists of training and test views in a transforms file.
 
     Args:
         views: All views of the file.
-        found: Content of the file.
+        transforms: Content of the file.
         split: `train`, `test` or `all`.
     """
-    train, test = found.splits.get("train"), found.splits.get("test") or found.splits.get("val")
+    train, test = transforms.splits.get("train"), transforms.splits.get("test") or transforms.splits.get("val")
     if split == "all":
         return views
     wanted, others = (train, test) if split == "train" else (test, train)

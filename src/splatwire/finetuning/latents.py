@@ -168,7 +168,7 @@ class Gradients:
 
 
 def gradients_of(
-    latents: Latents, drawn: Splats, offsets: Offsets | None, found: Gradients
+    latents: Latents, drawn: Splats, offsets: Offsets | None, drawn_gradients: Gradients
 ) -> dict[str, Float[np.ndarray, "..."]]:
     """Back-propagates gradients from the drawn Gaussians to the trainable parameters.
 
@@ -178,21 +178,21 @@ def gradients_of(
         latents: The trainable parameters. The rotations `latents.turns` must be 0.
         drawn: The drawn Gaussians, `latents.splats(offsets)`.
         offsets: Differences between rounded and exact parameters, which count as constants; None without rounding.
-        found: Gradients with respect to the drawn Gaussians.
+        drawn_gradients: Gradients with respect to the drawn Gaussians.
 
     Returns:
         Gradient with respect to each array of `Latents.trained`, by name.
     """
-    turned = found.quats if offsets is None else _product(found.quats, _conjugate(offsets.quats))
+    turned = drawn_gradients.quats if offsets is None else _product(drawn_gradients.quats, _conjugate(offsets.quats))
     turned = _product(_conjugate(latents.quats), turned)[:, 1:] * np.float32(0.5)
     slope = drawn.opacities * (1 - drawn.opacities)
     gradients = {
-        "shifts": found.means * latents.units[:, None],
+        "shifts": drawn_gradients.means * latents.units[:, None],
         "turns": turned,
-        "logs": found.scales * drawn.scales,
-        "logits": found.opacities * slope,
-        "base": found.sh[:, 0],
-        "harmonics": found.sh[:, 1:],
+        "logs": drawn_gradients.scales * drawn.scales,
+        "logits": drawn_gradients.opacities * slope,
+        "base": drawn_gradients.sh[:, 0],
+        "harmonics": drawn_gradients.sh[:, 1:],
     }
     return {name: gradients[name] for name in latents.trained()}
 

@@ -53,16 +53,20 @@ class Reception:
         opacities = 1 - clear ** np.float32(self.exponent)
         return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
 
-    def gradients(self, splats: Splats, found: Gradients) -> Gradients:
+    def gradients(self, splats: Splats, drawn_gradients: Gradients) -> Gradients:
         """Converts gradients with respect to the drawn Gaussians to gradients of all Gaussians; 0 for lost ones.
 
         Args:
             splats: All Gaussians, including those lost with packets.
-            found: Gradients with respect to the drawn Gaussians.
+            drawn_gradients: Gradients with respect to the drawn Gaussians.
         """
         clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
-        changed = replace(found, scales=found.scales * np.float32(self.size_gain), opacities=found.opacities * slope)
+        changed = replace(
+            drawn_gradients,
+            scales=drawn_gradients.scales * np.float32(self.size_gain),
+            opacities=drawn_gradients.opacities * slope,
+        )
         whole = {}
         for name, values in vars(changed).items():
             whole[name] = np.zeros((len(self.known), *values.shape[1:]), np.float32)

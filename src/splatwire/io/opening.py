@@ -102,19 +102,19 @@ def decode_complete(stream: SceneStream, source: Path) -> Scene:
     return scene if scene.hints is None else scene.select(~scene.hints.left_out)
 
 
-def complete_scene(found: SceneFile, source: Path) -> Scene:
+def complete_scene(scene_file: SceneFile, source: Path) -> Scene:
     """Returns the scene of a file; rejects a scene whose losses are not concealed.
 
     Args:
-        found: The content of the file.
+        scene_file: The content of the file.
         source: Path of the file, for messages.
 
     Raises:
         BitstreamError: If parts were lost and not concealed.
     """
-    scene = scene_of(found.loaded)
-    if found.num_lost and found.loaded is not scene:
-        raise _has_gaps(source, found.num_lost, f"scene's {scene.num_elements:,} {scene.ELEMENTS}")
+    scene = scene_of(scene_file.loaded)
+    if scene_file.num_lost and scene_file.loaded is not scene:
+        raise _has_gaps(source, scene_file.num_lost, f"scene's {scene.num_elements:,} {scene.ELEMENTS}")
     return scene
 
 

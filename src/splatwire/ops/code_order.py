@@ -36,17 +36,17 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
     return order
 
 
-def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | range) -> None:
+def _sort(codes: Codes, order: np.ndarray, bits: int, indices: np.ndarray | range) -> None:
     """Sorts a subset of the elements by code: one level of a radix sort.
 
     Args:
         codes: Function that returns the codes of the elements with given indices.
         order: Output: the indices in sorted order.
         bits: Number of low bits to sort by; all higher bits of these elements are equal.
-        members: Indices of the elements to sort.
+        indices: Indices of the elements to sort.
     """
     shift = max(bits - DIGIT_BITS, 0)
-    edges = _scatter(lambda some: codes(some) >> shift & (1 << DIGIT_BITS) - 1, order, members)
+    edges = _scatter(lambda some: codes(some) >> shift & (1 << DIGIT_BITS) - 1, order, indices)
     if not shift:
         return
     begin, total = 0, len(order)
@@ -61,23 +61,23 @@ def _sort(codes: Codes, order: np.ndarray, bits: int, members: np.ndarray | rang
         begin = end
 
 
-def _scatter(digits: Codes, order: np.ndarray, members: np.ndarray | range) -> np.ndarray:
+def _scatter(digits: Codes, order: np.ndarray, indices: np.ndarray | range) -> np.ndarray:
     """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, stably; one pass of a radix sort.
 
     Args:
         digits: Function that returns the digit of elements given by index.
         order: Output: the indices in sorted order.
-        members: Indices of the elements to sort.
+        indices: Indices of the elements to sort.
 
     Returns:
         Position in `order` of the first element with each digit, and the number of elements, int64.
     """
     edges = np.zeros((1 << DIGIT_BITS) + 1, np.int64)
-    for some in _pieces(members):
+    for some in _pieces(indices):
         edges[1:] += np.bincount(digits(some), minlength=1 << DIGIT_BITS)
     np.cumsum(edges, out=edges)
     free = edges[:-1].copy()
-    for some in _pieces(members):
+    for some in _pieces(indices):
         # numpy sorts 16-bit integers with a radix sort.
         found = digits(some).astype(np.uint16)
         by = np.argsort(found, kind="stable")

@@ -204,7 +204,7 @@ def _sources_digest(module: str) -> str:
     return digest.hexdigest()
 
 
-def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
+def _collect_constants(module: str, constants_by_module: dict[str, list[str]]) -> None:
     """Collects the constants of a module and of the modules it imports.
 
     Compiled kernels of the module can contain copies of these constants, so that machine code is valid only for the
@@ -212,10 +212,10 @@ def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
 
     Args:
         module: Full name of the module.
-        found: Output: the constants as texts, by full name of the module.
+        constants_by_module: Output: the constants as texts, by full name of the module.
     """
     constants: list[str] = []
-    found[module] = constants
+    constants_by_module[module] = constants
     names = vars(sys.modules[module]) if module in sys.modules else {}
     for name, value in sorted(names.items()):
         origin = getattr(value, "__module__", None)
@@ -223,8 +223,12 @@ def _collect_constants(module: str, found: dict[str, list[str]]) -> None:
             constants.append(f"{name} {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}")
         elif isinstance(value, int | float | tuple) and not name.startswith("__"):
             constants.append(f"{name} {value!r}")
-        elif isinstance(origin, str) and origin not in found and origin.partition(".")[0] == module.partition(".")[0]:
-            _collect_constants(origin, found)
+        elif (
+            isinstance(origin, str)
+            and origin not in constants_by_module
+            and origin.partition(".")[0] == module.partition(".")[0]
+        ):
+            _collect_constants(origin, constants_by_module)
 
 
 @functools.cache

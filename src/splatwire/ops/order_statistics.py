@@ -43,18 +43,18 @@ def middle_ranks(count: int) -> list[int]:
     return [(count - 1) // 2, count // 2]
 
 
-def quantiles(pieces: Pieces, count: int, shares: Sequence[float]) -> np.ndarray:
+def quantiles(pieces: Pieces, count: int, probabilities: Sequence[float]) -> np.ndarray:
     """Computes quantiles as `np.quantile`, of numbers that need not fit in memory.
 
     Args:
         pieces: Function that yields the numbers; called several times.
         count: Count of the numbers.
-        shares: The quantiles to compute, from 0 to 1.
+        probabilities: The quantiles to compute, from 0 to 1.
 
     Returns:
         The quantiles, linearly interpolated, float64.
     """
-    at = (count - 1) * np.array(shares)
+    at = (count - 1) * np.array(probabilities)
     low = np.floor(at).astype(int)
     ends = order_statistics(pieces, [*low.tolist(), *np.minimum(low + 1, count - 1).tolist()])
     a, b, t = ends[: len(at)], ends[len(at) :], at - low

@@ -67,21 +67,21 @@ class MahalanobisSearch:
             )  # fmt: skip
         return torch.from_numpy(index), torch.from_numpy(np.sqrt(squared)).to(queries.dtype)
 
-    def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, kept: int) -> np.ndarray:
-        """Returns an upper bound of the squared Mahalanobis distance of each query to the `kept`-th nearest point.
+    def _bound(self, queries: Float[Tensor, "Q 3"], x: np.ndarray, k: int) -> np.ndarray:
+        """Returns an upper bound of the squared Mahalanobis distance of each query to the `k`-th nearest point.
 
         Args:
             queries: Query positions as a tensor.
             x: Query positions as an array, float64 (Q, 3).
-            kept: Number of neighbours.
+            k: Number of neighbours.
         """
         # The search skips points beyond this bound. It is computed from points near the query by Euclidean
         # distance.
-        index = self._tree.query(queries, 2 * kept)[0]
+        index = self._tree.query(queries, 2 * k)[0]
         own = np.empty_like(self._order)
         own[self._order] = np.arange(len(self._order))
         gaps = (x[:, None] - self._positions[own[index]]) / self._extents[own[index]]
-        squared = np.partition((gaps**2).sum(axis=2), kept - 1, axis=1)[:, kept - 1]
+        squared = np.partition((gaps**2).sum(axis=2), k - 1, axis=1)[:, k - 1]
         return np.asarray(squared * (1 + 1e-9))
 
 

@@ -130,7 +130,7 @@ def measure_distortion(
     pictures: LossyPictures,
     tiers: UInt8[np.ndarray, "N"],
     *,
-    shares: tuple[float, ...] = SHARES,
+    loss_shares: tuple[float, ...] = SHARES,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> DistortionModel:
@@ -139,12 +139,12 @@ def measure_distortion(
     Args:
         pictures: Renders the scene with losses.
         tiers: Importance tier of each element, 0 for the most important.
-        shares: Shares of lost elements to simulate, ascending from 0.
+        loss_shares: Shares of lost elements to simulate, ascending from 0.
         seed: Seed of the losses.
         progress: Called with the completed fraction.
     """
     tiers = array_of(tiers, "tiers", (pictures.num_elements,), "i", 0, 255)
-    _check_shares(shares)
+    _check_shares(loss_shares)
     whole_number(seed, "seed", 0, MAX_SEED)
     draw, num_tiers = Twister(seed).uniform(len(tiers)), int(tiers.max()) + 1
     place = np.empty(len(tiers), np.float32)
@@ -152,13 +152,13 @@ def measure_distortion(
         members = np.flatnonzero(tiers == tier)
         place[members[draw[members].argsort(kind="stable")]] = np.arange(len(members)) / len(members)
     base = float(pictures.errors(np.ones(len(tiers), np.bool_)).mean())
-    mse = np.zeros((num_tiers, len(shares)))
+    mse = np.zeros((num_tiers, len(loss_shares)))
     for tier in range(num_tiers):
-        for s, share in enumerate(shares[1:], start=1):
+        for s, share in enumerate(loss_shares[1:], start=1):
             mse[tier, s] = float(pictures.errors((tiers < tier) | (place >= share)).mean()) - base
             if progress:
-                progress((tier * (len(shares) - 1) + s) / (num_tiers * (len(shares) - 1)))
-    return DistortionModel(np.array(shares), np.maximum.accumulate(mse, axis=1), base)
+                progress((tier * (len(loss_shares) - 1) + s) / (num_tiers * (len(loss_shares) - 1)))
+    return DistortionModel(np.array(loss_shares), np.maximum.accumulate(mse, axis=1), base)
 
 
 def _check_shares(shares: tuple[float, ...]) -> None:
@@ -240,21 +240,25 @@ def packet_members(stream: SceneStream) -> list[np.ndarray]:
 
 
 @checked
-def known_elements(members: Sequence[np.ndarray], packets: np.ndarray, num_elements: int) -> Bool[np.ndarray, "N"]:
+def known_elements(
+    packet_members: Sequence[np.ndarray], packets: np.ndarray, num_elements: int
+) -> Bool[np.ndarray, "N"]:
     """Returns which elements are known if only some packets are available, bool (N).
 
     Args:
-        members: Indices of the elements in each packet, from `packet_members`.
+        packet_members: Indices of the elements in each packet, from `packet_members`.
         packets: Mask of available packets, bool (P).
         num_elements: Number of elements, N.
     """
     packets = array_of(packets, "packets", ("P",), "b")
-    if len(members) != len(packets):
-        raise InvalidValueError(f"members: expected one array for each of {len(packets)} packets, not {len(members)}")
+    if len(packet_members) != len(packets):
+        raise InvalidValueError(
+            f"members: expected one array for each of {len(packets)} packets, not {len(packet_members)}"
+        )
     known = np.zeros(whole_number(num_elements, "num_elements", 0, MAX_ELEMENTS), np.bool_)
     try:
         for place in np.flatnonzero(packets).tolist():
-            known[members[place]] = True
+            known[packet_members[place]] = True
     except IndexError as error:
         raise InvalidValueError(f"members: an index is not below num_elements, {num_elements}") from error
     return known

@@ -352,11 +352,11 @@ class _Plan:
         best = np.sort(np.argsort(-removal, kind="stable")[: len(kept)])
         return before.scene.select(best), before.classes[best]
 
-    def trimmed(self, found: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
+    def trimmed(self, encoded: EncodedScene, psnr: float, encode: Encoder) -> EncodedScene:
         """Removes fine-tuned Gaussians to save bytes, if the stream exceeds the wanted PSNR.
 
         Args:
-            found: Stream of all Gaussians of this plan.
+            encoded: Stream of all Gaussians of this plan.
             psnr: Wanted PSNR in the held-out views, decibels.
             encode: Function that encodes a scene.
 
@@ -365,18 +365,18 @@ class _Plan:
         """
         count = self.scene.num_elements
         order = np.argsort(-self.views.removal(self.scene), kind="stable")
-        tried = [found]
+        tried = [encoded]
 
         def reached(share: float) -> float:
             kept = np.sort(order[: max(round(share * count), 1)])
-            stream = encode(self.scene.select(kept), self.classes[kept], found.quality)
-            tried.append(EncodedScene(stream, found.quality, found.kept * len(kept) / count, self.held_out, True))
+            stream = encode(self.scene.select(kept), self.classes[kept], encoded.quality)
+            tried.append(EncodedScene(stream, encoded.quality, encoded.kept * len(kept) / count, self.held_out, True))
             return tried[-1].psnr
 
         # Coarser steps would cost more: fine-tuned Gaussians are adapted to their cells of the position lattice.
         permitted = Interval(psnr - PSNR_TOLERANCE, psnr, psnr + PSNR_TOLERANCE)
         slope = TRIMMED_SHARE_DB
-        search(reached, permitted, 1 + (psnr - found.psnr) / slope, slope, (LEAST_TRIMMED_SHARE, 1.0))
+        search(reached, permitted, 1 + (psnr - encoded.psnr) / slope, slope, (LEAST_TRIMMED_SHARE, 1.0))
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def measured(self, encoded: EncodedScene) -> float:

@@ -190,35 +190,35 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
     return np.where(back[nearest] == np.arange(len(after)), nearest, -1)
 
 
-def _changed(held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
+def _changed(at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
     """Returns the indices of all Gaussians that are new or differ from the version of the receivers.
 
     Args:
-        held: Versions of the Gaussians that the receivers have.
+        at_receivers: Versions of the Gaussians that the receivers have.
         known: Mask of the Gaussians that the receivers have.
         newest: The newest Gaussians.
         drawable: Mask of the Gaussians that can be drawn; the other ones are not returned.
     """
     differs = ~known
     for name, values in vars(newest).items():
-        differs |= (values != getattr(held, name)).reshape(len(differs), -1).any(axis=1)
+        differs |= (values != getattr(at_receivers, name)).reshape(len(differs), -1).any(axis=1)
     return np.flatnonzero(differs & drawable)
 
 
 def _by_change(
-    held: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, num_views: int
+    at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, num_views: int
 ) -> Int64[np.ndarray, "K"]:
     """Returns the indices of all drawable Gaussians, largest change of the pictures first.
 
     Args:
-        held: Versions of the Gaussians that the receivers have.
+        at_receivers: Versions of the Gaussians that the receivers have.
         known: Mask of the Gaussians that the receivers have.
         newest: The newest Gaussians.
         drawable: Mask of the Gaussians that can be drawn.
         num_views: Number of views in which changes of the pictures are measured.
     """
     rows = np.flatnonzero(drawable)
-    before, after, new = held.select(rows), newest.select(rows), ~known[rows]
+    before, after, new = at_receivers.select(rows), newest.select(rows), ~known[rows]
     for name, values in vars(before).items():  # rows that the receivers do not have are undefined
         values[new] = 0 if name == "opacities" else getattr(after, name)[new]
     change = np.where(new, NEW_CHANGE, changes(before, after))

@@ -31,7 +31,7 @@ def search(
     permitted: Interval,
     start: float,
     slope: float,
-    ends: tuple[float, float],
+    argument_range: tuple[float, float],
     min_width: float = 0.0,
 ) -> float | None:
     """Searches for an argument at which an increasing, expensive function has a value in a given range.
@@ -41,7 +41,7 @@ def search(
         permitted: Range of accepted values of the function. The search ends when a value is in this range.
         start: First argument to try.
         slope: Expected increase of the function per unit of its argument, above 0.
-        ends: Smallest and largest argument to try.
+        argument_range: Smallest and largest argument to try.
         min_width: Minimum width of the interval that is searched, below which the search gives up.
 
     Returns:
@@ -49,7 +49,7 @@ def search(
     """
     # It is the argument of the last call of the function.
     # There are at most `TRIALS` calls.
-    low, high, at = *ends, min(max(start, ends[0]), ends[1])
+    low, high, at = *argument_range, min(max(start, argument_range[0]), argument_range[1])
     below: tuple[float, float] | None = None
     above: tuple[float, float] | None = None
     for trial in range(TRIALS):
@@ -60,12 +60,12 @@ def search(
             below, low = (at, value), at
         else:
             above, high = (at, value), at
-        if low >= ends[1] or high <= ends[0] or high - low < min_width:
+        if low >= argument_range[1] or high <= argument_range[0] or high - low < min_width:
             return None
         if below is not None and above is not None:
             # Every second step halves the bracket, in case secants approach from one side.
             share = (permitted.wanted - below[1]) / max(above[1] - below[1], 1e-12) if trial % 2 else 0.5
             at = low + min(max(share, 0.1), 0.9) * (high - low)
         else:  # steps grow, in case the slope is smaller than expected
-            at = min(max(at + 2**trial * (permitted.wanted - value) / slope, ends[0]), ends[1])
+            at = min(max(at + 2**trial * (permitted.wanted - value) / slope, argument_range[0]), argument_range[1])
     return None

@@ -160,20 +160,20 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def add_rows(rows_of_sums, members, pair_rows, pair_starts, sums):
+def add_rows(rows_of_sums, gaussian_indices, pair_rows, pair_starts, sums):
     """Sums the gradients of each Gaussian over all its tiles, and adds the results to `sums`.
 
     Args:
         rows_of_sums: Gradient of each pair of Gaussian and tile.
-        members: Indices of the Gaussians.
+        gaussian_indices: Indices of the Gaussians.
         pair_rows: Rows of `rows_of_sums` that belong to each Gaussian, Gaussian after Gaussian.
         pair_starts: Start of each Gaussian's entries in `pair_rows`, and the end of the last.
         sums: Gradient of each Gaussian, changed in place.
     """
     # The sums are from `draw_tiles_back`, `pair_rows` and `pair_starts` from `fill_tiles`. The order of addition is
     # that of the tiles.
-    for k in range(members.shape[0]):
-        first = np.int64(members[k]) * SUMS
+    for k in range(gaussian_indices.shape[0]):
+        first = np.int64(gaussian_indices[k]) * SUMS
         added = load(sums, first)
         for place in range(pair_starts[k], pair_starts[k + 1]):
             if place + _AHEAD_ROWS < pair_rows.shape[0]:

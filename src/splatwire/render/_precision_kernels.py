@@ -13,7 +13,19 @@ POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_squared(
-    means, rotations, scales, opacities, colors, splat_scales, quats, splat_opacities, order, spun, sums, first, last
+    means,
+    rotations,
+    scales,
+    opacities,
+    colors,
+    splat_scales,
+    quats,
+    splat_opacities,
+    order,
+    symmetry_axis,
+    sums,
+    first,
+    last,
 ):
     """Adds the squared gradient with respect to each attribute of each Gaussian to `sums`.
 
@@ -27,8 +39,8 @@ def add_squared(
         quats: Unit quaternions of the Gaussians, (w, x, y, z).
         splat_opacities: Opacities of the Gaussians.
         order: Axes of each Gaussian sorted by length, longest first.
-        spun: Axis of symmetry of each Gaussian, as index in `order`: 2 (shortest axis) for flat Gaussians, 0 (longest
-            axis) for long ones.
+        symmetry_axis: Axis of symmetry of each Gaussian, as index in `order`: 2 (shortest axis) for flat Gaussians, 0
+            (longest axis) for long ones.
         sums: Sums to increase, (N, 8), with the columns `POSITION` to `COLOUR`.
         first: Index of the first Gaussian.
         last: End of the Gaussians (exclusive).
@@ -58,7 +70,7 @@ def add_squared(
             turns += turned[axis] ** 2
             longest = order[i, axis]
             sums[i, SCALE + axis] += (np.float64(scales[i, longest]) * np.float64(splat_scales[i, longest])) ** 2
-        spin = turned[order[i, spun[i]]] ** 2
+        spin = turned[order[i, symmetry_axis[i]]] ** 2
         sums[i, POSITION] += away / 3
         sums[i, DIRECTION] += (turns - spin) / 2
         sums[i, SPIN] += spin

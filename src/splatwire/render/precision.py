@@ -243,12 +243,12 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     share(look_at, list(itertools.pairwise(edges.tolist())))
 
 
-def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
+def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:
     """Computes the precision class of each Gaussian from the sensitivity of the images to its attributes.
 
     Args:
         splats: The Gaussians.
-        found: Sensitivity of the images to each attribute of each Gaussian, by attribute name.
+        sensitivities: Sensitivity of the images to each attribute of each Gaussian, by attribute name.
 
     Returns:
         Class of each Gaussian. The quantisation steps of class c + 1 are half as large as those of class c.
@@ -266,7 +266,7 @@ def _classes(splats: Splats, found: dict[str, Float64[np.ndarray, "G"]]) -> Int8
     odd = (high < least) | (middle < size - _MOST_THIN) | (low < width - _MOST_THIN)
     octaves, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
     for name, weight in weights.items():
-        own = weight * (np.log2(found[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)
+        own = weight * (np.log2(sensitivities[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)
         if name in _SHAPE:
             own[odd] = 0
             total[odd] -= weight

@@ -148,7 +148,7 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 
 
 def _distribute(
-    removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, parts: list[_NetworkErrors], width: int
+    removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, view_errors: list[_NetworkErrors], width: int
 ) -> Sensitivity:
     """Estimates the picture errors of single anchors from the errors summed over a selection of anchors.
 
@@ -159,14 +159,14 @@ def _distribute(
         offset_removal: Picture error of removing each Gaussian, (N, K).
         relative: Squared ratio of the scale of an anchor's offsets to the size of its Gaussians, from `_relative_size`,
             (N).
-        parts: For each view, errors if attributes change, summed over the selected anchors.
+        view_errors: For each view, errors if attributes change, summed over the selected anchors.
         width: Number of features and scalings per anchor, D.
     """
     # The sum is divided among the anchors in proportion to the picture error that removing each of them causes.
-    metric = sum((part.metric for part in parts), np.zeros((width, width)))
-    removed, expected = sum(part.removal for part in parts), sum(part.offset_share for part in parts)
+    metric = sum((part.metric for part in view_errors), np.zeros((width, width)))
+    removed, expected = sum(part.removal for part in view_errors), sum(part.offset_share for part in view_errors)
     per_removal = _TYPICAL * metric.diagonal() / max(removed, 1e-30)
-    per_offset = _TYPICAL * sum(part.offset for part in parts) / max(expected, 1e-30)
+    per_offset = _TYPICAL * sum(part.offset for part in view_errors) / max(expected, 1e-30)
     return Sensitivity(
         removal=removal,
         offset_removal=offset_removal,

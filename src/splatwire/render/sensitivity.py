@@ -143,7 +143,7 @@ def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, 
 
 
 def _add_changes(
-    total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, found: GatheredGradients
+    total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, gradients: GatheredGradients
 ) -> None:
     """Adds to `total` the picture errors of one view that changes of features, scalings or offsets would cause.
 
@@ -152,11 +152,11 @@ def _add_changes(
         rows: Indices of the anchors in view, int64 (n).
         scalings: Scalings of all anchors, (N, 6).
         spawned: Gaussians of the anchors in view.
-        found: Gradients of a sum of all pixel values, each multiplied by a random sign, with respect to the Gaussians
-            `spawned`.
+        gradients: Gradients of a sum of all pixel values, each multiplied by a random sign, with respect to the
+            Gaussians `spawned`.
     """
     # The gradients are back-propagated to the anchors, through the networks that generate the Gaussians.
-    back = spawned.gradients(found.fields)
+    back = spawned.gradients(gradients.fields)
     channels = np.concatenate([back.features, back.scalings * scalings[rows]], axis=1).astype(np.float64)
     total.channels[rows] += channels**2
     total.offsets[rows] += (back.offsets.astype(np.float64) ** 2).mean(axis=2)

@@ -11,8 +11,8 @@ _LEAST, _MOST = 1e-12, 1.0 - 1e-6
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _rotate(quat, offset, found):
-    """Rotates the unit quaternion `quat` by the rotation `offset`, and writes the product to `found`."""
+def _rotate(quat, offset, out):
+    """Rotates the unit quaternion `quat` by the rotation `offset`, and writes the product to `out`."""
     # A rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
     x, y, z = offset[3] / np.float64(4.0), offset[4] / np.float64(4.0), offset[5] / np.float64(4.0)
     square = x * x + y * y + z * z
@@ -24,55 +24,55 @@ def _rotate(quat, offset, found):
     c = w * g - x * h + y * e + z * f
     d = w * h + x * g - y * f + z * e
     length = max(np.sqrt(a * a + b * b + c * c + d * d), _LEAST)
-    found[0], found[1], found[2], found[3] = a / length, b / length, c / length, d / length
+    out[0], out[1], out[2], out[3] = a / length, b / length, c / length, d / length
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _scale(scales, offset, found):
+def _scale(scales, offset, out):
     """Applies the change of a track's size in one frame to the three scales of its keyframe Gaussian.
 
     Args:
         scales: Scales of the keyframe Gaussian.
         offset: Changes of the track.
-        found: Output: the changed scales.
+        out: Output: the changed scales.
     """
     # Entries 6, 7 and 8 are the changes of the natural logarithms of the largest, the middle and the smallest scale.
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
         for a in range(3):
-            found[a] = scales[a]
+            out[a] = scales[a]
         return
     for a in range(3):
         rank = 0
         for b in range(3):
             # of equal scales, the one with the lower index counts as larger
             rank += scales[b] > scales[a] or (scales[b] == scales[a] and b < a)
-        found[a] = scales[a] * np.exp(np.float64(offset[6 + rank]))
+        out[a] = scales[a] * np.exp(np.float64(offset[6 + rank]))
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def move(bases, tracks, offsets, found):
+def move(bases, tracks, offsets, out):
     """Computes the Gaussians of tracks in one frame: keyframe Gaussians moved by decoded motion.
 
     Args:
         bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T), harmonics (T, 3 B); float32.
         tracks: Indices of the n tracks in `bases`, int64 (n).
         offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
-        found: Output: arrays of the same attributes for the n moved Gaussians.
+        out: Output: arrays of the same attributes for the n moved Gaussians.
     """
     means, quats, scales, opacities, harmonics = bases
     for n in range(len(tracks)):
         t, offset = tracks[n], offsets[n]
         for a in range(3):
-            found[0][n, a] = means[t, a] + offset[a]
-        _rotate(quats[t], offset, found[1][n])
-        _scale(scales[t], offset, found[2][n])
+            out[0][n, a] = means[t, a] + offset[a]
+        _rotate(quats[t], offset, out[1][n])
+        _scale(scales[t], offset, out[2][n])
         opacity = np.float64(opacities[t])
         if offset[9] != 0.0:
             opacity *= np.exp(np.float64(offset[9]))
-        found[3][n] = min(opacity, _MOST)
+        out[3][n] = min(opacity, _MOST)
         for c in range(harmonics.shape[1]):
-            found[4][n, c] = harmonics[t, c]
+            out[4][n, c] = harmonics[t, c]
         for a in range(3):
-            found[4][n, a] += offset[10 + a]
+            out[4][n, a] += offset[10 + a]

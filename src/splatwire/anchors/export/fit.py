@@ -123,7 +123,7 @@ def _fit_part(
 def fit_sh(
     directions: Float[np.ndarray, "S V 3"],
     colors: Float[np.ndarray, "S V 3"],
-    shares: Float[np.ndarray, "S V"],
+    view_weights: Float[np.ndarray, "S V"],
     degree: int,
 ) -> Float[np.ndarray, "S D 3"]:
     """Fits spherical harmonics to the colours of Gaussians in several views, by weighted least squares.
@@ -131,7 +131,7 @@ def fit_sh(
     Args:
         directions: Unit vectors from the camera to the Gaussian.
         colors: RGB seen from these directions.
-        shares: Weights of the views; they add up to 1 for each Gaussian.
+        view_weights: Weights of the views; they add up to 1 for each Gaussian.
         degree: 0 to 3.
 
     Returns:
@@ -139,30 +139,30 @@ def fit_sh(
     """
     x, y, z = np.moveaxis(directions.astype(np.float64), -1, 0)
     basis = np.stack(sh_functions(x, y, z, degree), axis=-1)
-    weighted = (basis * shares[:, :, None].astype(np.float64)).swapaxes(1, 2)
+    weighted = (basis * view_weights[:, :, None].astype(np.float64)).swapaxes(1, 2)
     degrees = np.array([l for l in range(degree + 1) for _ in range(2 * l + 1)], np.float64)  # noqa: E741
     gram = weighted @ basis + np.diag(RIDGE * degrees**2 + _CONSTANT_RIDGE)
     return np.linalg.solve(gram, weighted @ (colors.astype(np.float64) - 0.5)).astype(np.float32)
 
 
 def _mean_shape(
-    seen: list[SlotView], kept: np.ndarray, shares: Float[np.ndarray, "S V"]
+    seen: list[SlotView], indices: np.ndarray, view_weights: Float[np.ndarray, "S V"]
 ) -> tuple[Float[np.ndarray, "S 4"], Float[np.ndarray, "S 3"]]:
     """Averages the shapes of Gaussians over views, as logarithms of their covariances.
 
     Args:
         seen: Quaternions and scales of all Gaussians in each of V views.
-        kept: Indices of the S Gaussians to average.
-        shares: Weight of each view for each Gaussian; the weights of a Gaussian add up to 1.
+        indices: Indices of the S Gaussians to average.
+        view_weights: Weight of each view for each Gaussian; the weights of a Gaussian add up to 1.
 
     Returns:
         Quaternions and scales.
     """
-    total = np.zeros((len(kept), 3, 3))
+    total = np.zeros((len(indices), 3, 3))
     for view, now in enumerate(seen):
-        axes = rotation_matrices(now.quats[kept].astype(np.float64))
-        logs = np.log(np.maximum(now.scales[kept].astype(np.float64), _SMALLEST_SCALE))
-        total += shares[:, view, None, None] * ((axes * logs[:, None, :]) @ axes.swapaxes(1, 2))
+        axes = rotation_matrices(now.quats[indices].astype(np.float64))
+        logs = np.log(np.maximum(now.scales[indices].astype(np.float64), _SMALLEST_SCALE))
+        total += view_weights[:, view, None, None] * ((axes * logs[:, None, :]) @ axes.swapaxes(1, 2))
     logs, axes = np.linalg.eigh(total)
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a mirror
     return quaternions(axes).astype(np.float32), np.exp(logs).astype(np.float32)

@@ -12,7 +12,7 @@ _COLOURS = NUM_CHANNELS - 3
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, found):
+def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, out):
     """Evaluates the decoded motion of n tracks in one frame: their changes relative to their keyframe Gaussians.
 
     Args:
@@ -25,14 +25,14 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
         weights: Value of each basis polynomial in this frame, float64 (F), for a group of F frames.
         factors: Factor from fixed point to floats, by channel, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
-        found: Output: the changes, float32 (n, channels).
+        out: Output: the changes, float32 (n, channels).
     """
     values = np.zeros(NUM_CHANNELS)
     # `tests/reference/trajectories.py` is an equivalent implementation in plain Python.
     for n in range(len(starts)):
         if starts[n] < 0:
             for c in range(NUM_CHANNELS):
-                found[n, c] = 0.0
+                out[n, c] = 0.0
             continue
         packet = packets[n]
         width = widths[packet]
@@ -42,9 +42,9 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
                 value += coefficients[begin + k] * weights[k]
             values[c] = value * factors[c]
         for c in range(_COLOURS):
-            found[n, c] = values[c]
+            out[n, c] = values[c]
         for a in range(3):
             value = np.float64(0.0)
             for c in range(3):
                 value += values[_COLOURS + c] * colours[c, a]
-            found[n, _COLOURS + a] = value
+            out[n, _COLOURS + a] = value

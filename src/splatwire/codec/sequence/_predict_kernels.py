@@ -107,7 +107,7 @@ def prediction_order(positions, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _neighbour_weights(positions, i, neighbours, squared_distances, found, offsets, near, weights):
+def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbours, offsets, near, weights):
     """Computes the weights of a moving Gaussian's neighbours for the prediction of its motion.
 
     Args:
@@ -115,34 +115,34 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, found, offse
         i: Index of the track.
         neighbours: Indices of the neighbours.
         squared_distances: Squared distances of the neighbours from the track.
-        found: Number of neighbours.
+        num_neighbours: Number of neighbours.
         offsets: Working array, int64 (NUM_NEIGHBOURS, 3).
         near: Working array, int64 (NUM_NEIGHBOURS).
         weights: Output: weights of the neighbours, int64 (NUM_NEIGHBOURS).
     """
-    for m in range(found):
-        weights[m] = (ONE << WEIGHT_BITS) // found
+    for m in range(num_neighbours):
+        weights[m] = (ONE << WEIGHT_BITS) // num_neighbours
     # A plane fitted to the neighbours' values by least squares, evaluated at the track's position. All values stay
     # below 2**53, so that they are exact in float64.
-    if found >= 4:
+    if num_neighbours >= 4:
         radius = ONE
-        for m in range(found):
+        for m in range(num_neighbours):
             for a in range(3):
                 radius = max(radius, abs(positions[neighbours[m], a] - positions[i, a]))
-        _plane(positions, i, neighbours, squared_distances, found, radius, offsets, near, weights)
+        _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, near, weights)
     left = ONE << WEIGHT_BITS
-    for m in range(found):
+    for m in range(num_neighbours):
         left -= weights[m]
-    if found:
+    if num_neighbours:
         weights[0] += left
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _plane(positions, i, neighbours, squared_distances, found, radius, offsets, near, weights):
+def _plane(positions, i, neighbours, squared_distances, num_neighbours, radius, offsets, near, weights):
     total = np.int64(0)
     x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
-    for m in range(found):
+    for m in range(num_neighbours):
         # Below 2**53 the rounded-down quotient of doubles equals the integer quotient, and takes a fifth of the time.
         near[m] = w = 1 + np.int64(np.float64(2 * (squared_distances[0] + 1)) / np.float64(squared_distances[m] + 1))
         for a in range(3):
@@ -170,7 +170,7 @@ def _plane(positions, i, neighbours, squared_distances, found, radius, offsets, 
         pull += 1
     hx, hy, hz = hx >> pull, hy >> pull, hz >> pull
     scale = 2.0 ** (_TURN_BITS + pull - spread)
-    for m in range(found):
+    for m in range(num_neighbours):
         moment = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
         turn = np.int64(np.floor(np.float64(moment) / np.float64(determinant) * scale + 0.5))
         part, whole = near[m] * ((ONE << _TURN_BITS) - turn), total << (_TURN_BITS - WEIGHT_BITS)
@@ -180,7 +180,7 @@ def _plane(positions, i, neighbours, squared_distances, found, radius, offsets, 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _predict_coefficients(known, moving, neighbours, weights, found, means):
+def _predict_coefficients(known, moving, neighbours, weights, num_neighbours, means):
     """Predicts the motion coefficients of a track (Gaussian over time) as a weighted mean over its neighbours.
 
     Args:
@@ -188,12 +188,12 @@ def _predict_coefficients(known, moving, neighbours, weights, found, means):
         moving: Mask of moving tracks, (M).
         neighbours: Indices of the neighbours.
         weights: Weights of the neighbours, from `_neighbour_weights`.
-        found: Number of neighbours.
+        num_neighbours: Number of neighbours.
         means: Output: predicted coefficients, float64 (U).
     """
     # Sums of products stay below 2**53, so that they are exact in float64.
     means[:] = 0.0
-    for m in range(found):
+    for m in range(num_neighbours):
         if moving[neighbours[m]]:
             weight, row = np.float64(weights[m]), known[neighbours[m]]
             for u in range(len(means)):

@@ -14,7 +14,7 @@ _ZERO, _ONE = np.float64(0.0), np.float64(1.0)
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _relative_rotations(quats, base, begin, end, last, far, values):
+def _relative_rotations(quats, base, begin, end, last, largest, values):
     """Computes the rotation of a track relative to its keyframe Gaussian, in a range of frames.
 
     Args:
@@ -24,7 +24,7 @@ def _relative_rotations(quats, base, begin, end, last, far, values):
         end: End of the frames (exclusive).
         last: Relative rotation in the frame before `begin`, as a quaternion; replaced by the relative rotation in frame
             `end - 1`.
-        far: Largest relative rotation in the frames before `begin`, as the tangent of a quarter of the angle.
+        largest: Largest relative rotation in the frames before `begin`, as the tangent of a quarter of the angle.
         values: Output: rotation vectors in these frames.
 
     Returns:
@@ -61,9 +61,9 @@ def _relative_rotations(quats, base, begin, end, last, far, values):
         last[0], last[1], last[2], last[3] = w, x, y, z
         below = max(_ONE + w, 1e-3)
         x, y, z = x / below, y / below, z / below
-        far = max(far, np.sqrt(x * x + y * y + z * z))
+        largest = max(largest, np.sqrt(x * x + y * y + z * z))
         values[3, f], values[4, f], values[5, f] = x * _TURN, y * _TURN, z * _TURN
-    return far
+    return largest
 
 
 @njit(borrows=True, error_model="numpy")
@@ -102,7 +102,7 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _project(values, table, begin, end, own):
+def _project(values, table, begin, end, coefficients):
     """Adds the motion in a range of frames to a Gaussian's polynomial coefficients, by projection onto the basis.
 
     Args:
@@ -110,14 +110,14 @@ def _project(values, table, begin, end, own):
         table: Basis polynomials, float64 (F, F).
         begin: First frame.
         end: End of the frames (exclusive).
-        own: The Gaussian's polynomial coefficients, changed in place.
+        coefficients: The Gaussian's polynomial coefficients, changed in place.
     """
     for c in range(NUM_CHANNELS):
         for f in range(begin, end):
             value = values[c, f]
             if value != 0:
                 for k in range(len(table)):
-                    own[c, k] += value * table[f, k]
+                    coefficients[c, k] += value * table[f, k]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -173,22 +173,22 @@ def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def find_moving(largest, turns, shifts, numbers, limits, far, moving):
+def find_moving(largest, rotations, shifts, numbers, limits, too_far, moving):
     """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
+        rotations: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
         numbers: Index into `shifts` of each of the n tracks, int64 (n).
         limits: Thresholds, float64 (4), from `fitting.LIMITS`.
-        far: Output: mask of tracks with too large motion, bool (n).
+        too_far: Output: mask of tracks with too large motion, bool (n).
         moving: Output: mask of moving tracks, bool (n).
     """
     for i in range(len(numbers)):
-        own, gone, moves = shifts[numbers[i]], turns[i] > limits[2], False
+        own, gone, moves = shifts[numbers[i]], rotations[i] > limits[2], False
         for c in range(NUM_CHANNELS):
             step, most = np.float64(np.int64(1) << own[c]), largest[i, c]
             gone = gone or most > limits[0] * step or most > limits[1]
             moves = moves or most >= limits[3] * step
-        far[i], moving[i] = gone, moves
+        too_far[i], moving[i] = gone, moves

@@ -82,7 +82,7 @@ class Fitting:
 
 
 def fit(
-    found: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
+    targets: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
     """Continues the least-squares fit of motion polynomials with the motion of tracks in further frames.
@@ -90,7 +90,7 @@ def fit(
     A track is a Gaussian over time.
 
     Args:
-        found: Polynomial coefficients of the motion of n tracks, changed in place.
+        targets: Polynomial coefficients of the motion of n tracks, changed in place.
         moves: Trajectories of the n tracks over the group of frames.
         known: All tracks that have a keyframe Gaussian so far.
         info: Side information whose lattice spacing determines the unit of fitted positions.
@@ -98,17 +98,17 @@ def fit(
         frames: Range of frames to add: first frame and end (exclusive).
         threads: Number of threads; None for one per processor.
     """
-    add_frames(found, moves, known.keyframes, numbers, *frames, info.unit, info.size_log, threads)
+    add_frames(targets, moves, known.keyframes, numbers, *frames, info.unit, info.size_log, threads)
 
 
 def motion_masks(
-    largest: np.ndarray, turns: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
+    largest: np.ndarray, rotations: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
-        turns: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
+        rotations: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all known tracks, int64 (T, channels).
         numbers: Index into `shifts` of each track, int64 (n).
 
@@ -116,5 +116,5 @@ def motion_masks(
         Mask of tracks with too large motion, and mask of moving tracks, bool (n) each.
     """
     far, moving = np.zeros((2, len(numbers)), bool)
-    kernels.find_moving(largest, turns, shifts, numbers, LIMITS, far, moving)
+    kernels.find_moving(largest, rotations, shifts, numbers, LIMITS, far, moving)
     return far, moving

@@ -125,14 +125,14 @@ class MotionCoder:
                 coder.costs[begin:end] = block.costs
         return zero
 
-    def encode(self, zero: np.ndarray, ends: tuple[int, int]) -> CodedMotion:
+    def encode(self, zero: np.ndarray, track_range: tuple[int, int]) -> CodedMotion:
         """Encodes the motion of the tracks (Gaussians over time) of one block.
 
         Args:
             zero: Initial probability that a bit is 0, for each adaptive bit model, out of 2**8, int64 (contexts).
-            ends: Range of the block's tracks among the coder's tracks: first index and end (exclusive).
+            track_range: Range of the block's tracks among the coder's tracks: first index and end (exclusive).
         """
-        begin, end = ends
+        begin, end = track_range
         count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)
         models, counts = np.repeat(zero[:, None] << 8, 2, axis=1), np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
         residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)

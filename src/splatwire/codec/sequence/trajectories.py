@@ -104,13 +104,13 @@ class Targets:
 
 
 def add_frames(
-    found: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
+    targets: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
     """Adds further frames to the polynomials that are fitted to the motion of tracks (Gaussians over time).
 
     Args:
-        found: Polynomial coefficients of n tracks, changed in place.
+        targets: Polynomial coefficients of n tracks, changed in place.
         moves: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
         keyframes: Keyframe Gaussians, as trajectories of one frame.
         numbers: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index
@@ -127,7 +127,7 @@ def add_frames(
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
             tuple(values[rows] for values in vars(moves).values()), known, numbers[rows], scale, luma, table,
-            np.int64(begin), np.int64(end), *(values[rows] for values in vars(found).values()),
+            np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
         )  # fmt: skip
 
     runs = [slice(first, first + RUN) for first in range(0, len(numbers), RUN)]

@@ -138,7 +138,7 @@ def changed_stream(
 
 
 def _with_copies(
-    stream: SceneStream, base: SceneStream, info: SideInfo, kept: np.ndarray, splats: Splats
+    stream: SceneStream, base: SceneStream, info: SideInfo, kept_indices: np.ndarray, splats: Splats
 ) -> SceneStream:
     """Adds the redundant copies of the old stream to a changed stream, except for copies of removed Gaussians.
 
@@ -146,13 +146,13 @@ def _with_copies(
         stream: The changed stream without copies.
         base: The old stream.
         info: Side information of the old stream.
-        kept: Indices in the old stream of the Gaussians that stay, ascending.
+        kept_indices: Indices in the old stream of the Gaussians that stay, ascending.
         splats: Gaussians of the changed scene: first those that stay, then the new ones.
     """
     num_before = base.manifest.num_elements
     if (copies := read_copies(info, num_before)) is None:
         return stream
-    chosen = np.flatnonzero(np.isin(kept, copies.indices))
+    chosen = np.flatnonzero(np.isin(kept_indices, copies.indices))
     if not len(chosen):
         return stream
     decoded = decode_stream(stream).scene.splats

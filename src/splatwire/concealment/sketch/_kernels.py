@@ -95,17 +95,17 @@ def code_bit(coder, models, context, bit):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def code_value(coder, models, own, shared, value):
+def code_value(coder, models, column_start, shared_start, value):
     """Encodes or decodes a signed integer: first a bit for 0, then sign and magnitude.
 
     Args:
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
-        own: Index in `models` of the first probability of this column of coefficients.
-        shared: Index in `models` of the first probability that all columns of a precision level share.
+        column_start: Index in `models` of the first probability of this column of coefficients.
+        shared_start: Index in `models` of the first probability that all columns of a precision level share.
         value: The integer.
     """
-    if not code_bit(coder, models, own, np.int64(value != 0)):
+    if not code_bit(coder, models, column_start, np.int64(value != 0)):
         return np.int64(0)
     data, state, negative, size = coder.data, coder.state, np.int64(value < 0), np.int64(abs(value) - 1)
     if coder.decoding:
@@ -113,7 +113,7 @@ def code_value(coder, models, own, shared, value):
     else:
         encode_raw(data, state, negative)
     for i in range(UNARY):
-        if not code_bit(coder, models, own + 1 + i if i < OWN else shared + i - OWN, np.int64(size > i)):
+        if not code_bit(coder, models, column_start + 1 + i if i < OWN else shared_start + i - OWN, np.int64(size > i)):
             return -i - 1 if negative else i + 1
     if coder.decoding:
         size = UNARY + decode_escape(data, len(data), state)

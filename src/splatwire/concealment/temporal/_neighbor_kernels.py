@@ -41,7 +41,7 @@ def _solve_first(lower, solution):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solution, found):
+def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solution, out):
     """Computes weights that interpolate motion by a quadratic function fitted to the neighbours.
 
     Args:
@@ -54,7 +54,7 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
         terms: Temporary memory for the terms of each neighbour, float64 (k, 10).
         lower: Temporary memory for the moments, float64 (10, 10).
         solution: Temporary memory for the solution, float64 (10).
-        found: Output: the weights, float32 (n, k).
+        out: Output: the weights, float32 (n, k).
     """
     count = offsets.shape[1]
     for n in range(len(offsets)):
@@ -93,12 +93,12 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
             terms[m, 0] /= total
             size += abs(terms[m, 0])
         for m in range(count):
-            found[n, m] = proximity[m] if size > wild else terms[m, 0]
+            out[n, m] = proximity[m] if size > wild else terms[m, 0]
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, shares, found):
+def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, scratch, out):
     """Estimates the motion of n tracks from the motion of their k neighbours (see `Neighbors`).
 
     The change of colour is assumed to be a linear function of the colour: the mean change of the neighbours, plus a
@@ -114,12 +114,12 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
         values: Values of the tracks that serve as neighbours, float32 (m, 13).
         has_shapes: True if a scale or opacity in `values` is not 0.
         has_colours: True if a colour in `values` is not 0.
-        shares: Temporary memory, float32 (3).
-        found: Output: float32 (n, 13), initially 0.
+        scratch: Temporary memory, float32 (3).
+        out: Output: float32 (n, 13), initially 0.
     """
     last = _CHANNELS if has_colours else _FIRST_COLOUR if has_shapes else _FIRST_SHAPE
     for n in range(len(index)):
-        own = found[n]
+        own = out[n]
         for m in range(index.shape[1]):
             row, weight = values[index[n, m]], weights[n, m]
             for c in range(min(last, _FIRST_COLOUR)):
@@ -134,10 +134,10 @@ def interpolate(index, weights, closeness, contrasts, contrast, values, has_shap
                     low, high = min(low, value), max(high, value)
                 own[c] = min(max(own[c], low), high)
         if has_colours:
-            shares[:] = 0.0
+            scratch[:] = 0.0
             for m in range(index.shape[1]):
                 for a in range(3):
-                    shares[a] += contrasts[n, m, a] * values[index[n, m], _FIRST_COLOUR + a]
-            share = min(max(shares[0] + shares[1] + shares[2], np.float32(-1.0)), np.float32(1.0))
+                    scratch[a] += contrasts[n, m, a] * values[index[n, m], _FIRST_COLOUR + a]
+            share = min(max(scratch[0] + scratch[1] + scratch[2], np.float32(-1.0)), np.float32(1.0))
             for a in range(3):
                 own[_FIRST_COLOUR + a] += share * contrast[n, a]

@@ -133,20 +133,20 @@ def _next_state(poses: GroupPoses, count: int, frames: int, before: ConcealmentS
     return ConcealmentState(alive, offsets, velocity, concealed)
 
 
-def _merge(first: GroupPoses, others: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
+def _merge(received: GroupPoses, lost: GroupPoses, prediction: MotionPrediction) -> GroupPoses:
     """Combines received and estimated tracks of a group of pictures, sorted by track index.
 
     Args:
-        first: Poses of the received tracks.
-        others: Tracks with lost motion, and the frames in which they exist.
+        received: Poses of the received tracks.
+        lost: Tracks with lost motion, and the frames in which they exist.
         prediction: Function that estimates the motion of the lost tracks in a frame.
     """
-    order = np.argsort(np.concatenate([first.tracks, others.tracks]), kind="stable")
+    order = np.argsort(np.concatenate([received.tracks, lost.tracks]), kind="stable")
 
     def at(frame: int) -> np.ndarray:
-        offsets = first.at(frame)
+        offsets = received.at(frame)
         return np.concatenate([offsets, prediction(frame, offsets)])[order]
 
     names = ("tracks", "begins", "ends", "concealed")
-    values = {name: np.concatenate([getattr(first, name), getattr(others, name)])[order] for name in names}
+    values = {name: np.concatenate([getattr(received, name), getattr(lost, name)])[order] for name in names}
     return GroupPoses(**values, at=at)

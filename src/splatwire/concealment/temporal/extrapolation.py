@@ -129,13 +129,13 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
     return born == np.bincount(born[observed]).argmax()
 
 
-def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
+def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
     """Returns the share of a track's deviation from its neighbours' motion that remains in the next group of pictures.
 
     The share is an estimate: a small deviation is probably a rounding error.
 
     Args:
-        own: Deviation from the neighbours' motion at the end of the previous group, (n, C).
+        deviation: Deviation from the neighbours' motion at the end of the previous group, (n, C).
         rounding: Quantisation steps of the positions, (n).
         concealed: Mask of tracks whose motion was only estimated, bool (n).
 
@@ -143,6 +143,6 @@ def _kept_deviation(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray
         Estimated share, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
-    apart, kept = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)
+    apart, kept = (deviation[:, PLACE] ** 2).sum(axis=1), np.zeros_like(deviation)
     kept[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]
     return kept

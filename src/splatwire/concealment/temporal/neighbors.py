@@ -96,7 +96,7 @@ class Neighbors:
         return interpolated
 
 
-def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _contrasts(colours: np.ndarray, track_colours: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Computes how strongly the change of colour depends on the colour among the neighbours of each lost track.
 
     The change is modelled as a linear function of the colour. The slope of this function is a weighted sum of the
@@ -105,7 +105,7 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).
-        own: Colours of the tracks, (n, 3).
+        track_colours: Colours of the tracks, (n, 3).
         closeness: Inverse-distance weights, (n, k).
 
     Returns:
@@ -117,7 +117,7 @@ def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> t
     mean = np.einsum("nk,nka->na", proximity, colours)
     apart = colours - mean[:, None]
     square = np.einsum("nk,nka->n", proximity, apart * apart)
-    return proximity[:, :, None] * apart / (square + COLOUR_RIDGE)[:, None, None], own - mean
+    return proximity[:, :, None] * apart / (square + COLOUR_RIDGE)[:, None, None], track_colours - mean
 
 
 def _closeness(square: np.ndarray) -> np.ndarray:

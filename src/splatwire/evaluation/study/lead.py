@@ -133,15 +133,15 @@ def _rate(loss: Loss) -> float:
     return float(getattr(loss.process, "rate", 0.0))
 
 
-def _summary_sentence(found: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
+def _summary_sentence(summaries: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
     """Summarises in one sentence the PSNR with and without concealment under loss; None if a PSNR is not finite.
 
     Args:
-        found: Statistics under the highest loss, by key of the method.
+        summaries: Statistics under the highest loss, by key of the method.
         rows: The methods without and with concealment; None to state the PSNR of the only method.
         source: Kind of reference images, such as `photos`.
     """
-    shown = [found[row.key] for row in (rows.uncovered, rows.best)] if rows else list(found.values())[:1]
+    shown = [summaries[row.key] for row in (rows.uncovered, rows.best)] if rows else list(summaries.values())[:1]
     figures = [s.figures.get("psnr") for s in shown]
     if not shown or any(figure is None for figure in figures):
         return None

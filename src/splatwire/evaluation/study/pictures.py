@@ -76,15 +76,15 @@ def _shot(result: StudyResult, store: Store, cell: Cell, view: int) -> Shot:
     return Shot(cell.row.label, pixels, result.records[cell.unit.key][view].psnr)
 
 
-def save_pictures(found: list[ViewPictures], folder: Path) -> None:
+def save_pictures(view_pictures: list[ViewPictures], folder: Path) -> None:
     """Writes images as PNG files with distinct names.
 
     Args:
-        found: The images.
+        view_pictures: The images.
         folder: Output folder; created if missing.
     """
     pictures: dict[str, np.ndarray] = {}
-    for view in found:
+    for view in view_pictures:
         start = f"{view.scene}\0{view.view}\0"  # names cannot contain this character, so prefixes are unique
         pictures[f"{start}reference"] = view.reference
         pictures |= {f"{start}{shot.label}": shot.pixels for shot in view.shots}

@@ -56,19 +56,19 @@ class SceneSizes:
     columns: Mapping[str, Mapping[str, int]]
     attribute_files: Mapping[str, int]
 
-    def growth(self, column: str, parts: Sequence[str] | None = None) -> float | None:
+    def growth(self, column: str, categories: Sequence[str] | None = None) -> float | None:
         """Returns by how many percent an encoding of the scene is larger than the official HAC++ files.
 
         Args:
             column: Name of the encoding in `columns`.
-            parts: Categories to count; None for all but the network weights.
+            categories: Categories to count; None for all but the network weights.
 
         Returns:
             The excess in percent; None if the scene has no official files.
         """
         if NATIVE not in self.columns:
             return None
-        wanted = parts or [part for part in _ORDER if part != _NETWORKS]
+        wanted = categories or [part for part in _ORDER if part != _NETWORKS]
         ours, native = (sum(self.columns[c].get(part, 0) for part in wanted) for c in (column, NATIVE))
         return 100 * (ours / native - 1)
 

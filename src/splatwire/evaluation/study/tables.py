@@ -146,20 +146,20 @@ def _paper(values: Mapping[str, float] | None) -> str:
     return " / ".join(f"{values[m]:.{2 if m == 'psnr' else 3}f}" for m in known if m in values)
 
 
-def ordering_table(found: Sequence[Ordering]) -> Table | None:
+def ordering_table(orderings: Sequence[Ordering]) -> Table | None:
     """Returns a table that compares the published order of methods by PSNR with the measured order.
 
     Args:
-        found: The compared pairs of methods.
+        orderings: The compared pairs of methods.
 
     Returns:
-        The table; None if `found` is empty.
+        The table; None if `orderings` is empty.
     """
-    if not found:
+    if not orderings:
         return None
     columns = ("the paper has above", "the paper has below", "scene", "paper (dB)", "here (dB)", "order")
     steps: dict[tuple[str, str, str], list[Ordering]] = {}
-    for o in found:
+    for o in orderings:
         steps.setdefault((o.better, o.worse, _where(o.scene, o.loss)), []).append(o)
     rows = [
         (*step, ", ".join(f"{o.published:+.2f} ({o.dataset})" for o in same), signed(same[0].ours), same[0].verdict)

@@ -143,18 +143,18 @@ def of_degree(splats: Splats, degree: int) -> Splats:
     return splats if not missing else replace(splats, sh=np.pad(splats.sh, ((0, 0), (0, missing), (0, 0))))
 
 
-def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
+def filled(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
     """Drops empty batches of Gaussians, checks the others, and normalises their quaternions.
 
     Args:
         path: Path of the output, for messages.
-        parts: Batches of Gaussians, all of one degree of spherical harmonics.
+        batches: Batches of Gaussians, all of one degree of spherical harmonics.
 
     Raises:
         InvalidValueError: If there is no Gaussian, degrees differ, or a value is invalid, such as an opacity above 1.
     """
     degree, count = None, 0
-    for part in parts:
+    for part in batches:
         if not part.num_gaussians:
             continue
         degree = part.degree if degree is None else degree
@@ -173,17 +173,17 @@ def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
         raise InvalidValueError(f"{path}: there is no Gaussian to write")
 
 
-def join(path: Path, parts: Iterable[Splats]) -> Splats:
+def join(path: Path, batches: Iterable[Splats]) -> Splats:
     """Concatenates batches of Gaussians for a format that needs all of them at once.
 
     Args:
         path: Path of the output, for messages.
-        parts: Batches of Gaussians, all of one degree of spherical harmonics.
+        batches: Batches of Gaussians, all of one degree of spherical harmonics.
 
     Raises:
         InvalidValueError: If there is no Gaussian, degrees differ, or a value is invalid.
     """
-    pieces = list(filled(path, parts))
+    pieces = list(filled(path, batches))
     return Splats(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Splats)})
 
 

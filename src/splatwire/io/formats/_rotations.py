@@ -26,14 +26,14 @@ def smallest_three(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return largest, np.take_along_axis(signed, _OTHERS[largest], axis=1) * 2**-0.5 + 0.5
 
 
-def from_smallest_three(largest: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def from_smallest_three(largest: np.ndarray, components: np.ndarray) -> np.ndarray:
     """Reconstructs quaternions (w, x, y, z), float32 (N, 4), from their three smallest components.
 
     Args:
         largest: Index of the largest component, int (N); negative values are invalid and give NaN.
-        shares: The three smallest components, float32 (N, 3), mapped from [-sqrt(1/2), sqrt(1/2)] to [0, 1].
+        components: The three smallest components, float32 (N, 3), mapped from [-sqrt(1/2), sqrt(1/2)] to [0, 1].
     """
-    others = (shares - np.float32(0.5)) * np.float32(2**0.5)
+    others = (components - np.float32(0.5)) * np.float32(2**0.5)
     rest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1, keepdims=True)))
     quats = np.take_along_axis(np.concatenate([others, rest], axis=1), _PLACES[np.maximum(largest, 0)], axis=1)
     return np.where(largest[:, None] < 0, np.float32(np.nan), quats)

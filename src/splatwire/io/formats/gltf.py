@@ -183,19 +183,19 @@ class _Gltf:
         metadata = metadata_of_asset(self._document.get("asset")).moved_origin(NO_ORIGIN, origin)
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
-    def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
+    def _instances(self, primitives: dict[int, list[dict[str, Any]]]) -> list[Instance]:
         """Returns all meshes with Gaussians and their transforms.
 
         Logs the parts of the document that are ignored, such as animations.
 
         Args:
-            found: Primitives with Gaussians by index of the mesh.
+            primitives: Primitives with Gaussians by index of the mesh.
         """
-        shown = [instance for instance in shown_instances(self._path, self._document) if instance.mesh in found]
+        shown = [instance for instance in shown_instances(self._path, self._document) if instance.mesh in primitives]
         if not shown:
             LOG.warning("%s: no node of its scene shows the Gaussians: they are read as they are", self._path)
-            return [Instance(mesh, np.eye(4), None) for mesh in found]
-        if hidden := len(found) - len({instance.mesh for instance in shown}):
+            return [Instance(mesh, np.eye(4), None) for mesh in primitives]
+        if hidden := len(primitives) - len({instance.mesh for instance in shown}):
             LOG.warning("%s: %d meshes of Gaussians that its scene does not show are left out", self._path, hidden)
         nodes = self._document.get("nodes", [])
         if any(instance.node is not None and "skin" in nodes[instance.node] for instance in shown):

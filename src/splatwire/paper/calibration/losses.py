@@ -80,12 +80,12 @@ def charbonnier(x: Tensor) -> Tensor:
 
 
 def parameter_losses(
-    parts: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
+    estimates: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
 ) -> dict[str, Float[Tensor, ""]]:
     """Computes all terms of the training loss that need no rendering.
 
     Args:
-        parts: Attributes that the network estimates for the lost anchors (queries) of a batch.
+        estimates: Attributes that the network estimates for the lost anchors (queries) of a batch.
         truth: True attributes of the queries.
         positions: Positions of the queries.
         weights: Weights of the terms and attributes.
@@ -96,20 +96,20 @@ def parameter_losses(
     # Some terms are errors of estimated attributes against the true ones. The others penalise estimates that are
     # far from the interpolation or from the prior's mean, or that differ between neighbours. Terms and attributes
     # with weight 0 are omitted.
-    trained = [(name, branch) for name, branch in parts.continuous() if weights.trains(name)]
+    trained = [(name, branch) for name, branch in estimates.continuous() if weights.trains(name)]
     terms: dict[str, Tensor] = {}
     if weights.feature:
-        terms["feature"] = _l1(parts.feature.predicted - truth.features)
+        terms["feature"] = _l1(estimates.feature.predicted - truth.features)
     if weights.scaling:
-        terms["scaling"] = _l1(parts.scaling.predicted - truth.scalings)
+        terms["scaling"] = _l1(estimates.scaling.predicted - truth.scalings)
     if weights.offset:
         active = truth.mask.repeat_interleave(3, dim=1)
         factor = torch.where(active, weights.active_offset, 1.0)
-        wrong = charbonnier(parts.offset.predicted - truth.offsets.flatten(1))
+        wrong = charbonnier(estimates.offset.predicted - truth.offsets.flatten(1))
         terms["offset"] = (factor * wrong).sum()
     if weights.mask:
-        target = truth.mask.to(parts.mask_logit.dtype)
-        wrong = functional.binary_cross_entropy_with_logits(parts.mask_logit, target, reduction="none")
+        target = truth.mask.to(estimates.mask_logit.dtype)
+        wrong = functional.binary_cross_entropy_with_logits(estimates.mask_logit, target, reduction="none")
         terms["mask"] = wrong.sum()
     if trained and weights.distill:
         terms["distill"] = torch.stack([_l1(b.predicted - b.interpolated) for _, b in trained]).sum()

@@ -166,12 +166,12 @@ class CalibrationRun:
     def _copy(self) -> dict[str, Tensor]:
         return {name: value.clone() for name, value in self.network.state_dict().items()}
 
-    def _render_loss(self, parts: Branches, part: RepairGraph) -> Float[Tensor, ""]:
+    def _render_loss(self, estimates: Branches, graph: RepairGraph) -> Float[Tensor, ""]:
         """Returns the mean absolute difference between pictures of concealed and complete scene in a random view.
 
         Args:
-            parts: Estimates of the lost anchors' attributes by the network and by the interpolation.
-            part: Graph of the lost anchors.
+            estimates: Estimates of the lost anchors' attributes by the network and by the interpolation.
+            graph: Graph of the lost anchors.
         """
         cameras, scene = self.data.cameras, self.data.scene
         if cameras is None:
@@ -182,8 +182,8 @@ class CalibrationRun:
             with torch.no_grad():
                 complete = generate_gaussians(scene, cameras, view)
                 self._pictures[view] = draw(complete, cameras.select([view]), background=behind)[0]
-        concealed, a = fuse(parts, part.interpolated, self.config.settings), scene.anchors
-        rows = (part.queries,)
+        concealed, a = fuse(estimates, graph.interpolated, self.config.settings), scene.anchors
+        rows = (graph.queries,)
         anchors = replace(
             a,
             features=a.features.index_put(rows, concealed.features),

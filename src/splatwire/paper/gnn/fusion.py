@@ -99,11 +99,11 @@ def _branch(
     return Branch(baseline + confidence * step, interpolated, confidence, prior)
 
 
-def fuse(parts: Branches, interpolated: Anchors, settings: GnnSettings) -> Anchors:
+def fuse(estimates: Branches, interpolated: Anchors, settings: GnnSettings) -> Anchors:
     """Computes the final attributes of lost anchors (queries) from the network's and the interpolation's estimates.
 
     Args:
-        parts: Estimates of the network and of the interpolation.
+        estimates: Estimates of the network and of the interpolation.
         interpolated: The queries with attributes filled by the interpolation.
         settings: Settings of the network.
 
@@ -113,13 +113,13 @@ def fuse(parts: Branches, interpolated: Anchors, settings: GnnSettings) -> Ancho
     # Where the network's confidence reaches the attribute's threshold, both estimates are blended (`Branch.fused`).
     # Elsewhere, the interpolated value is used. The offset masks follow the confidence of the offsets. With all
     # thresholds above 1, the result equals `interpolated` bit for bit.
-    offset = parts.offset.fused(settings.offset_threshold).view(interpolated.offsets.shape)
-    trusted = parts.offset.confidence >= settings.offset_threshold
-    mask = torch.where(trusted, parts.mask_logit >= 0, interpolated.mask)
+    offset = estimates.offset.fused(settings.offset_threshold).view(interpolated.offsets.shape)
+    trusted = estimates.offset.confidence >= settings.offset_threshold
+    mask = torch.where(trusted, estimates.mask_logit >= 0, interpolated.mask)
     return replace(
         interpolated,
-        features=parts.feature.fused(settings.feature_threshold),
-        scalings=parts.scaling.fused(settings.scaling_threshold),
+        features=estimates.feature.fused(settings.feature_threshold),
+        scalings=estimates.scaling.fused(settings.scaling_threshold),
         offsets=torch.where(trusted[:, :, None], offset * mask[:, :, None], interpolated.offsets),
         mask=mask,
     )

@@ -70,17 +70,17 @@ class MotionTransfer:
     model: TransferModel
 
     @staticmethod
-    def of(load: SequenceLoad, found: Arranged, protection: Protection) -> "MotionTransfer":
+    def of(load: SequenceLoad, arranged: Arranged, protection: Protection) -> "MotionTransfer":
         """Lists the datagrams that are sent for packets and their parity.
 
         Args:
             load: Sizes of the sequence's packets.
-            found: Arrangement of the packets: their sending order, and the parity of ranges of packets.
+            arranged: Arrangement of the packets: their sending order, and the parity of ranges of packets.
             protection: Settings that determine when repair symbols are sent; other settings are ignored.
         """
-        order, codes = np.array(found.order, np.int64), tuple(parity_groups(found.parity_ranges))
+        order, codes = np.array(arranged.order, np.int64), tuple(parity_groups(arranged.parity_ranges))
         timing = replace(protection, parity_until=0.0)
-        items = build_send_schedule([], found.parity_ranges, [code.repair for code in codes], timing, [len(order)])
+        items = build_send_schedule([], arranged.parity_ranges, [code.repair for code in codes], timing, [len(order)])
         table = np.array(items, np.int64).reshape(-1, 3)
         kind, group, symbol = table.T
         size, data = np.full(len(table), load.parity_bytes), kind == DATA

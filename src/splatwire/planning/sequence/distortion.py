@@ -121,11 +121,13 @@ def measure_sequence_distortion(
     return _curves(shares, np.array(mse) + floor, frames, timeline)
 
 
-def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline) -> SequenceDistortion:
+def _curves(
+    loss_shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeline: Timeline
+) -> SequenceDistortion:
     """Builds the distortion model of a sequence from the picture errors measured in S simulations of packet loss.
 
     Args:
-        shares: Lost share of each group's motion in each simulation, float64 (G, S).
+        loss_shares: Lost share of each group's motion in each simulation, float64 (G, S).
         mse: Mean squared errors in each simulation, for each rendered frame and each of V views, float64 (S, frames,
             V).
         frames: Indices of the rendered frames within each group.
@@ -135,12 +137,12 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
     groups = []
     for group, some in enumerate(frames):
         rows = begins[group] + np.arange(FRAMES) % len(some)
-        groups.append(mse[:, rows].reshape(len(shares[group]), -1))
-    order = np.argsort(shares, axis=1, kind="stable")
+        groups.append(mse[:, rows].reshape(len(loss_shares[group]), -1))
+    order = np.argsort(loss_shares, axis=1, kind="stable")
     sorted_mse = np.take_along_axis(np.array(groups), order[:, :, None], axis=1)
     lengths = tuple(len(timeline.frames_of(group)) for group in range(timeline.num_groups))
     return SequenceDistortion(
-        np.take_along_axis(shares, order, axis=1), np.maximum.accumulate(sorted_mse, axis=1), lengths
+        np.take_along_axis(loss_shares, order, axis=1), np.maximum.accumulate(sorted_mse, axis=1), lengths
     )
 
 

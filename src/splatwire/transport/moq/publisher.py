@@ -173,18 +173,23 @@ async def _requests(asked: Any) -> AsyncIterator[Any]:
         yield await asked.requested_track()
 
 
-def _frames_of(name: str, head: bytes, parts: list[range], packets: list[bytes]) -> list[bytes] | None:
+def _frames_of(name: str, head: bytes, track_packets: list[range], packets: list[bytes]) -> list[bytes] | None:
     """Returns the data blocks (MoQ frames) of a MoQ track, or None for an unknown track name.
 
     Args:
         name: Name of the MoQ track.
         head: Bytes of manifest and side information.
-        parts: For each MoQ track that has packets, the indices of these packets in sending order.
+        track_packets: For each MoQ track that has packets, the indices of these packets in sending order.
         packets: All packets in sending order.
     """
     if name == HEAD:
         return [head[at : at + FRAME_BYTES] for at in range(0, len(head), FRAME_BYTES)]
     kind, _, number = name.partition("/")
-    if kind != "part" or not (number.isascii() and number.isdecimal()) or len(number) > 9 or int(number) >= len(parts):
+    if (
+        kind != "part"
+        or not (number.isascii() and number.isdecimal())
+        or len(number) > 9
+        or int(number) >= len(track_packets)
+    ):
         return None
-    return [b"".join(file_record(packets[index]) for index in parts[int(number)])]
+    return [b"".join(file_record(packets[index]) for index in track_packets[int(number)])]

@@ -52,37 +52,37 @@ def network_text(network: Network) -> str:
     return str(network[0])[:64] if network else "unknown"
 
 
-def choose_eviction(held: Mapping[Network, int], newcomer: Network) -> Network | None:
+def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Network | None:
     """Chooses the network that must give up a connection in favour of a new one, when the server is full.
 
     Connections are shared fairly between IP prefixes, so that a client gains nothing by using many addresses.
 
     Args:
-        held: Number of connections per network, each above 0.
+        connections: Number of connections per network, each above 0.
         newcomer: Network of the new connection.
 
     Returns:
         The network; None if the new connection is refused.
     """
     for depth in range(1, len(newcomer) + 1):
-        found = _largest_holder(held, newcomer[: depth - 1], depth)
-        if found is not None and found[1] > _places(held, newcomer[:depth]) + 1:
-            return largest_holder(held, found[0])
+        found = _largest_holder(connections, newcomer[: depth - 1], depth)
+        if found is not None and found[1] > _places(connections, newcomer[:depth]) + 1:
+            return largest_holder(connections, found[0])
     return None
 
 
-def largest_holder(held: Mapping[Network, int], within: Network = ()) -> Network:
+def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> Network:
     """Returns the network that should lose a connection when the server is full.
 
     Args:
-        held: Number of connections per network, each above 0.
-        within: Prefixes that the network must start with; empty for any network.
+        connections: Number of connections per network, each above 0.
+        prefix: Prefixes that the network must start with; empty for any network.
     """
-    while within not in held:
-        found = _largest_holder(held, within, len(within) + 1)
+    while prefix not in connections:
+        found = _largest_holder(connections, prefix, len(prefix) + 1)
         assert found is not None
-        within = found[0]
-    return within
+        prefix = found[0]
+    return prefix
 
 
 def _places(held: Mapping[Network, int], within: Network) -> int:

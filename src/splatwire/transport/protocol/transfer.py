@@ -204,12 +204,12 @@ class ServerTransfer:
             return self._leave(self.welcome(), now, counted=False)
         return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
 
-    def on_viewpoint(self, view: View, turns: ViewUpdateBudget, now: float) -> None:
+    def on_viewpoint(self, view: View, budget: ViewUpdateBudget, now: float) -> None:
         """Schedules the processing of a client's viewpoint; an older viewpoint that is still waiting is dropped.
 
         Args:
             view: Received viewpoint.
-            turns: Budget that limits the processing time for the viewpoints of all clients.
+            budget: Budget that limits the processing time for the viewpoints of all clients.
             now: Time, seconds.
         """
         tiles = self.stream.tiles
@@ -217,7 +217,7 @@ class ServerTransfer:
             return
         self._view = view
         if self._look_at is None:
-            self._look_at = turns.take(now, self._order.viewed_at, tiles.num_tiles)
+            self._look_at = budget.take(now, self._order.viewed_at, tiles.num_tiles)
 
     def feedback(self, frame: Feedback, now: float) -> None:
         """Processes a feedback report of the client: sets the sending rate and queues retransmissions."""

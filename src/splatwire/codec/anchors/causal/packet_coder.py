@@ -98,24 +98,24 @@ def quantise(
     return found
 
 
-def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray) -> list[bytes]:
+def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndarray) -> list[bytes]:
     """Encodes the anchors of all packets; returns one payload per packet.
 
     Args:
         context: The stream's networks and constants.
-        found: The quantised anchors of all packets, packet by packet.
+        quantised: The quantised anchors of all packets, packet by packet.
         counts: Number of anchors in each packet, int64 (packets).
     """
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    room = (found.masks.shape[1] + found.symbols.shape[1] + kernels.PLACE_SYMBOLS) * kernels.BYTES_PER_SYMBOL
-    buffer = np.empty(len(found.masks) * room + 64 * len(starts), dtype=np.uint8)
+    room = (quantised.masks.shape[1] + quantised.symbols.shape[1] + kernels.PLACE_SYMBOLS) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(len(quantised.masks) * room + 64 * len(starts), dtype=np.uint8)
     lengths = np.zeros(len(counts), dtype=np.int64)
-    firsts = np.array([*(stage.first for stage in context.stages), found.symbols.shape[1]])
+    firsts = np.array([*(stage.first for stage in context.stages), quantised.symbols.shape[1]])
     form = next(s for s, stage in enumerate(context.stages) if stage.masks)
     kernels.encode_packets(
-        starts, found.positions.codes, found.positions.unknown, context.chances, found.masks,
-        found.logits, found.symbols,
-        found.scales, firsts, form, weight_table(), *tables(), buffer, lengths,
+        starts, quantised.positions.codes, quantised.positions.unknown, context.chances, quantised.masks,
+        quantised.logits, quantised.symbols,
+        quantised.scales, firsts, form, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begin = starts[:-1] * room + 64 * np.arange(len(lengths))
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
@@ -131,12 +131,12 @@ def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
     return bits
 
 
-def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
+def cut_packets(context: CodingContext, quantised: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
     """Divides blocks into packets of limited size, each with as many anchors as fit.
 
     Args:
         context: The stream's networks and constants.
-        found: The anchors of all blocks, block by block.
+        quantised: The anchors of all blocks, block by block.
         counts: Number of anchors in each block, int64 (blocks).
         payload_bytes: Maximum size of a payload; only a single anchor may exceed it.
 
@@ -144,7 +144,7 @@ def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, pa
         Number of anchors in each packet, int64; packets never cross the end of a block.
     """
     # The last byte is rounded up, and the coder's range loses up to 2**-16 of itself with each symbol.
-    bits = anchor_bits(context, found)
+    bits = anchor_bits(context, quantised)
     budget, sizes, begin = 8.0 * (payload_bytes - 1) - 1.0, list[int](), 0
     for count in counts.tolist():
         first, total = begin, 0.0
