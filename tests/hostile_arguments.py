@@ -283,7 +283,7 @@ class Pool:
             "variants": lambda: [self._variant], "variant": lambda: self._variant, "arrival": lambda: self._arrival,
             "rendered_trials": 2, "trials": 4, "complete": self.partial, "LossyPictures.concealer": "drop",
             "measured_variant.progress": print, "num_views": 1, "measured_variant.concealer": "drop",
-            "members": lambda: importlib.import_module("splatwire.planning.measure").packet_members(self.stream),
+            "packet_members": lambda: importlib.import_module("splatwire.planning.measure").packet_members(self.stream),
             "known_elements.packets": lambda: np.ones(len(self.stream.packets), np.bool_),
             "pictures": lambda: self._pictures,
             "protection": importlib.import_module("splatwire.transport").Protection(), "facts": {},

@@ -57,7 +57,7 @@ def predict_causal(
     config: CausalConfig,
     inputs: Float[Any, "M P"],
     feature: Float[Any, "M F"],
-    form: Float[Any, "M 4"],
+    log_sizes: Float[Any, "M 4"],
     *,
     quantised: Callable[[str, Any, Any], Any] | None = None,
     join: Callable[[list[Any], int], Any] = np.concatenate,
@@ -69,8 +69,8 @@ def predict_causal(
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
         feature: Features in units of their quantisation steps.
-        form: Sizes of each anchor: the logarithms of the scale of its offsets and of the base size of its Gaussians
-            along three axes. `CausalCoding.centres` is subtracted; the unit is the quantisation step.
+        log_sizes: Sizes of each anchor: the logarithms of the scale of its offsets and of the base size of its
+            Gaussians along three axes. `CausalCoding.centres` is subtracted; the unit is the quantisation step.
         quantised: Rounds attributes; called with the name of a network, the means that it predicts, and the attributes.
             None for no rounding.
         join: Concatenates arrays along an axis; `torch.cat` for tensors.
@@ -97,9 +97,9 @@ def predict_causal(
     masks = config.layout.num_offsets
     outputs = networks["form"](known)
     exists, scale_mean, scale_spread = outputs[:, :masks], outputs[:, masks : masks + 1], outputs[:, masks + 1 :]
-    follow("form", scale_mean, form[:, :1])
+    follow("form", scale_mean, log_sizes[:, :1])
     size_mean, size_spread = predicted("size")
-    follow("size", size_mean, form[:, 1:])
+    follow("size", size_mean, log_sizes[:, 1:])
     return CausalPrediction(
         (join(means, 1), join(spreads, 1)), exists,
         (join([scale_mean, size_mean], 1), join([scale_spread, size_spread], 1)),

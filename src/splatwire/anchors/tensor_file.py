@@ -40,12 +40,12 @@ def write_tensors(tensors: Mapping[str, Any], header: dict[str, Any], path: Path
         unfinished.chmod(permissions)
 
 
-def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_tensors(path: Path, format_name: str, version: int) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Reads a file written by `write_tensors`.
 
     Args:
         path: The file.
-        form: Expected `format` of the header.
+        format_name: Expected `format` of the header.
         version: Expected `version` of the header.
 
     Returns:
@@ -59,13 +59,15 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, np.ndar
     try:
         with safe_open(path, framework="np") as file:
             header = parse_header((file.metadata() or {}).get("splatwire"))
-            if header.get("format") != form:
-                raise BitstreamError(is_not(path, f"a file of {form}"))
+            if header.get("format") != format_name:
+                raise BitstreamError(is_not(path, f"a file of {format_name}"))
             if header.get("version") != version:
-                raise UnsupportedVersionError(f"{path}: version {header.get('version')!s:.20} of {form} is not read")
+                raise UnsupportedVersionError(
+                    f"{path}: version {header.get('version')!s:.20} of {format_name} is not read"
+                )
             return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118 - not a dictionary
     except (SafetensorError, OSError) as error:
-        raise BitstreamError(is_not(path, f"a file of {form}", str(error))) from error
+        raise BitstreamError(is_not(path, f"a file of {format_name}", str(error))) from error
 
 
 def parse_header(text: str | None) -> dict[str, Any]:

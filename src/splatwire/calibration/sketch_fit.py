@@ -286,8 +286,8 @@ class _Plan:
         return total - np.where(self.mask, np.log2(share), np.log2(1 - share)).sum(axis=1)
 
 
-def _rounded(numbers: np.ndarray) -> np.ndarray:
-    return (np.sign(numbers) * np.floor(np.abs(numbers) + _ROUND_UP)).astype(np.int64)
+def _rounded(values: np.ndarray) -> np.ndarray:
+    return (np.sign(values) * np.floor(np.abs(values) + _ROUND_UP)).astype(np.int64)
 
 
 def _ideal_bits(values: np.ndarray, sample: np.ndarray) -> np.ndarray:

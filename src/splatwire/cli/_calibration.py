@@ -122,11 +122,11 @@ def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Report
     return add_concealment(stream, SECTION, made.section)
 
 
-def write_with_section(bare: SceneStream, name: str, section: bytes, path: Path) -> dict[str, int | float]:
+def write_with_section(stream: SceneStream, name: str, section: bytes, path: Path) -> dict[str, int | float]:
     """Writes a stream with an additional named section of side information, and returns the resulting sizes.
 
     Args:
-        bare: The stream without the section.
+        stream: The stream without the section.
         name: Name of the section.
         section: Content of the section.
         path: Output path.
@@ -135,7 +135,7 @@ def write_with_section(bare: SceneStream, name: str, section: bytes, path: Path)
         Mapping with `num_bytes` (size of the section), `stream_bytes` (size of the stream with the section) and
         `share_of_stream` (their ratio).
     """
-    richer = add_concealment(bare, name, section)
+    richer = add_concealment(stream, name, section)
     write_stream(richer, path)
-    size = richer.num_bytes - bare.num_bytes
+    size = richer.num_bytes - stream.num_bytes
     return {"num_bytes": size, "stream_bytes": richer.num_bytes, "share_of_stream": size / richer.num_bytes}

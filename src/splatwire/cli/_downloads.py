@@ -80,15 +80,15 @@ class MadeDownloads:
         """File formats offered for download: suffixes without dot, such as `spz`, or names of folder formats."""
         return self._formats
 
-    async def file(self, stream_bytes: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
-        """Returns a stream converted to the file format `form`.
+    async def file(self, stream_bytes: bytes, tag: str, format_name: str, part: str = "") -> DownloadedFile | None:
+        """Returns a stream converted to the file format `format_name`.
 
         The conversion takes place at the first request.
 
         Args:
             stream_bytes: Content of the stream's `.swz` file.
             tag: Entity tag of the stream.
-            form: One of `formats`.
+            format_name: One of `formats`.
             part: For a folder, path of the file in it.
 
         Returns:
@@ -98,14 +98,14 @@ class MadeDownloads:
             SplatwireError: If the stream cannot be converted.
         """
         # Requests for the same file wait for one process.
-        key = (tag, form)
+        key = (tag, format_name)
         if key not in self._files:
-            self._files[key] = asyncio.get_running_loop().create_task(self._make(stream_bytes, tag, form))
+            self._files[key] = asyncio.get_running_loop().create_task(self._make(stream_bytes, tag, format_name))
         found = await asyncio.shield(self._files[key])
         await self._evict(key)
         if found.file is not None or part not in found.tags:
             return found.file
-        return DownloadedFile((self._target(tag, form) / part).read_bytes(), found.tags[part])
+        return DownloadedFile((self._target(tag, format_name) / part).read_bytes(), found.tags[part])
 
     async def close(self) -> None:
         """Ends a running conversion process, if any."""
@@ -113,37 +113,37 @@ class MadeDownloads:
             task.cancel()
         await asyncio.gather(*self._files.values(), return_exceptions=True)
 
-    def _target(self, tag: str, form: str) -> Path:
-        return self._folder / f"{tag}.{form}"
+    def _target(self, tag: str, format_name: str) -> Path:
+        return self._folder / f"{tag}.{format_name}"
 
-    async def _make(self, stream_bytes: bytes, tag: str, form: str) -> _FinishedConversion:
+    async def _make(self, stream_bytes: bytes, tag: str, format_name: str) -> _FinishedConversion:
         try:
-            return await self._convert(stream_bytes, tag, form)
+            return await self._convert(stream_bytes, tag, format_name)
         except OSError as error:  # such as a full disk: the next request tries again
-            del self._files[tag, form]
-            log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
+            del self._files[tag, format_name]
+            log_event(LOG, logging.ERROR, "download failed", format=format_name, error=str(error))
             raise SplatwireError(str(error)) from error
         except SplatwireError:
-            asyncio.get_running_loop().call_later(self._retry_s, self._files.pop, (tag, form), None)
+            asyncio.get_running_loop().call_later(self._retry_s, self._files.pop, (tag, format_name), None)
             raise
 
-    async def _convert(self, stream_bytes: bytes, tag: str, form: str) -> _FinishedConversion:
-        target = self._target(tag, form)
+    async def _convert(self, stream_bytes: bytes, tag: str, format_name: str) -> _FinishedConversion:
+        target = self._target(tag, format_name)
         async with self._turn:
             place = Path(tempfile.mkdtemp(dir=self._folder))
             try:
-                source, made = place / f"{tag}.swz", place / f"{tag}.{form}"
+                source, made = place / f"{tag}.swz", place / f"{tag}.{format_name}"
                 await asyncio.to_thread(source.write_bytes, stream_bytes)  # files may be large: other responses go on
                 try:
-                    await self._run("convert", str(source), str(made), "--to", form, "--json")
+                    await self._run("convert", str(source), str(made), "--to", format_name, "--json")
                 except SplatwireError as error:
-                    log_event(LOG, logging.ERROR, "download failed", format=form, error=str(error))
+                    log_event(LOG, logging.ERROR, "download failed", format=format_name, error=str(error))
                     raise
                 made.replace(target)
             finally:
                 await asyncio.to_thread(shutil.rmtree, place, ignore_errors=True)
-        found = await asyncio.to_thread(_opened_folder if form in FOLDERS else _opened_file, target)
-        log_event(LOG, logging.INFO, "download made", format=form, bytes=found.num_bytes)
+        found = await asyncio.to_thread(_opened_folder if format_name in FOLDERS else _opened_file, target)
+        log_event(LOG, logging.INFO, "download made", format=format_name, bytes=found.num_bytes)
         return found
 
     async def _run(self, *words: str) -> None:

@@ -154,7 +154,7 @@ def _convert_to_levels(path: Path, chosen: Conversion, *, as_json: bool) -> None
     print_summary(f"{written.num_gaussians:,} Gaussians in {text}, {size} -> {chosen.output}")
 
 
-def _convert_sequence(path: Path, chosen: Conversion, form: SequenceFormat, *, as_json: bool) -> None:
+def _convert_sequence(path: Path, chosen: Conversion, sequence_format: SequenceFormat, *, as_json: bool) -> None:
     """Writes the frames of a sequence to one file."""
     started = time.perf_counter()
     output = prepared_output(Path(chosen.output))
@@ -167,7 +167,7 @@ def _convert_sequence(path: Path, chosen: Conversion, form: SequenceFormat, *, a
             sequence = open_sequence(path)
             frames, count = contents_of_sequence(sequence), sequence.num_frames
             rate = float(FRAME_RATE) if sequence.rate is None else sequence.rate
-        num_frames = form.write(_reported(frames, count, report), output, rate)
+        num_frames = sequence_format.write(_reported(frames, count, report), output, rate)
     facts = {"num_frames": num_frames, "fps": rate, "num_bytes": output.stat().st_size}
     seconds = time.perf_counter() - started
     if as_json:
@@ -220,7 +220,7 @@ def _form_of_name(output: str) -> str:
         raise InvalidValueError(text) from None
 
 
-def _convert_inputs(command: Convert, form: str) -> None:
+def _convert_inputs(command: Convert, format_name: str) -> None:
     """Converts several inputs to outputs in a folder, and prints one common result.
 
     Raises:
@@ -232,7 +232,7 @@ def _convert_inputs(command: Convert, form: str) -> None:
         raise InvalidValueError("name the files to convert; standard input is converted by `convert - OUT`")
     folder = Path(command.output)
     check_folder(folder)
-    chosen = [Conversion(name, str(folder / _output_name(name, form)), form) for name in command.sources]
+    chosen = [Conversion(name, str(folder / _output_name(name, format_name)), format_name) for name in command.sources]
     named: dict[str, str] = {}
     for each in chosen:
         other = named.setdefault(each.output, each.source)
@@ -260,7 +260,7 @@ def _convert_inputs(command: Convert, form: str) -> None:
         raise SystemExit(DAMAGED if all(result["status"] == DAMAGED for result in failed) else 2)
 
 
-def _output_name(source: str, form: str) -> str:
+def _output_name(source: str, format_name: str) -> str:
     """Returns the file name of an output: name of the input with the suffix of the output format."""
     # Outputs that are folders, such as frames, have no suffix.
     path = real_path(Path(source))
@@ -270,11 +270,11 @@ def _output_name(source: str, form: str) -> str:
     )
     found = next((suffix for suffix in suffixes if path.name.lower().endswith(suffix)), path.suffix)
     stem = path.name if path.is_dir() else path.name[: len(path.name) - len(found)]
-    if form in (STREAM, TILES, SOG_LEVELS):
-        return f"{stem}{FILE_SUFFIX}" if form == STREAM else stem
+    if format_name in (STREAM, TILES, SOG_LEVELS):
+        return f"{stem}{FILE_SUFFIX}" if format_name == STREAM else stem
     if path.exists() and _is_timed(path):
-        return stem if sequence_format_for(f"x.{form}") is None else f"{stem}.{form}"
-    return f"{stem}{format_named(form).suffix}"
+        return stem if sequence_format_for(f"x.{format_name}") is None else f"{stem}.{format_name}"
+    return f"{stem}{format_named(format_name).suffix}"
 
 
 def _is_timed(path: Path) -> bool:

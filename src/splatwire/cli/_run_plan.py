@@ -116,10 +116,10 @@ def _num_views(options: PlanCommand) -> int:
     return _VIEWS if options.views is None else options.views
 
 
-def _budget_bytes(options: PlanCommand, plain: int) -> float:
-    """Returns the maximum number of bytes to send, given the stream size `plain` without protection."""
+def _budget_bytes(options: PlanCommand, stream_bytes: int) -> float:
+    """Returns the maximum number of bytes to send, given the stream size `stream_bytes` without protection."""
     if options.deadline is None or options.rate is None:
-        return (_BUDGET if options.budget is None else options.budget) * plain
+        return (_BUDGET if options.budget is None else options.budget) * stream_bytes
     return options.deadline * options.rate * 1e6 / 8
 
 

@@ -123,9 +123,9 @@ def _has_pose(line: str) -> bool:
     return abs(math.hypot(*map(float, words[1:5])) - 1) < _UNIT_TOLERANCE
 
 
-def _is_number(word: str) -> bool:
+def _is_number(text: str) -> bool:
     try:
-        float(word)
+        float(text)
     except ValueError:
         return False
     return True

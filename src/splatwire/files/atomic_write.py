@@ -257,19 +257,19 @@ def with_final_names(text: str) -> str:
     return _UNFINISHED.sub("", text)
 
 
-def _take_name(new: Path, goal: Path, aside: Path) -> None:
+def _take_name(new: Path, target: Path, moved_aside: Path) -> None:
     if not new.is_dir():
         with new.open("rb") as file:
             os.fsync(file.fileno())  # otherwise a power failure could keep the name and lose the content
-        os.replace(new, goal)
+        os.replace(new, target)
         return
-    if not goal.exists():
-        new.rename(goal)
+    if not target.exists():
+        new.rename(target)
         return
-    aside.mkdir()
-    goal.rename(aside / goal.name)  # moved aside entirely, so that no old file remains among new ones
+    moved_aside.mkdir()
+    target.rename(moved_aside / target.name)  # moved aside entirely, so that no old file remains among new ones
     try:
-        new.rename(goal)
+        new.rename(target)
     except OSError:
-        (aside / goal.name).rename(goal)
+        (moved_aside / target.name).rename(target)
         raise

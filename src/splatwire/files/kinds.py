@@ -339,9 +339,9 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
     return _plugin_kind(_built_in_kind(head, size, suffix), head, suffix)
 
 
-def kind_of_format(form: FileFormat) -> Kind:
+def kind_of_format(file_format: FileFormat) -> Kind:
     """Returns the kind of file for a scene format that another package has registered."""
-    return Kind(form.name, form.what, _EXPLICIT if form.scene_type is None else SCENE.use)
+    return Kind(file_format.name, file_format.what, _EXPLICIT if file_format.scene_type is None else SCENE.use)
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
@@ -360,12 +360,17 @@ def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
     return kind
 
 
-def _recognised(form: FileFormat, head: bytes, suffix: str) -> bool:
-    assert form.recognises is not None
+def _recognised(file_format: FileFormat, head: bytes, suffix: str) -> bool:
+    assert file_format.recognises is not None
     try:
-        return bool(form.recognises(head[:_HEAD_BYTES], suffix))
+        return bool(file_format.recognises(head[:_HEAD_BYTES], suffix))
     except Exception as error:  # code of another package may raise anything
-        _LOG.warning("file format '%s'%s cannot look at a file: %r", form.name, FORMATS.brought_by(form.name), error)
+        _LOG.warning(
+            "file format '%s'%s cannot look at a file: %r",
+            file_format.name,
+            FORMATS.brought_by(file_format.name),
+            error,
+        )
         return False
 
 

@@ -223,19 +223,21 @@ def _leaders(plans: Sequence[ScenePlan], count: int) -> list[ScenePlan]:
     return sorted(plans, key=lambda plan: (-plan.psnr, -plan.protection_bytes))[:count]
 
 
-def _finalists(plans: Sequence[ScenePlan], plain: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
+def _finalists(plans: Sequence[ScenePlan], baselines: Sequence[ScenePlan], head_target: float) -> list[ScenePlan]:
     """Selects the plans to check by rendering: the best ones, and baselines with nearly the PSNR of the best.
 
     Args:
         plans: Plans found by the search.
-        plain: Baseline plans with simple redundancy.
+        baselines: Baseline plans with simple redundancy.
         head_target: Minimum fraction of transfers in which the side information must arrive.
     """
     enough = head_target - math.sqrt(head_target * (1 - head_target) / HEAD_TRIALS)
-    everything = [*plans, *plain]
+    everything = [*plans, *baselines]
     safe = [plan for plan in everything if plan.head_arrives >= enough] or everything
     best = _leaders(safe, FINALISTS)
-    return best + [plan for plan in plain if plan in safe and plan not in best and plan.psnr > best[0].psnr - NEAR_DB]
+    return best + [
+        plan for plan in baselines if plan in safe and plan not in best and plan.psnr > best[0].psnr - NEAR_DB
+    ]
 
 
 @dataclass(frozen=True)

@@ -122,16 +122,16 @@ def _project(values, table, begin, end, coefficients):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
+def fit_motion(trajectories, keyframes, keyframe_indices, unit, luma, table, begin, end, targets, largest, turns, last):
     """Fits polynomials over time to the motion of n tracks (Gaussians over time), before quantisation.
 
     Each call adds the contribution of a range of frames, in ascending order.
 
     Args:
-        moves: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
+        trajectories: Trajectories of n tracks: means, quaternions, scales, opacities and colours, float32 (n, F, ...).
         keyframes: T keyframe Gaussians: means, quaternions, scales, opacities and colours, float32 (T, 1, ...).
-        numbers: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative index are
-            skipped.
+        keyframe_indices: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative
+            index are skipped.
         unit: Factor from world units to the fixed-point unit of motion.
         luma: Matrix from colours to Y Co Cg, float64 (3, 3).
         table: Basis polynomials, float64 (F, F).
@@ -145,11 +145,11 @@ def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets
         last: Rotation of each track in the last added frame, as a quaternion, float64 (n, 4); the identity before the
             first call, changed in place.
     """
-    means, quats, scales, opacities, colours = moves
+    means, quats, scales, opacities, colours = trajectories
     m, q, s, o, c = keyframes
     values = np.empty((NUM_CHANNELS, len(table)))
-    for i in range(len(numbers)):
-        j = numbers[i]
+    for i in range(len(keyframe_indices)):
+        j = keyframe_indices[i]
         if j < 0:
             continue
         for f in range(begin, end):
@@ -173,20 +173,20 @@ def fit_motion(moves, keyframes, numbers, unit, luma, table, begin, end, targets
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def find_moving(largest, rotations, shifts, numbers, limits, too_far, moving):
+def find_moving(largest, rotations, shifts, track_indices, limits, too_far, moving):
     """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
 
     Args:
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
         rotations: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all T tracks, int64 (T, channels).
-        numbers: Index into `shifts` of each of the n tracks, int64 (n).
+        track_indices: Index into `shifts` of each of the n tracks, int64 (n).
         limits: Thresholds, float64 (4), from `fitting.LIMITS`.
         too_far: Output: mask of tracks with too large motion, bool (n).
         moving: Output: mask of moving tracks, bool (n).
     """
-    for i in range(len(numbers)):
-        own, gone, moves = shifts[numbers[i]], rotations[i] > limits[2], False
+    for i in range(len(track_indices)):
+        own, gone, moves = shifts[track_indices[i]], rotations[i] > limits[2], False
         for c in range(NUM_CHANNELS):
             step, most = np.float64(np.int64(1) << own[c]), largest[i, c]
             gone = gone or most > limits[0] * step or most > limits[1]

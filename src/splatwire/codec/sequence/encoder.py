@@ -97,17 +97,17 @@ class TracksEncoder:
         self.importance: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
-    def add_frames(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
+    def add_frames(self, keys: np.ndarray, trajectories: Trajectories, end: int) -> None:
         """Starts to fit the motion of the next group before all frames of the group are available, for lower latency.
 
         Args:
             keys: Keys (identifiers) of the group's tracks so far, see `TrackGroup`.
-            moves: Trajectories of these tracks over all frames of the group.
+            trajectories: Trajectories of these tracks over all frames of the group.
             end: Number of available frames; frames from `end` on may have any content.
         """
         if self._groups:
-            self._fitting = self._fitting or self._fit(keys, moves)
-            self._fitting.add_frames(moves, end)
+            self._fitting = self._fitting or self._fit(keys, trajectories)
+            self._fitting.add_frames(trajectories, end)
 
     def add(self, group: TrackGroup, classes: np.ndarray | None = None, *, cut: bool = False) -> list[Packet]:
         """Encodes the next group of frames.
@@ -238,7 +238,7 @@ class TracksEncoder:
         return fitting.numbers, new | far, moving, targets
 
     def _change_unit(
-        self, targets: Targets, old: np.ndarray, numbers: np.ndarray, moving: np.ndarray, before: int
+        self, targets: Targets, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
         """Converts the coded motion of tracks that began in earlier groups to the unit of positions of a new shot.
 
@@ -248,7 +248,7 @@ class TracksEncoder:
         Args:
             targets: Motion of the group's tracks, changed in place.
             old: Indices of the tracks that began in earlier groups.
-            numbers: Index in the stream of each track of the group.
+            track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
             before: log2 of the unit of positions in the preceding shot, relative to the unit of the first shot.
         """
@@ -256,7 +256,7 @@ class TracksEncoder:
         if before == after or not len(old):
             return
         targets.rescale_positions(old, before - after)
-        _, shifts = self._known.in_units(numbers[old], after)
+        _, shifts = self._known.in_units(track_indices[old], after)
         far, _ = motion_masks(targets.largest[old], targets.turns[old], shifts, np.arange(len(old)))
         lost = moving[old] & far
         moving[old[lost]] = False
@@ -266,27 +266,33 @@ class TracksEncoder:
                 "small for their motion", f"{lost.sum():,}", self._group_frames,
             )  # fmt: skip
 
-    def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
-        return Fitting(keys, self._known, self._keyframes.reference, moves.num_frames, self._threads)
+    def _fit(self, keys: np.ndarray, trajectories: Trajectories) -> Fitting:
+        return Fitting(keys, self._known, self._keyframes.reference, trajectories.num_frames, self._threads)
 
     def _encode_keyframes(
-        self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray, *, cut: bool
+        self,
+        group: TrackGroup,
+        classes: np.ndarray | None,
+        born_rows: np.ndarray,
+        track_indices: np.ndarray,
+        *,
+        cut: bool,
     ) -> list[Packet]:
         """Encodes the keyframe Gaussians of tracks that begin in a group, and assigns stream indices to the tracks.
 
         Args:
             group: The tracks of the group of frames.
             classes: Precision class of each track of the group; None for the default class.
-            where: Indices of the tracks that begin in the group, among all tracks of the group.
-            numbers: Index in the stream of each track of the group; changed in place for new tracks.
+            born_rows: Indices of the tracks that begin in the group, among all tracks of the group.
+            track_indices: Index in the stream of each track of the group; changed in place for new tracks.
             cut: True if another scene begins in the group.
         """
-        if not len(where):
+        if not len(born_rows):
             return []
         coded = self._keyframes.encode(
-            group.first(where), None if classes is None else classes[where], len(self._groups), cut=cut
+            group.first(born_rows), None if classes is None else classes[born_rows], len(self._groups), cut=cut
         )
-        born = where[coded.order]
+        born = born_rows[coded.order]
         keyframes = group.moves.at(born, np.zeros_like(born))
         shifts = self._keyframes.shifts_of(coded.rows, COARSER)
         first_new = len(self._known.keys)
@@ -295,11 +301,11 @@ class TracksEncoder:
         )
         for rows in coded.digested:
             digest_bases(self._digest, rows)
-        numbers[born] = np.arange(first_new, len(self._known.keys))
+        track_indices[born] = np.arange(first_new, len(self._known.keys))
         return self._renumbered(coded.packets, coded.num_blocks, self._known.weights[first_new:])
 
     def _fill_coder(
-        self, coder: MotionCoder, entries: slice, group: TrackGroup, track_indices: np.ndarray, numbers: np.ndarray,
+        self, coder: MotionCoder, entries: slice, group: TrackGroup, group_rows: np.ndarray, track_indices: np.ndarray,
         moving: np.ndarray,
     ) -> None:  # fmt: skip
         """Writes headers, positions, quantisation steps and expected sizes of a range of tracks into a motion coder.
@@ -310,17 +316,17 @@ class TracksEncoder:
             coder: The motion coder, changed in place.
             entries: Range of the coder's entries to fill.
             group: The tracks of the group of frames.
-            track_indices: For each entry of the coder, the index of its track within the group.
-            numbers: For each track of the group, its index within the stream.
+            group_rows: For each entry of the coder, the index of its track within the group.
+            track_indices: For each track of the group, its index within the stream.
             moving: Mask of moving tracks of the group.
         """
-        rows, known, tracks = track_indices[entries], self._known, numbers[track_indices[entries]]
+        rows, known, tracks = group_rows[entries], self._known, track_indices[group_rows[entries]]
         headers = coder.headers[entries]
         before = coder.headers[entries.start - 1, TRACK] if entries.start else -1
         headers[:, TRACK], headers[:, BEGINS], headers[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
         headers[:, BEFORE] = np.diff(tracks, prepend=before) - 1
         headers[:, STATE] = np.where(moving[rows], MOVING, 0)
-        if len(rows) and len(rows) + (entries.start or 0) == len(track_indices):
+        if len(rows) and len(rows) + (entries.start or 0) == len(group_rows):
             headers[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
         coder.rows[entries], coder.costs[entries] = rows, self._costs[tracks]
         coder.positions[entries], coder.shifts[entries] = known.in_units(tracks, self._keyframes.motion_spacing)

@@ -48,41 +48,43 @@ class Fitting:
         # Tracks that appeared later may follow.
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)
 
-    def add_frames(self, moves: Trajectories, end: int) -> None:
+    def add_frames(self, trajectories: Trajectories, end: int) -> None:
         """Continues the fit with all frames before `end` that were not added yet.
 
         Args:
-            moves: Trajectories over the whole group.
+            trajectories: Trajectories over the whole group.
             end: Number of available frames; frames from `end` on are ignored.
         """
         some = slice(len(self._keys))
-        self._add(self._targets.select(some), moves.select(some), self.numbers, self._end, end)
+        self._add(self._targets.select(some), trajectories.select(some), self.numbers, self._end, end)
         self._end = end
 
-    def finish(self, keys: np.ndarray, moves: Trajectories, full_length: np.ndarray) -> Targets:
+    def finish(self, keys: np.ndarray, trajectories: Trajectories, full_length: np.ndarray) -> Targets:
         """Completes the fit of a group after all frames were added; returns the motion of all tracks.
 
         Args:
             keys: Keys (identifiers) of all tracks of the group: first the tracks of this fit, then tracks that appeared
                 later.
-            moves: Trajectories of all tracks over the group.
+            trajectories: Trajectories of all tracks over the group.
             full_length: Mask of tracks present in all frames, bool (n).
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
         # Some positions of a track that begins or ends in the group may have been unknown when the frames were added.
         again, found = np.flatnonzero(~full_length), self._targets.select(slice(len(keys)))
-        others = Targets.zero(len(again), moves.num_frames)
-        self._add(others, moves.select(again), self.numbers[again], 0, moves.num_frames)
+        others = Targets.zero(len(again), trajectories.num_frames)
+        self._add(others, trajectories.select(again), self.numbers[again], 0, trajectories.num_frames)
         found.put(again, others)
         return found
 
-    def _add(self, targets: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
+    def _add(
+        self, targets: Targets, trajectories: Trajectories, track_indices: np.ndarray, begin: int, end: int
+    ) -> None:
         """Adds the motion of tracks (Gaussians over time) in a range of frames to their least-squares fit."""
-        fit(targets, moves, self._known, self._info, numbers, (begin, end), self._threads)
+        fit(targets, trajectories, self._known, self._info, track_indices, (begin, end), self._threads)
 
 
 def fit(
-    targets: Targets, moves: Trajectories, known: KnownTracks, info: KeyframeInfo, numbers: np.ndarray,
+    targets: Targets, trajectories: Trajectories, known: KnownTracks, info: KeyframeInfo, track_indices: np.ndarray,
     frames: tuple[int, int], threads: int | None,
 ) -> None:  # fmt: skip
     """Continues the least-squares fit of motion polynomials with the motion of tracks in further frames.
@@ -91,18 +93,18 @@ def fit(
 
     Args:
         targets: Polynomial coefficients of the motion of n tracks, changed in place.
-        moves: Trajectories of the n tracks over the group of frames.
+        trajectories: Trajectories of the n tracks over the group of frames.
         known: All tracks that have a keyframe Gaussian so far.
         info: Side information whose lattice spacing determines the unit of fitted positions.
-        numbers: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
+        track_indices: Index in `known` of each of the n tracks, int64 (n); tracks with a negative index are skipped.
         frames: Range of frames to add: first frame and end (exclusive).
         threads: Number of threads; None for one per processor.
     """
-    add_frames(targets, moves, known.keyframes, numbers, *frames, info.unit, info.size_log, threads)
+    add_frames(targets, trajectories, known.keyframes, track_indices, *frames, info.unit, info.size_log, threads)
 
 
 def motion_masks(
-    largest: np.ndarray, rotations: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
+    largest: np.ndarray, rotations: np.ndarray, shifts: np.ndarray, track_indices: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finds the tracks that move, and the tracks that move too far to be coded relative to their keyframe Gaussian.
 
@@ -110,11 +112,11 @@ def motion_masks(
         largest: Largest magnitude of each channel's coefficients, float64 (n, channels).
         rotations: Largest rotation of each track, as the tangent of a quarter of its angle, float64 (n).
         shifts: log2 of the quantisation steps of motion of all known tracks, int64 (T, channels).
-        numbers: Index into `shifts` of each track, int64 (n).
+        track_indices: Index into `shifts` of each track, int64 (n).
 
     Returns:
         Mask of tracks with too large motion, and mask of moving tracks, bool (n) each.
     """
-    far, moving = np.zeros((2, len(numbers)), bool)
-    kernels.find_moving(largest, rotations, shifts, numbers, LIMITS, far, moving)
+    far, moving = np.zeros((2, len(track_indices)), bool)
+    kernels.find_moving(largest, rotations, shifts, track_indices, LIMITS, far, moving)
     return far, moving

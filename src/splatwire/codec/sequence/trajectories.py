@@ -104,33 +104,34 @@ class Targets:
 
 
 def add_frames(
-    targets: Targets, moves: Trajectories, keyframes: Trajectories, numbers: np.ndarray, begin: int, end: int,
+    targets: Targets, trajectories: Trajectories, keyframes: Trajectories, keyframe_indices: np.ndarray, begin: int,
+        end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
     """Adds further frames to the polynomials that are fitted to the motion of tracks (Gaussians over time).
 
     Args:
         targets: Polynomial coefficients of n tracks, changed in place.
-        moves: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
+        trajectories: Trajectories of the n tracks over all F frames of the group; frames from `end` on are ignored.
         keyframes: Keyframe Gaussians, as trajectories of one frame.
-        numbers: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative index
-            are skipped.
+        keyframe_indices: Index in `keyframes` of the keyframe Gaussian of each track, int64 (n); tracks with a negative
+            index are skipped.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
         size_log: log2 of the scene's size in world units.
         threads: Number of threads; None for one per processor.
     """
-    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
+    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(trajectories.num_frames).copy()
     known, scale = tuple(vars(keyframes).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
-            tuple(values[rows] for values in vars(moves).values()), known, numbers[rows], scale, luma, table,
+            tuple(values[rows] for values in vars(trajectories).values()), known, keyframe_indices[rows], scale, luma, table,
             np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
         )  # fmt: skip
 
-    runs = [slice(first, first + RUN) for first in range(0, len(numbers), RUN)]
+    runs = [slice(first, first + RUN) for first in range(0, len(keyframe_indices), RUN)]
     for _ in ordered_map(fit, runs, threads if len(runs) > 1 else 1):
         pass
 

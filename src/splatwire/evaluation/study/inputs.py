@@ -238,7 +238,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     return streams
 
 
-def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], stamp: str, store: Store) -> None:
+def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
     """Logs a warning if the position or size of the scene differs strongly from the reference.
 
     Empty scenes are not compared.
@@ -246,12 +246,12 @@ def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], stam
     Args:
         source: The scene.
         load_scene: Function that loads the reference; called only if the store has no result.
-        stamp: Digest of scene and reference, part of the name of the result in the store.
+        digest: Digest of scene and reference, part of the name of the result in the store.
         store: Store for the result.
     """
     entry = source.entry
     assert entry.reference is not None
-    name = f"inputs/extent_{digest_of(stamp, str(entry.source), str(entry.reference))}.json"
+    name = f"inputs/extent_{digest_of(digest, str(entry.source), str(entry.reference))}.json"
     if (known := read_json(store.root / name)) is None:
         received, reference, why = source.received, load_scene(), None
         if len(received.positions) and len(reference.positions):
@@ -271,32 +271,34 @@ def _background(first: PreparedStream, store: Store) -> Background:
     return scene_of(store.files.scene_file(path).loaded).background
 
 
-def _frame_views(source: Source, stamp: str, store: Store) -> SceneEntry:
+def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
     """Writes a cameras file with one camera for each frame of a sequence.
 
     Returns the definition of the sequence with this file.
 
     Args:
         source: The sequence.
-        stamp: Digest of the reference, part of the file's name.
+        reference_digest: Digest of the reference, part of the file's name.
         store: Store in which the file is written.
     """
     entry, stream = source.entry, source.stream
     assert stream is not None
     assert entry.reference is not None
     named = "" if entry.cameras is None else digest_of_files(entry.cameras)
-    path = store.root / f"inputs/frames_{digest_of(stamp, named, CODE)}.json"
+    path = store.root / f"inputs/frames_{digest_of(reference_digest, named, CODE)}.json"
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         save_cameras(frame_cameras(stream, entry.reference, entry.cameras), path)
     return dataclasses.replace(entry, cameras=path)
 
 
-def _with_cameras(entry: SceneEntry, load_scene: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
+def _with_cameras(
+    entry: SceneEntry, load_scene: Callable[[], Scene], reference_digest: str, store: Store
+) -> SceneEntry:
     """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos."""
     if entry.cameras is not None or entry.photos is not None:
         return entry
-    name = f"inputs/around_{digest_of(stamp, CODE)}.json"
+    name = f"inputs/around_{digest_of(reference_digest, CODE)}.json"
     if not (store.root / name).is_file():
         (store.root / name).parent.mkdir(parents=True, exist_ok=True)
         save_cameras(surrounding_cameras(load_scene(), AROUND_VIEWS, AROUND_SIZE), store.root / name)

@@ -82,7 +82,7 @@ class References:
 
 
 def prepare_references(
-    study: Study, entry: SceneEntry, background: Background, load_scene: Callable[[], Scene], stamp: str,
+    study: Study, entry: SceneEntry, background: Background, load_scene: Callable[[], Scene], scene_digest: str,
     store: Store, progress: Progress, *, frames: bool = False,
 ) -> References:  # fmt: skip
     """Finds the reference photos, or renders the reference images that are not in the store.
@@ -92,7 +92,7 @@ def prepare_references(
         entry: The scene.
         background: RGB of the background.
         load_scene: Function that loads the scene to render; called only if needed.
-        stamp: Digest of the scene to render.
+        scene_digest: Digest of the scene to render.
         store: Store for the images.
         progress: Called with the name of the current task and its finished share, 0 to 1.
         frames: True if the references are the frames of a sequence, one for each camera.
@@ -114,7 +114,7 @@ def prepare_references(
         source, folder, digest = photo_source(masked=masked), "", digest_of(*content, *files)
     else:
         masked, source = False, RENDERS if entry.reference is None else f"renders of {entry.reference.name}"
-        folder = f"inputs/views_{digest_of(stamp, study.renderer, CODE, *content)}"
+        folder = f"inputs/views_{digest_of(scene_digest, study.renderer, CODE, *content)}"
 
         def pictures() -> Iterable[Any]:
             if frames and entry.reference is not None:

@@ -182,9 +182,9 @@ class StreamedWalkthrough:
         """
         return float(self.delivery.arrivals[self.tiles.parents[self.delivery.blocks] < 0].max())
 
-    def _drawn(self, there: np.ndarray, received: np.ndarray, viewpoint: Viewpoint) -> Scene:
+    def _drawn(self, drawable: np.ndarray, received: np.ndarray, viewpoint: Viewpoint) -> Scene:
         drawn = np.zeros(self.tiles.num_tiles + 1, dtype=bool)  # the last entry is for index -1, the finest level
-        drawn[list(cut_of(self.tiles, there, viewpoint).drawn)] = True
+        drawn[list(cut_of(self.tiles, drawable, viewpoint).drawn)] = True
         shown = (drawn[self.delivery.blocks] & received)[self.packet_of] & ~drawn[self.replaced_tile]
         return self.scene.select(shown)
 

@@ -198,35 +198,37 @@ def _read_ply(path: Path) -> FileContent:
     return content_of_vertices(elements["vertex"])
 
 
-def _content(form: FileFormat, path: Path) -> FileContent:
-    """Reads a file of explicit Gaussians with the reader of its format `form`, and checks the type of the result.
+def _content(file_format: FileFormat, path: Path) -> FileContent:
+    """Reads a file of explicit Gaussians with the reader of its format `file_format`, and checks the type of the result.
 
     Raises:
         DatasetError: If the file is damaged.
         InvalidValueError: If a reader of another package returned a wrong type.
     """
-    content = read_with(form, path)
+    content = read_with(file_format, path)
     if isinstance(content, Splats):
         return FileContent(content)
     if not isinstance(content, FileContent):
-        found = f"file format '{form.name}'{FORMATS.brought_by(form.name)} returned {type(content).__name__}"
+        found = (
+            f"file format '{file_format.name}'{FORMATS.brought_by(file_format.name)} returned {type(content).__name__}"
+        )
         raise InvalidValueError(f"{found}, not FileContent or Splats")
     return content
 
 
-def read_with(form: FileFormat, path: Path) -> Any:
+def read_with(file_format: FileFormat, path: Path) -> Any:
     """Reads a file with the reader of its format.
 
     Raises:
         DatasetError: If a reader of another package fails.
     """
-    assert form.read is not None
-    if form.recognises is None:
-        return form.read(path)
+    assert file_format.read is not None
+    if file_format.recognises is None:
+        return file_format.read(path)
     try:
-        return form.read(path)
+        return file_format.read(path)
     except MALFORMED as error:
-        raise DatasetError(f"{path}: file format '{form.name}' cannot read it: {error}") from error
+        raise DatasetError(f"{path}: file format '{file_format.name}' cannot read it: {error}") from error
 
 
 def format_named(name: str) -> FileFormat:
@@ -304,11 +306,11 @@ def write_splats(
     return write_with(form, parts, path, **facts)
 
 
-def write_with(form: FileFormat, content: Any, path: Path, **facts: Any) -> int:
+def write_with(file_format: FileFormat, content: Any, path: Path, **facts: Any) -> int:
     """Writes a file atomically with the writer of its format.
 
     Args:
-        form: The format.
+        file_format: The format.
         content: Batches of explicit Gaussians, or a scene of the format's type.
         path: The file.
         **facts: Scene properties for the writer, from `kept_facts`.
@@ -316,18 +318,20 @@ def write_with(form: FileFormat, content: Any, path: Path, **facts: Any) -> int:
     Returns:
         Number of Gaussians written, as returned by the writer.
     """
-    assert form.write is not None
-    if form.recognises is None:
-        return int(form.write(content, path, **facts))
+    assert file_format.write is not None
+    if file_format.recognises is None:
+        return int(file_format.write(content, path, **facts))
     with atomic_output(path) as target:
-        count = form.write(content, target, **facts)
+        count = file_format.write(content, target, **facts)
         if not target.exists():
-            raise InvalidValueError(f"file format '{form.name}'{FORMATS.brought_by(form.name)} wrote no file")
+            raise InvalidValueError(
+                f"file format '{file_format.name}'{FORMATS.brought_by(file_format.name)} wrote no file"
+            )
     return count if isinstance(count, int) else 0
 
 
 def kept_facts(
-    form: FileFormat,
+    file_format: FileFormat,
     path: Path,
     *,
     antialiased: bool = False,
@@ -339,7 +343,7 @@ def kept_facts(
     """Selects the properties of a scene that a file format can store, and logs a warning about the other properties.
 
     Args:
-        form: The file format.
+        file_format: The file format.
         path: The file, for warnings.
         antialiased: True if the scene was trained with antialiased rendering.
         origin: World coordinates of the point that positions are relative to.
@@ -351,24 +355,24 @@ def kept_facts(
         The selected properties, as keyword arguments of the format's writer.
     """
     treatment = check_outliers(outliers)
-    facts: dict[str, Any] = {"outliers": treatment} if "outliers" in form.keeps else {}
-    if steps is not None and "steps" in form.keeps:
+    facts: dict[str, Any] = {"outliers": treatment} if "outliers" in file_format.keeps else {}
+    if steps is not None and "steps" in file_format.keeps:
         facts["steps"] = steps
-    if antialiased and "antialiased" in form.keeps:
+    if antialiased and "antialiased" in file_format.keeps:
         facts["antialiased"] = True
-    if antialiased and form.name == "glb":
+    if antialiased and file_format.name == "glb":
         warn_of_antialiasing_in_extras(path)
-    elif antialiased and "antialiased" not in form.keeps:
+    elif antialiased and "antialiased" not in file_format.keeps:
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
-    if origin != NO_ORIGIN and "origin" in form.keeps:
+    if origin != NO_ORIGIN and "origin" in file_format.keeps:
         facts["origin"] = origin
-    if origin != NO_ORIGIN and ("origin" not in facts or form.name in _OWN_ORIGIN):
+    if origin != NO_ORIGIN and ("origin" not in facts or file_format.name in _OWN_ORIGIN):
         where = "only splatwire reads from such files" if "origin" in facts else "such files do not hold"
         LOG.warning(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
         )  # fmt: skip
-    if (known := metadata.known()) and "metadata" in form.keeps:
+    if (known := metadata.known()) and "metadata" in file_format.keeps:
         facts["metadata"] = metadata
     elif known:
         LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(known))
@@ -408,25 +412,31 @@ def register_format(form: FileFormat) -> FileFormat:
     return form
 
 
-def _problem(form: FileFormat) -> str:
+def _problem(file_format: FileFormat) -> str:
     """Returns a message about a missing or invalid part of a registered format, or an empty text."""
-    if not isinstance(form.name, str) or not re.fullmatch("[a-z0-9][a-z0-9_.]{0,31}", form.name, re.ASCII):
+    if not isinstance(file_format.name, str) or not re.fullmatch(
+        "[a-z0-9][a-z0-9_.]{0,31}", file_format.name, re.ASCII
+    ):
         return "its name must be 1 to 32 lower-case letters, digits, dots and underscores"
-    if not isinstance(form.what, str) or not form.what:
+    if not isinstance(file_format.what, str) or not file_format.what:
         return "what must name such a file, such as 'an SPZ file'"
-    if form.read is None and form.write is None:
+    if file_format.read is None and file_format.write is None:
         return "it neither reads nor writes"
-    if form.recognises is None:
+    if file_format.recognises is None:
         return "recognises is missing"
     called = ("recognises", "read", "write")
-    wrong = [name for name in called if getattr(form, name) is not None and not callable(getattr(form, name))]
+    wrong = [
+        name for name in called if getattr(file_format, name) is not None and not callable(getattr(file_format, name))
+    ]
     if wrong:
         return f"{', '.join(wrong)} cannot be called"
-    if form.scene_type is not None and not isinstance(form.scene_type, type):
-        return f"scene_type must be a class, not {form.scene_type!r:.40}"
-    if not isinstance(form.keeps, frozenset | set | tuple | list) or not all(isinstance(k, str) for k in form.keeps):
+    if file_format.scene_type is not None and not isinstance(file_format.scene_type, type):
+        return f"scene_type must be a class, not {file_format.scene_type!r:.40}"
+    if not isinstance(file_format.keeps, frozenset | set | tuple | list) or not all(
+        isinstance(k, str) for k in file_format.keeps
+    ):
         return "keeps must be a set of names"
-    unknown = sorted(set(form.keeps) - _FACTS)
+    unknown = sorted(set(file_format.keeps) - _FACTS)
     return f"keeps has {', '.join(unknown)}; known are {', '.join(sorted(_FACTS))}" if unknown else ""
 
 

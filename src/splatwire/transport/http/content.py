@@ -401,16 +401,17 @@ def stream_path(name: str) -> str:
     return f"{STREAMS}{quote(name, safe='')}.swz"
 
 
-def download_path(name: str, form: str) -> str:
+def download_path(name: str, format_name: str) -> str:
     """Returns the URL path from which a stream can be downloaded in another file format.
 
     Args:
         name: Name of the stream.
-        form: File format: a suffix without its dot, such as `spz`, or a format with several files, such as `3dtiles`.
+        format_name: File format: a suffix without its dot, such as `spz`, or a format with several files, such as
+            `3dtiles`.
     """
-    if form in FOLDERS:
-        return f"/{quote(name, safe='')}/{form}/{FOLDERS[form]}"
-    return f"/{quote(name, safe='')}.{form}"
+    if format_name in FOLDERS:
+        return f"/{quote(name, safe='')}/{format_name}/{FOLDERS[format_name]}"
+    return f"/{quote(name, safe='')}.{format_name}"
 
 
 def served_stream_file(stream: ServedStream) -> bytes:

@@ -51,13 +51,13 @@ class Downloads(Protocol):
     def formats(self) -> tuple[str, ...]:
         """Names of the supported formats, such as `spz` or `3dtiles`."""
 
-    async def file(self, stream: bytes, tag: str, form: str, part: str = "") -> DownloadedFile | None:
+    async def file(self, stream: bytes, tag: str, format_name: str, part: str = "") -> DownloadedFile | None:
         """Returns a stream in another file format, converted at the first request.
 
         Args:
             stream: Content of the stream's `.swz` file.
             tag: HTTP entity tag of the stream.
-            form: Name of the format, one of `formats`.
+            format_name: Name of the format, one of `formats`.
             part: Path of the file in the folder, for a format with several files.
 
         Returns:

@@ -99,7 +99,7 @@ def offset_probability(weights, logit):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_packet(
-    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
+    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses, widths, table,
     out, state,
 ):  # fmt: skip
     """Encodes a range of anchors as one packet into `out`, and returns the size of the packet in bytes."""
@@ -108,7 +108,7 @@ def _encode_packet(
     for n in range(begin, end):
         encode_position(out, state, codes[n], unknown[n], chances)
     for s in range(len(firsts) - 1):
-        if s == form:
+        if s == size_group:
             for n in range(begin, end):
                 for k in range(masks.shape[1]):
                     size = offset_probability(weights, logits[n, k])
@@ -129,7 +129,7 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
+    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses, widths, table,
     buffer, lengths,
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
@@ -146,7 +146,7 @@ def encode_packets(
         scales: Index of each symbol's standard deviation in the coder's table.
         firsts: Index of the first column in `symbols` of each group of attributes that are predicted together; the last
             item is the number of columns.
-        form: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
+        size_group: Index of the attribute group that is coded right after the masks: the sizes of the anchor.
         weights: Table of probabilities by logit, see `offset_probability`.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
@@ -157,7 +157,7 @@ def encode_packets(
     room, state = (masks.shape[1] + symbols.shape[1] + PLACE_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
     for p in range(len(starts) - 1):
         lengths[p] = _encode_packet(
-            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights,
+            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights,
             inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
         )  # fmt: skip
 

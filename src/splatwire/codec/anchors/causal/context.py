@@ -173,34 +173,34 @@ def scale_indices(log_deviations: np.ndarray) -> np.ndarray:
     return indices
 
 
-def linear_values(numbers: np.ndarray, step: float | np.ndarray) -> np.ndarray:
+def linear_values(quantised: np.ndarray, step: float | np.ndarray) -> np.ndarray:
     """Dequantises features or offsets by multiplication with the quantisation step.
 
     Args:
-        numbers: Features or offsets in quantisation steps, int32 (n, D), `NUMBER_BITS` fractional bits.
+        quantised: Features or offsets in quantisation steps, int32 (n, D), `NUMBER_BITS` fractional bits.
         step: Quantisation step of all columns, or one step for each column.
 
     Returns:
         The dequantised values, float32 (n, D).
     """
     # The product is rounded once to float64 and once to float32, so that it is identical on every machine.
-    return (numbers.astype(np.float64) * (step * 2.0**-NUMBER_BITS)).astype(np.float32)
+    return (quantised.astype(np.float64) * (step * 2.0**-NUMBER_BITS)).astype(np.float32)
 
 
-def form_logs(numbers: np.ndarray, info: SideInfo) -> np.ndarray:
+def form_logs(quantised: np.ndarray, info: SideInfo) -> np.ndarray:
     """Dequantises the logarithms of the sizes of anchors and their Gaussians.
 
     Column 0 is the scale of the offsets; columns 1 to 3 are the base sizes of the Gaussians, one per axis.
 
     Args:
-        numbers: Quantised logarithms, int32 (n, 4), in quantisation steps with `NUMBER_BITS` fractional bits.
+        quantised: Quantised logarithms, int32 (n, 4), in quantisation steps with `NUMBER_BITS` fractional bits.
         info: Side information, which contains the quantisation steps and zero points of the logarithms.
 
     Returns:
         Binary logarithms, int64 (n, 4), `LOG_BITS` fractional bits.
     """
     step = info.log_steps[[0, 1, 1, 1]]
-    return ((numbers.astype(np.int64) * step) >> NUMBER_BITS) + info.centres
+    return ((quantised.astype(np.int64) * step) >> NUMBER_BITS) + info.centres
 
 
 def exponential(logs: np.ndarray) -> np.ndarray:
