@@ -127,8 +127,8 @@ def add_frames(
 
     def fit(rows: slice) -> None:
         _target_kernels.fit_motion(
-            tuple(values[rows] for values in vars(trajectories).values()), known, keyframe_indices[rows], scale, luma, table,
-            np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
+            tuple(values[rows] for values in vars(trajectories).values()), known, keyframe_indices[rows], scale, luma,
+            table, np.int64(begin), np.int64(end), *(values[rows] for values in vars(targets).values()),
         )  # fmt: skip
 
     runs = [slice(first, first + RUN) for first in range(0, len(keyframe_indices), RUN)]

@@ -199,7 +199,7 @@ def _read_ply(path: Path) -> FileContent:
 
 
 def _content(file_format: FileFormat, path: Path) -> FileContent:
-    """Reads a file of explicit Gaussians with the reader of its format `file_format`, and checks the type of the result.
+    """Reads explicit Gaussians with the reader of `file_format`, and checks the type of the result.
 
     Raises:
         DatasetError: If the file is damaged.

@@ -99,8 +99,8 @@ def offset_probability(weights, logit):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_packet(
-    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses, widths, table,
-    out, state,
+    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses,
+    widths, table, out, state,
 ):  # fmt: skip
     """Encodes a range of anchors as one packet into `out`, and returns the size of the packet in bytes."""
     last = len(firsts) - 2
@@ -129,8 +129,8 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses, widths, table,
-    buffer, lengths,
+    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses,
+    widths, table, buffer, lengths,
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
 
@@ -157,8 +157,8 @@ def encode_packets(
     room, state = (masks.shape[1] + symbols.shape[1] + PLACE_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
     for p in range(len(starts) - 1):
         lengths[p] = _encode_packet(
-            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights,
-            inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
+            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group,
+            weights, inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
         )  # fmt: skip
 
 
