@@ -103,10 +103,11 @@ def _encode_joined(tables, stream, models, statistics, box_bits, defaults, sourc
     encoder_start(coder.state)
     for size in sizes:
         end = begin + size
-        part = kernels._packet_source(source, begin, size)
+        order = begin + np.argsort(source[2][begin:end], kind="mergesort")
         kernels._code_packet(
-            coder, stream, box_bits, defaults, part, rows[begin:end], harmonics[begin:end], kernels.new_scratch(size)
-        )
+            coder, stream, box_bits, defaults, source, order, rows[begin:end], harmonics[begin:end],
+            kernels.new_scratch(size),
+        )  # fmt: skip
         begin = end
     return encoder_finish(buffer, coder.state)
 

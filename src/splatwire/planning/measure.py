@@ -253,12 +253,12 @@ def known_elements(
     packets = array_of(packets, "packets", ("P",), "b")
     if len(packet_members) != len(packets):
         raise InvalidValueError(
-            f"members: expected one array for each of {len(packets)} packets, not {len(packet_members)}"
+            f"packet_members: expected one array for each of {len(packets)} packets, not {len(packet_members)}"
         )
     known = np.zeros(whole_number(num_elements, "num_elements", 0, MAX_ELEMENTS), np.bool_)
     try:
         for place in np.flatnonzero(packets).tolist():
             known[packet_members[place]] = True
     except IndexError as error:
-        raise InvalidValueError(f"members: an index is not below num_elements, {num_elements}") from error
+        raise InvalidValueError(f"packet_members: an index is not below num_elements, {num_elements}") from error
     return known
