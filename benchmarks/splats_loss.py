@@ -34,7 +34,7 @@ from splatwire.codec.gaussians.quality import QUALITIES
 from splatwire.codec.gaussians.side_info import read_side_info
 from splatwire.codec.gaussians.source_scene import SourceScene
 from splatwire.concealment import conceal
-from splatwire.entropy.range_kernels import ZERO, encoder_finish, encoder_start
+from splatwire.entropy.range_kernels import encoder_finish, encoder_start
 from splatwire.io import open_scene
 from splatwire.metrics import psnr
 from splatwire.ops.compiled import njit
@@ -99,7 +99,9 @@ def quick_row(scene: Scene, psnr_of: Callable[[SceneStream], float]) -> dict[str
 
 @njit(error_model="numpy")
 def _encode_joined(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics):  # type: ignore[no-untyped-def]
-    begin, coder = 0, new_coder(ENCODING, buffer, ZERO, models, statistics, tables)
+    begin, coder = 0, new_coder(
+        ENCODING, buffer, np.empty(0, np.int64), models, statistics, tables
+    )  # fmt: skip
     encoder_start(coder.state)
     for size in sizes:
         end = begin + size

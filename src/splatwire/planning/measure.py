@@ -164,7 +164,7 @@ def measure_distortion(
 def _check_shares(shares: tuple[float, ...]) -> None:
     rising = len(shares) > 1 and all(before < after for before, after in itertools.pairwise(shares))
     if not rising or shares[0] != 0 or not shares[-1] <= 1:
-        raise InvalidValueError(f"shares: expected lost shares that ascend from 0, up to 1, not {shown(shares)}")
+        raise InvalidValueError(f"loss_shares: expected lost shares that ascend from 0, up to 1, not {shown(shares)}")
 
 
 @checked
