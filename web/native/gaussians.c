@@ -2,7 +2,8 @@
 // counterpart of `src/codec/gaussians/packet.ts` and of `src/codec/tracks/`, which decode bit for bit the same where a
 // page forbids WebAssembly.
 //
-// One instance decodes the packets of one stream. The caller fills the tables below, then for each packet copies the
+// One instance decodes the packets of one stream. Another one counts the elements of lanes and hashes, which needs no
+// tables. The caller fills the tables below, then for each packet copies the
 // payload to the address that `begin` returns. It calls `decode`, which returns the address of the integers.
 
 #include <stdint.h>
@@ -10,6 +11,7 @@
 
 #define INLINE static inline __attribute__((always_inline))
 #define EXPORT(name) __attribute__((export_name(#name)))
+#define ROTATED(word, bits) __builtin_rotateright32(word, bits)
 #define NUM_SCALES 320
 #define MEANS 8
 #define CONTEXTS (8 * SPREADS * SECONDS)
@@ -777,6 +779,32 @@ EXPORT(lanes) uint32_t lanes(uint32_t first, uint32_t size, uint32_t low, uint32
     counts[(z ^ z >> 31) % number]++;
   }
   return heap_end;
+}
+
+/// Updates the state of SHA-256 (FIPS 180-4) with `blocks` blocks of 64 bytes. At `begin` lie the 8 words of the state, the
+/// 64 constants of the rounds, and the blocks.
+EXPORT(hash) void hash(uint32_t blocks) {
+  static uint32_t words[64];
+  uint32_t *state = (uint32_t *)heap_end;
+  const uint32_t *constants = state + 8, *at = constants + 64;
+  for (; blocks; blocks--, at += 16) {
+    uint32_t a = state[0], b = state[1], c = state[2], d = state[3];
+    uint32_t e = state[4], f = state[5], g = state[6], h = state[7];
+    for (int32_t t = 0; t < 16; t++) words[t] = __builtin_bswap32(at[t]);
+    for (int32_t t = 16; t < 64; t++) {
+      uint32_t x = words[t - 15], y = words[t - 2];
+      words[t] = words[t - 16] + (ROTATED(x, 7) ^ ROTATED(x, 18) ^ x >> 3) + words[t - 7] +
+                 (ROTATED(y, 17) ^ ROTATED(y, 19) ^ y >> 10);
+    }
+    for (int32_t t = 0; t < 64; t++) {
+      uint32_t sum = h + (ROTATED(e, 6) ^ ROTATED(e, 11) ^ ROTATED(e, 25)) + (g ^ (e & (f ^ g)));
+      uint32_t other = (ROTATED(a, 2) ^ ROTATED(a, 13) ^ ROTATED(a, 22)) + ((a & b) | (c & (a | b)));
+      sum += constants[t] + words[t];
+      h = g, g = f, f = e, e = d + sum, d = c, c = b, b = a, a = sum + other;
+    }
+    state[0] += a, state[1] += b, state[2] += c, state[3] += d;
+    state[4] += e, state[5] += f, state[6] += g, state[7] += h;
+  }
 }
 
 /// Decodes a packet of `number` Gaussians with `harmonics` harmonics each from the payload at `begin`. Returns the

@@ -14,10 +14,11 @@ export interface Sha256 {
   hex(): string;
 }
 
-export function newSha256(): Sha256 {
+/** Returns a new hash; where node's is missing, `update` adds the blocks. */
+export function newSha256(update = compress): Sha256 {
   const native = builtin<NodeCrypto>("crypto")?.createHash("sha256");
   if (native) return { update: (bytes) => native.update(bytes), hex: () => native.digest("hex") };
-  const portable = new PortableSha256();
+  const portable = new PortableSha256(update);
   return { update: (bytes) => portable.update(bytes), hex: () => hex(portable.digest()) };
 }
 
@@ -28,15 +29,17 @@ export function sha256(bytes: Uint8Array): string {
   return hash.hex();
 }
 
-const BLOCK = 64,
-  /** Bytes of the message length at the end of the last block. */
-  LENGTH_BYTES = 8;
+/** Bytes of a block; also the number of rounds. */
+export const BLOCK = 64;
+/** Bytes of the message length at the end of the last block. */
+const LENGTH_BYTES = 8;
 const PRIMES: number[] = [];
 for (let n = 2; PRIMES.length < BLOCK; n++) if (PRIMES.every((prime) => n % prime)) PRIMES.push(n);
 /** First 32 bits of the fraction of a number. */
 const fraction = (value: number): number => Math.floor((value % 1) * 2 ** 32);
-const ROUNDS = Int32Array.from(PRIMES, (prime) => fraction(Math.cbrt(prime))),
-  START = PRIMES.slice(0, 8).map((prime) => fraction(Math.sqrt(prime))),
+/** Constants of the rounds. */
+export const ROUNDS = Int32Array.from(PRIMES, (prime) => fraction(Math.cbrt(prime)));
+const START = PRIMES.slice(0, 8).map((prime) => fraction(Math.sqrt(prime))),
   WORDS = new Int32Array(BLOCK);
 
 const rotated = (word: number, bits: number): number => (word >>> bits) | (word << (32 - bits));
@@ -48,19 +51,19 @@ export class PortableSha256 {
   readonly #view = new DataView(this.#block.buffer);
   #size = 0;
 
+  /** `compress` updates the state with whole blocks. */
+  constructor(readonly compress: (state: Int32Array, blocks: Uint8Array) => void) {}
+
   update(bytes: Uint8Array): void {
-    const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.length);
-    for (let at = 0; at < bytes.length; ) {
-      const begin = this.#size % BLOCK,
-        count = Math.min(BLOCK - begin, bytes.length - at);
-      if (count === BLOCK) compress(this.#state, view, at);
-      else {
-        this.#block.set(bytes.subarray(at, at + count), begin);
-        if (begin + count === BLOCK) compress(this.#state, this.#view, 0);
-      }
-      this.#size += count;
-      at += count;
-    }
+    const begin = this.#size % BLOCK,
+      first = begin && Math.min(BLOCK - begin, bytes.length),
+      end = bytes.length - ((begin + bytes.length) % BLOCK);
+    this.#size += bytes.length;
+    this.#block.set(bytes.subarray(0, first), begin);
+    if (end < first) return;
+    if (first) this.compress(this.#state, this.#block);
+    this.compress(this.#state, bytes.subarray(first, end));
+    this.#block.set(bytes.subarray(end));
   }
 
   digest(): Uint8Array {
@@ -71,15 +74,21 @@ export class PortableSha256 {
     this.update(padding);
     this.#view.setUint32(BLOCK - LENGTH_BYTES, bits / 2 ** 32);
     this.#view.setUint32(BLOCK - LENGTH_BYTES / 2, bits);
-    compress(this.#state, this.#view, 0);
+    this.compress(this.#state, this.#block);
     const digest = new DataView(new ArrayBuffer(32));
     this.#state.forEach((word, n) => digest.setInt32(4 * n, word));
     return new Uint8Array(digest.buffer);
   }
 }
 
+/** Updates the state with whole blocks. */
+export function compress(state: Int32Array, blocks: Uint8Array): void {
+  const view = new DataView(blocks.buffer, blocks.byteOffset, blocks.length);
+  for (let at = 0; at < blocks.length; at += BLOCK) compressOne(state, view, at);
+}
+
 /** Updates `state` with the block at `at`. Sums of two are 32-bit integers, longer ones doubles. */
-function compress(state: Int32Array, view: DataView, at: number): void {
+function compressOne(state: Int32Array, view: DataView, at: number): void {
   let a = state[0],
     b = state[1],
     c = state[2],
@@ -99,8 +108,8 @@ function compress(state: Int32Array, view: DataView, at: number): void {
     }
     WORDS[t] = word;
     const own = (h + (rotated(e, 6) ^ rotated(e, 11) ^ rotated(e, 25))) | 0,
-      sum = (((own + ((e & f) ^ (~e & g))) | 0) + ((ROUNDS[t] + word) | 0)) | 0,
-      other = ((rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22)) + ((a & b) ^ (a & c) ^ (b & c))) | 0;
+      sum = (((own + (g ^ (e & (f ^ g)))) | 0) + ((ROUNDS[t] + word) | 0)) | 0,
+      other = ((rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22)) + ((a & b) | (c & (a | b)))) | 0;
     h = g;
     g = f;
     f = e;

@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import { COLUMNS } from "../src/codec/gaussians/layout.ts";
-import { countLanesFast, FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
+import { compressFast, countLanesFast, FastPackets, NativePackets } from "../src/codec/gaussians/native.ts";
 import { SOURCE_DIGEST } from "../src/codec/gaussians/native_module.ts";
 import { type Decoded, PacketDecoder } from "../src/codec/gaussians/packet.ts";
 import { readSideInfo, type SideInfo } from "../src/codec/gaussians/side_info.ts";
@@ -20,6 +20,7 @@ import {
 } from "../src/codec/tracks/motion_packets.ts";
 import type { SequenceInfo } from "../src/codec/tracks/side_info.ts";
 import { countLanes, Intake, planOf } from "../src/packets/plan.ts";
+import { BLOCK, compress } from "../src/sha256.ts";
 import { anySideInfo, randomNumbers } from "./side_info.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
@@ -54,6 +55,38 @@ for (const path of STREAMS) {
     }
   });
 }
+
+test("lanes are counted and blocks are hashed by one instance, in WebAssembly", () => {
+  const { Instance } = WebAssembly,
+    calls: string[] = [];
+  WebAssembly.Instance = class extends Instance {
+    constructor(module: WebAssembly.Module, imports?: WebAssembly.Imports) {
+      super(module, imports);
+      const { exports } = new Instance(module, imports),
+        told = Object.entries(exports).map(([name, value]) => {
+          if (typeof value !== "function") return [name, value];
+          const called = (...given: number[]): unknown => {
+            calls.push(name);
+            return value(...given);
+          };
+          return [name, called];
+        });
+      Object.defineProperty(this, "exports", { value: Object.fromEntries(told) });
+    }
+  };
+  try {
+    const state = new Int32Array(8),
+      other = new Int32Array(8),
+      blocks = Uint8Array.from({ length: 3 * BLOCK }, (_, n) => n);
+    assert.deepEqual(countLanesFast(5, 100, [1, 2], 7), countLanes(5, 100, [1, 2], 7));
+    compressFast(state, blocks);
+    compress(other, blocks);
+    assert.deepEqual(state, other);
+  } finally {
+    WebAssembly.Instance = Instance;
+  }
+  assert.deepEqual(calls, ["begin", "lanes", "begin", "hash"]);
+});
 
 test("WebAssembly counts the elements of lanes as plain TypeScript does", () => {
   const below = randomNumbers(5);

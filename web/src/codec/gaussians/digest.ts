@@ -3,6 +3,7 @@
 import type { Packet } from "../../packets/packet.ts";
 import type { Pause } from "../../scheduler.ts";
 import { newSha256 } from "../../sha256.ts";
+import { compressFast } from "./native.ts";
 import type { Decoded } from "./packet.ts";
 
 /**
@@ -22,7 +23,7 @@ export type Verification = {
  * the integers of all packets take at most `keptBytes` bytes.
  */
 export class SymbolsDigest {
-  #hash = newSha256();
+  #hash = newSha256(compressFast);
   /** Packets that are not hashed yet, and the bytes of their integers. */
   #pending: { readonly packet: Packet; readonly decoded: Decoded }[] = [];
   #bytes = 0;
@@ -79,7 +80,7 @@ export class SymbolsDigest {
     while (this.#added.length <= blocks.length) this.#beginBlock();
     if (this.#inOrder && blocks.every((packets, block) => packets.length === this.#added[block]))
       return this.#hash.hex();
-    this.#hash = newSha256();
+    this.#hash = newSha256(compressFast);
     for (const packets of blocks) {
       const found: Decoded[] = [];
       for (const packet of packets) {

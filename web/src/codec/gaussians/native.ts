@@ -2,6 +2,7 @@
 
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../../entropy/tables.ts";
 import { countLanes } from "../../packets/plan.ts";
+import { BLOCK, compress, ROUNDS } from "../../sha256.ts";
 import { COEFFICIENTS, COLUMNS } from "./layout.ts";
 import { MODULE } from "./native_module.ts";
 import { type Decoded, type GaussianPackets, PacketDecoder } from "./packet.ts";
@@ -27,6 +28,7 @@ interface Exports {
   convert(count: number, harmonics: number, half: number, size: number): number;
   widen(count: number): void;
   lanes(first: number, size: number, low: number, high: number, lanes: number): number;
+  hash(blocks: number): void;
   readonly [table: string]: unknown;
 }
 
@@ -61,14 +63,49 @@ export function instantiate<T>(): T | null {
   }
 }
 
-let counter: Exports | null = null;
+/** Bytes that are hashed at once, also enough for the counts of lanes. */
+const HASHED_BYTES = 2 ** 16,
+  /** Words of the state of SHA-256. */
+  STATE_WORDS = 8,
+  PREFIX_BYTES = 4 * (STATE_WORDS + BLOCK);
+
+let helper: Exports | null | undefined;
+
+/** Returns the instance that counts lanes and hashes, with its memory; null where there is none. */
+function sharedInstance(): Exports | null {
+  if (helper !== undefined) return helper;
+  try {
+    helper = instantiate<Exports>();
+    helper?.begin(PREFIX_BYTES + HASHED_BYTES);
+  } catch {
+    helper = null; // its memory cannot grow
+  }
+  return helper;
+}
 
 /** Counts the elements of lanes as `countLanes` does: in WebAssembly if possible. */
 export const countLanesFast: typeof countLanes = (first, size, seed, lanes) => {
-  counter ??= instantiate<Exports>();
-  if (!counter) return countLanes(first, size, seed, lanes);
-  const address = counter.lanes(first, size, ...seed, lanes); // its memory may grow
-  return new Int32Array(counter.memory.buffer, address, lanes).slice();
+  const exports = sharedInstance();
+  if (!exports) return countLanes(first, size, seed, lanes);
+  const address = exports.lanes(first, size, ...seed, lanes); // its memory may grow
+  return new Int32Array(exports.memory.buffer, address, lanes).slice();
+};
+
+/** Updates the state of SHA-256 as `compress` does: in WebAssembly if possible. */
+export const compressFast: typeof compress = (state, blocks) => {
+  const exports = sharedInstance();
+  if (!exports) return compress(state, blocks);
+  for (let at = 0; at < blocks.length; at += HASHED_BYTES) {
+    const piece = blocks.subarray(at, at + HASHED_BYTES),
+      address = exports.begin(0),
+      { buffer } = exports.memory,
+      words = new Int32Array(buffer, address, STATE_WORDS + BLOCK);
+    words.set(state);
+    words.set(ROUNDS, STATE_WORDS);
+    new Uint8Array(buffer, address + PREFIX_BYTES).set(piece);
+    exports.hash(piece.length / BLOCK);
+    state.set(words.subarray(0, STATE_WORDS));
+  }
 };
 
 /** Decodes the packets of one stream: in WebAssembly if possible. Memory is only taken for the first packet. */

@@ -6,7 +6,7 @@ import type { Plan } from "../../packets/plan.ts";
 import type { Pause } from "../../scheduler.ts";
 import { newSha256 } from "../../sha256.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
-import { FastPackets } from "../gaussians/native.ts";
+import { compressFast, FastPackets } from "../gaussians/native.ts";
 import type { Decoded } from "../gaussians/packet.ts";
 import { GaussianPart } from "../gaussians/part.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
@@ -122,7 +122,7 @@ export class TrackSchema implements Schema<GaussianPart> {
 
   /** Digest of the integers of bases and of motion, block by block. */
   async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
-    const digest = newSha256();
+    const digest = newSha256(compressFast);
     for (const packets of blocks) {
       const found: Decoded[] = [],
         numbers: Int32Array[][] = [[], []];
