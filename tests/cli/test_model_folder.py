@@ -45,6 +45,19 @@ def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path)
     assert open_scene(tmp_path / "a.swz").background == WHITE
 
 
+def test_the_model_folder_is_found_from_inside(model, monkeypatch):
+    (model / "cfg_args").write_text("Namespace(white_background=True)")
+    monkeypatch.chdir(model / "point_cloud" / "iteration_30000")
+    assert [open_scene(place).background for place in ("..", "../..")] == [WHITE] * 2
+
+
+def test_unreadable_arguments_give_a_warning_and_black(model, caplog):
+    (model / "cfg_args").write_bytes(b" " * (1 << 20) + b"white_background=True")
+    assert open_scene(model).background == BLACK
+    assert "cfg_args" in caplog.text
+    assert "the background is black" in caplog.text
+
+
 @pytest.mark.needs_torch
 @pytest.mark.parametrize("kind", ["hacpp", "scaffold"])
 def test_neural_importers_name_the_kind_of_the_folder(run, model, tmp_path, kind):

@@ -1,6 +1,7 @@
 """Pixels that `mask_path` of nerfstudio excludes do not count."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -99,3 +100,33 @@ def test_folders_of_masks_that_no_view_names_give_a_warning(capture, caplog):
     (capture.root / "masks" / "view_00.png.png").write_bytes(b"")
     open_dataset(capture.root)
     assert "its folder masks is not read" in caplog.text
+
+
+@pytest.mark.parametrize("half", ["train", "test"])
+def test_masks_of_one_split_are_read_masks(half, capture, caplog):
+    capture.write_blender()
+    (capture.root / "masks").mkdir()
+    file = capture.root / f"transforms_{half}.json"
+    content = json.loads(file.read_text())
+    Image.new("L", (capture.width, capture.height), 255).save(capture.root / "masks" / "a.png")
+    content["frames"][0]["mask_path"] = "masks/a.png"
+    file.write_text(json.dumps(content))
+    for split in ("train", "test"):
+        assert bool(open_dataset(capture.root, split=split).mask_paths) == (split == half)
+    assert "is not read" not in caplog.text
+
+
+def test_folders_of_masks_that_cannot_be_listed_give_a_warning(capture, caplog, monkeypatch):
+    capture.write_images()
+    capture.write_binary()
+    (capture.root / "masks").mkdir()
+    listed = Path.iterdir
+
+    def refuse(path):
+        if path.name == "masks":
+            raise PermissionError(13, "Permission denied")
+        return listed(path)
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    open_dataset(capture.root)
+    assert "its folder of masks cannot be listed: Permission denied" in caplog.text

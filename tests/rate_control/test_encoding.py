@@ -55,6 +55,16 @@ def bundled() -> SplatScene:
     return scene.select(np.arange(0, scene.num_elements, 8))
 
 
+def test_fast_chooses_no_views_of_removals(monkeypatch):
+    scene, calls = SplatScene(ball_of_gaussians()), []
+    of = encoding.RemovalViews.of
+    monkeypatch.setattr(encoding.RemovalViews, "of", lambda *given: calls.append(given) or of(*given))
+    encoded(scene, "fast", quality=quality_of("small"))
+    assert not calls
+    encoded(scene, "default", quality=quality_of("small"))
+    assert len(calls) == 1
+
+
 @pytest.mark.parametrize("effort", ["fast", "default"])
 def test_streams_have_the_requested_size(effort):
     scene = shell()

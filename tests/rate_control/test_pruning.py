@@ -48,6 +48,13 @@ def test_hidden_gaussians_are_removed_first():
     assert curve.best_share(8.0) < 0.75
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_gaussians_are_measured_without_warnings(count):
+    curve = curve_of(SplatScene(ball_of_gaussians()).select(np.arange(count)))
+    assert (np.diff(curve.errors) <= 0).all()
+
+
 def test_kept_gaussians_ascend_and_are_nested():
     curve = curve_of(SplatScene(ball_of_gaussians()))
     few, many = curve.kept(0.3), curve.kept(0.6)

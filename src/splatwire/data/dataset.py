@@ -24,7 +24,7 @@ from splatwire.data.lens import Undistortion, undistortion
 from splatwire.data.orientation import shape_fits, views_are_upright
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
-from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, read_transforms
+from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError
 from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, is_not
 from splatwire.files.names import path_of
@@ -166,9 +166,16 @@ def open_dataset(
 
 
 def _warn_of_unread_masks(path: Path) -> None:
-    """Logs a warning if a dataset without masks of its views has a folder of masks."""
-    found = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
-    if found:
+    """Logs a warning if a dataset whose views name no mask, in any split, has a folder of masks."""
+    try:
+        found = [name for name in ("masks", "mask") if (path / name).is_dir() and any((path / name).iterdir())]
+    except OSError as error:
+        LOG.warning("%s: its folder of masks cannot be listed: %s", path, error.strerror)
+        return
+    # The views of another split may name masks of the folder.
+    files = {"blender": ("transforms_train.json", "transforms_test.json"), "nerfstudio": ("transforms.json",)}
+    views = [path / name for name in files.get(dataset_layout(path) or "", ()) if (path / name).is_file()]
+    if found and not any(map(names_masks, views)):
         LOG.warning(
             "%s: its folder %s is not read: masks are those that a transforms.json names as mask_path; whole photos "
             "are trained on and compared", path, found[0],

@@ -93,6 +93,15 @@ class Transforms:
     points: Path | None
 
 
+def names_masks(path: Path) -> bool:
+    """Returns True if a frame of a transforms file names a mask; a damaged file names none."""
+    with suppress(DatasetError):
+        content = read_json(path, DatasetError)
+        frames = content.get("frames") if isinstance(content, dict) else None
+        return isinstance(frames, list) and any(isinstance(frame, dict) and frame.get("mask_path") for frame in frames)
+    return False
+
+
 def read_transforms(path: Path, images: str | None = None) -> Transforms:
     """Reads a transforms file.
 

@@ -1,5 +1,6 @@
 """Reading of scenes from streams, scene files and files of explicit Gaussians."""
 
+import logging
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from splatwire.bitstream import SceneStream, read_stream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.coding import coding_from_bytes
 from splatwire.concealment import Concealer, concealed, create_concealer
-from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.errors import BitstreamError, DatasetError, InvalidValueError
 from splatwire.files.kinds import (
     HACPP,
     MODEL_3DGS,
@@ -35,6 +36,9 @@ from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.background import BLACK, Background
 from splatwire.types.splats import Splats
 
+LOG = logging.getLogger(__name__)
+_MODEL_DEPTH = 3
+"""Number of folders from a trained PLY up to its model folder: `iteration_N`, `point_cloud`, the model."""
 _WANTED = "a scene file, stream or file of explicit Gaussians"
 
 
@@ -181,11 +185,18 @@ def _background_of(folder: Path) -> Background:
     Args:
         folder: The model folder, its folder `point_cloud`, or an `iteration_N` in it.
 
-    Raises:
-        DatasetError: If `cfg_args` cannot be read.
+    Returns:
+        The colour; black, with a warning, if `cfg_args` cannot be read.
     """
     ply = trained_ply(folder)
-    return BLACK if ply is None else load_background(ply.absolute().parents[2])
+    folders = () if ply is None else Path(os.path.abspath(ply)).parents
+    if len(folders) < _MODEL_DEPTH:
+        return BLACK
+    try:
+        return load_background(folders[_MODEL_DEPTH - 1])
+    except (DatasetError, OSError) as error:
+        LOG.warning("%s; the background is black", error)
+        return BLACK
 
 
 def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:

@@ -282,12 +282,12 @@ class _Plan:
         # With `fast`, no pruning and no precision of attributes is measured.
         search, held_out = SourcePictures(source, views.search), SourcePictures(source, views.held_out)
         progress("measuring Gaussians", 0.0)
-        removals = RemovalViews.of(source, views.measured)
         if effort == "fast":
             classes = precision_classes(source.splats, views.measured)
-            return cls(source, removals, search, held_out, classes, None, source, quality.precision)
+            return cls(source, RemovalViews(()), search, held_out, classes, None, source, quality.precision)
         measured = measure_gaussians(source, views.measured)
         progress("measuring Gaussians", 1.0)
+        removals = RemovalViews.of(source, views.measured)
         curve = PruningCurve.measured(
             source, measured.removal, search, removals, lambda share: progress("pruning", share)
         )

@@ -197,7 +197,8 @@ def _fitted(
     # so that stronger pruning never has a smaller error.
     if np.ptp(known) < 1e-6:  # the removed Gaussians have no effect at all
         return np.full(len(arguments), values.max())
-    fit = np.polynomial.Polynomial.fit(known, values, 2)
+    # Scenes of two or three Gaussians have fewer than three different measurements.
+    fit = np.polynomial.Polynomial.fit(known, values, min(2, len(np.unique(known)) - 1))
     grid = np.linspace(known.min(), known.max(), 65)
     slopes = np.maximum(fit.deriv()((grid[1:] + grid[:-1]) / 2), _LEAST_SLOPE)
     curve = np.append(0.0, np.cumsum(slopes * np.diff(grid)))

@@ -1,17 +1,22 @@
 """Warnings of cameras that do not show a scene, because it is elsewhere or nearer than their near plane."""
 
 import logging
+from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, Float64
 
 from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.ops.arrays import to_numpy
-from splatwire.types import Cameras
+from splatwire.types import Cameras, SplatScene
+from splatwire.types.anchor_scene import AnchorScene
 
 LOG = logging.getLogger(__name__)
 _MOST_POSITIONS, _MOST_VIEWS = 50_000, 16
 _DOT_PX = 1.0
-"""Largest extent of several elements in a picture that is no view of a scene, but a dot far away, pixels."""
+"""Largest extent of most elements in a picture that is no view of a scene, but a dot far away, pixels."""
+_REACH = 3.0
+"""Extent of an element around its centre, relative to its largest size."""
 _HIDDEN = 0.5
 """Share of the elements in view that the near plane hides, above which a warning is logged."""
 
@@ -20,34 +25,107 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
     """Logs a warning if given cameras show nothing of a scene, or most elements are too near to be drawn.
 
     Args:
-        scene: The scene.
+        scene: The scene. Elements with coordinates that are not finite are ignored.
         cameras: The cameras, of which up to 16 are examined.
     """
     cameras = cameras.relative_to(origin_of(scene))
-    places = to_numpy(scene.positions)[:: -(-max(scene.num_elements, 1) // _MOST_POSITIONS)].astype(np.float64)
-    depths = []
-    for view in range(0, cameras.num_views, max(-(-cameras.num_views // _MOST_VIEWS), 1)):
-        pose, K = (to_numpy(values[view]).astype(np.float64) for values in (cameras.viewmats, cameras.Ks))
-        local = places @ pose[:3, :3].T + pose[:3, 3]
-        local = local[local[:, 2] > 0]
-        pixels = local[:, :2] / local[:, 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
-        inside = ((pixels >= 0) & (pixels <= (cameras.width, cameras.height))).all(axis=1)
-        if inside.sum() == 1 or (inside.any() and np.ptp(pixels[inside], axis=0).max() > _DOT_PX):
-            depths.append(local[inside, 2])
-    seen = np.concatenate([np.empty(0), *depths])
-    if cameras.num_views and len(places) and not len(seen):
-        centers = to_numpy(cameras.centers).astype(np.float64)
-        LOG.warning(
-            "no %s of the scene is in the pictures: it is around (%s), and the cameras are around (%s): their "
-            "coordinates may be of different systems", scene.ELEMENTS.removesuffix("s"),
-            *(_described(np.median(points, axis=0) + np.array(origin_of(scene))) for points in (places, centers)),
-        )  # fmt: skip
-    elif len(seen) and (hidden := float((seen <= cameras.near_depth).mean())) > _HIDDEN:
+    cameras = cameras.select(slice(None, None, max(-(-cameras.num_views // _MOST_VIEWS), 1)))
+    positions, sizes = to_numpy(scene.positions), _sizes(scene)
+    step = -(-max(scene.num_elements, 1) // _MOST_POSITIONS)
+    places, reach = _finite(positions[::step], sizes[::step])
+    if not cameras.num_views or not len(places):
+        return
+    views = [_View.of(places, reach, cameras, view) for view in range(cameras.num_views)]
+    seen = np.concatenate([np.empty(0), *(view.depths[view.inside] for view in views if not view.is_dot)])
+    if not len(seen) and any(view.is_dot for view in views):
+        _warn_of_place(scene, cameras, places, "the scene is smaller than a pixel in the pictures")
+        return
+    if not len(seen):  # the sample may miss all elements in view, and centres outside have elements that reach in
+        parts = [slice(first, first + _MOST_POSITIONS) for first in range(0, scene.num_elements, _MOST_POSITIONS)]
+        seen = np.concatenate(
+            [
+                view.depths[view.reaches_in]
+                for part in parts
+                for number in range(cameras.num_views)
+                for view in [_View.of(*_finite(positions[part], sizes[part]), cameras, number)]
+            ]
+        )
+    if not len(seen):
+        element = scene.ELEMENTS.removesuffix("s")
+        _warn_of_place(scene, cameras, places, f"no {element} of the scene is in the pictures")
+    elif (hidden := float((seen <= cameras.near_depth).mean())) > _HIDDEN:
         LOG.warning(
             "%.0f %% of the %s in the pictures are nearer than %g to the cameras (median: %.3g) and are not drawn: "
             "make scene and cameras larger, or give the cameras file a smaller 'near_depth'",
             100 * hidden, scene.ELEMENTS, cameras.near_depth, float(np.median(seen)),
         )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Elements of a scene in front of one camera.
+
+    Attributes:
+        depths: Depth of each element, world units.
+        inside: Mask of the elements whose centres are in the picture.
+        reaches_in: Mask of the elements that are drawn and may cover a part of the picture, or are `inside`.
+        is_dot: True if most elements of the scene are in the picture and are together not larger than a pixel.
+    """
+
+    depths: Float64[np.ndarray, "M"]
+    inside: Bool[np.ndarray, "M"]
+    reaches_in: Bool[np.ndarray, "M"]
+    is_dot: bool
+
+    @staticmethod
+    def of(places: Float64[np.ndarray, "N 3"], sizes: Float64[np.ndarray, "N"], cameras: Cameras, view: int) -> "_View":
+        """Projects the elements into a picture.
+
+        Args:
+            places: Position of each element, relative to the same origin as the cameras.
+            sizes: Largest size of each element, world units.
+            cameras: The cameras.
+            view: Index of the camera.
+        """
+        pose, K = (to_numpy(values[view]).astype(np.float64) for values in (cameras.viewmats, cameras.Ks))
+        local = places @ pose[:3, :3].T + pose[:3, 3]
+        ahead = local[:, 2] > 0
+        local, depths = local[ahead], local[ahead, 2]
+        pixels = local[:, :2] / depths[:, None] * K[[0, 1], [0, 1]] + K[:2, 2]
+        radii = sizes[ahead] * max(K[0, 0], K[1, 1]) / depths
+        reach = np.where(depths > cameras.near_depth, _REACH * radii, 0.0)[:, None]
+        end = np.array([cameras.width, cameras.height])
+        inside = ((pixels >= 0) & (pixels <= end)).all(axis=1)
+        reaches_in = ((pixels >= -reach) & (pixels <= end + reach)).all(axis=1)
+        is_dot = bool(
+            inside.sum() > max(len(places) / 2, 1)
+            and np.ptp(pixels[inside], axis=0).max() <= _DOT_PX
+            and np.ptp(places, axis=0).max() > 0
+            and radii[inside].max() <= _DOT_PX
+        )
+        return _View(depths, inside, reaches_in, is_dot)
+
+
+def _sizes(scene: Scene) -> Float64[np.ndarray, "N"]:
+    """Returns the largest size of each element, world units; of an anchor, that of its Gaussians and offsets."""
+    if isinstance(scene, SplatScene):
+        return scene.splats.scales.max(axis=1).astype(np.float64)
+    if isinstance(scene, AnchorScene):
+        return to_numpy(scene.anchors.scalings).max(axis=1).astype(np.float64)
+    return np.exp(to_numpy(scene.elements.log_sizes).astype(np.float64))
+
+
+def _finite(places: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    finite = np.isfinite(places).all(axis=1)
+    return places[finite].astype(np.float64), sizes[finite]
+
+
+def _warn_of_place(scene: Scene, cameras: Cameras, places: np.ndarray, what: str) -> None:
+    centers = to_numpy(cameras.centers).astype(np.float64)
+    LOG.warning(
+        "%s: it is around (%s), and the cameras are around (%s): their coordinates may be of different systems", what,
+        *(_described(np.median(points, axis=0) + np.array(origin_of(scene))) for points in (places, centers)),
+    )  # fmt: skip
 
 
 def _described(point: np.ndarray) -> str:

@@ -171,8 +171,8 @@ class SequenceEncoder:
             self._said.add("place")
             LOG.warning(
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
-                "positions have steps of up to %.2g, more than half of their size: all frames lose precision; give "
-                "frames the same place", self._num_frames, 100 * found[0], found[1],
+                "positions have steps of up to %.2g, more than half of their size: all frames lose precision: "
+                "use coordinates relative to one point near all frames", self._num_frames, 100 * found[0], found[1],
                 describe_origin(ORIGIN.read(self._sections)), found[2],
             )  # fmt: skip
         drawn = ANTIALIASING in self._sections

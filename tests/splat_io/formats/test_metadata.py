@@ -160,7 +160,8 @@ def test_comments_without_a_colon_are_read(comment: str, expected: SceneMetadata
 @pytest.mark.parametrize(
     ("comment", "warned"),
     [("view: 1 2 3 0 0 0 0 -1 0", False), ("view: 1 2 3", True), ("view: 0 0 0 0 0 0 0 -1 0", True),
-     ("start view: front", True), ("orbit: -0.1 1 2", False), ("orbit: 1 2", True), ("overview: 1 2", False)],
+     ("start view: front", True), ("orbit: -0.1 1 2", False), ("orbit: 1 2", True), ("overview: 1 2", False),
+     ("View: https://example.com/a", False), ("view: COLMAP image 12", False), ("viewpoint: 0 0 0 1 0 0 0", False)],
 )  # fmt: skip
 def test_views_that_cannot_be_read_give_a_warning(
     comment: str, warned: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture

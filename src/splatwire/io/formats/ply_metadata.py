@@ -42,6 +42,8 @@ _CREDITS = {
     ),
 }
 """Patterns of comments that name people, or a licence alone; they apply if no other comment states the field."""
+_PCL_VIEWPOINT = 7
+"""Number of values of a viewpoint of the Point Cloud Library (PCL): position and quaternion."""
 _AXIS = re.compile(r"([+-]?)\s*([xyz])(?:[-_ ]?up|[-_ ]?axis)?", re.IGNORECASE)
 _UP = re.compile(
     r"(?:world\s+)?(?:up(?:[-_ ]?(?:axis|vector|dir(?:ection)?))?|vertical[-_ ]axis)(?:\s*[:=]\s*|\s+)(.+)"
@@ -90,10 +92,16 @@ def is_metadata(comment: str) -> bool:
 
 
 def is_invalid_view(comment: str) -> bool:
-    """True if a comment states the initial view or the limits of the orbit, and its value is invalid."""
+    """True if a comment states the initial view or the limits of the orbit, and its value is invalid.
+
+    Values of other meaning are not invalid: sentences, addresses, and the viewpoint of PCL (position and quaternion).
+    """
     for name in ("view", "orbit"):
         if (match := _LINES[name].fullmatch(comment.strip())) is not None:
-            return not metadata_from_json({name: _value(name, match[1].strip())}).known()
+            text = match[1].strip()
+            numbers = _numbers(text)
+            meant = text.isalpha() if numbers is None else name == "orbit" or len(numbers) != _PCL_VIEWPOINT
+            return meant and not metadata_from_json({name: numbers}).known()
     return False
 
 
