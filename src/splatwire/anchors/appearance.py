@@ -31,10 +31,11 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
     """Converts a supported value to a scene.
 
     Args:
-        value: A scene; the result of a decoder without losses; or explicit Gaussians, which get a black background.
+        value: A scene, a decoder's result in which no element was lost, or explicit Gaussians.
 
     Returns:
-        The scene; explicit Gaussians have quaternions of length 1.
+        The scene. A scene of explicit Gaussians has quaternions of length 1. If `value` has no background, the
+        background is black.
 
     Raises:
         InvalidValueError: If the value has another type, or elements were lost.

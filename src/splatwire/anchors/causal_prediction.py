@@ -23,8 +23,8 @@ class CausalPrediction:
     Attributes:
         feature: Means and log2 of standard deviations of the feature channels.
         exists: Predicted probability that each offset exists, as a logit.
-        form: Sizes of the anchor, as means and log2 of standard deviations of four logarithms: of the scale of the
-            anchor's offsets, and of the base size of its Gaussians along three axes.
+        form: Means and log2 of standard deviations of the logarithms of each anchor's four sizes. The first size is the
+            scale of the anchor's offsets; the others are the base sizes of its Gaussians along three axes.
         offset: Means and log2 of standard deviations of the offsets.
     """
 

@@ -102,7 +102,12 @@ def project(
 
 
 def _radii(covs2d: Float[np.ndarray, "N 3"], near: Bool[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
-    """Returns the radius of each Gaussian: three standard deviations of its longest axis, in whole pixels."""
+    """Returns the radius of each Gaussian: three standard deviations of its longest axis, in whole pixels.
+
+    Args:
+        covs2d: Entries xx, xy, yy of the covariance on the image, square pixels.
+        near: Mask of Gaussians too near to the camera, whose radius is 0.
+    """
     xx, xy, yy = covs2d.T
     middle = (xx + yy) / 2
     # larger eigenvalue of the covariance; the root of at least 0.1 is that of 3DGS

@@ -20,8 +20,8 @@ class Arrangement(NamedTuple):
 
     Attributes:
         groups: Indices of the elements in coding order, group after group.
-        packets: Received packets in the order of the groups, None for missing packets: one packet for each group, or
-            several for each group if the stream has separate packets for its attributes.
+        packets: Packets in the order of the groups, with None in place of each lost packet. Each group has one entry,
+            or one entry per attribute if the stream has separate packets for its attributes.
     """
 
     groups: PacketGroups

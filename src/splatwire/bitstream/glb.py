@@ -37,7 +37,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
     """Returns the position and size of the stream that is embedded in a binary glTF file.
 
     Args:
-        text: The bytes after the first 20 bytes of the file. `json_size` returns how many are needed.
+        text: The bytes of the file from byte 20 to the start of its binary data; `json_size` returns their number.
         name: Source of the bytes, for error messages.
 
     Returns:

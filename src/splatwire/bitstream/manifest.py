@@ -119,7 +119,10 @@ class Manifest:
         return PacketPlan(self.packetization, self.num_elements, self.tiers, groups)
 
     def _check_num_packets(self) -> None:
-        """Checks the number of packets with little memory, as the manifest may be forged."""
+        """Checks that the number of packets is possible for the number of elements.
+
+        A manifest may be forged, so the check uses little memory, whatever the numbers are.
+        """
         num_parts, num_blocks = len(self.plan.parts), self.plan.num_blocks
         lanes = num_parts * sum(min(span.num_elements, span.num_blocks * span.lanes) for span in self.plan.spans)
         most = self.num_elements if self.packetization.hashed else lanes

@@ -138,10 +138,10 @@ class PacketPlan:
         return np.concatenate(pieces)
 
     def groups(self) -> PacketGroups:
-        """Lists the elements of every packet, or, with the grouping `hashed`, the elements of every block.
+        """Returns the elements of the stream, divided into groups that share a packet.
 
-        The grouping `hashed` fills packets up to a size limit. The manifest then does not determine the packet of an
-        element.
+        With the grouping `hashed`, a group contains the elements of a whole block instead. This grouping fills packets
+        up to a size limit, so the manifest does not determine the packet of an element.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]

@@ -64,7 +64,7 @@ class SceneStream:
         }
 
     def still(self, source: object = "the stream") -> "SceneStream":
-        """Returns the stream itself after checking that the stream contains a static scene, no sequence or update.
+        """Checks that the stream contains a static scene (no sequence or update), and returns the stream itself.
 
         Args:
             source: Source of the stream, for the message.

@@ -109,7 +109,9 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
 
 
 def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
-    """Checks that a sequence has two importance tiers per group of pictures, and a static scene no empty tier.
+    """Checks the number of importance tiers of a sequence, and the tiers of a static scene.
+
+    A sequence needs a pair of tiers for each group of pictures. A static scene may have no empty tier.
 
     Args:
         tiers: Sizes of the tiers; empty for a single tier.

@@ -64,7 +64,7 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns for each tile the error of the picture while the tile is missing, float64 (B).
+    """Returns the size of the error in the picture if a tile is missing, for each tile, pixels, float64 (B).
 
     Args:
         tiles: All tiles of the scene.

@@ -105,7 +105,13 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _option_words(path: Path, key: str, value: object) -> list[str]:
-    """Converts an option's value in a configuration file to command-line words after the option."""
+    """Returns the command-line arguments that stand for an option's value in a configuration file.
+
+    Args:
+        path: The configuration file, for error messages.
+        key: Name of the option, for error messages.
+        value: A text, a number, or a list of them.
+    """
     values = value if isinstance(value, list) else [value]
     for one in values:
         if isinstance(one, bool) or not isinstance(one, (str, int, float)):

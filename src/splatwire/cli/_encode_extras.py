@@ -40,7 +40,9 @@ def cameras_of(command: Encode, scene: Scene) -> Cameras:
 
 
 def refiner(steps: int) -> Callable[..., Scene]:
-    """Returns a function that refines the context model of a scene, for a smaller stream.
+    """Returns a function that trains the context model of a scene further, so that the stream becomes smaller.
+
+    The context model predicts the probabilities with which attributes are entropy-coded.
 
     Args:
         steps: Number of training steps.

@@ -82,8 +82,8 @@ class _Repeated:
     """A warning about several files of a folder.
 
     Attributes:
-        first: The file that it was printed for.
-        kind: `warning: `, or empty for information.
+        first: The file with which the warning was printed.
+        kind: Start of the printed line: `warning: `, or empty for a message that is no warning.
         reason: Text of the warning after the name of the file.
         others: Names of other files with the same warning.
     """

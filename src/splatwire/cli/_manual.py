@@ -54,7 +54,10 @@ def _help_lines(verb: str) -> Iterator[str]:
 
 @contextlib.contextmanager
 def _plain_terminal() -> Iterator[None]:
-    """Makes tyro print for a terminal without colours that is `COLUMNS` wide."""
+    """Context in which help texts have no colours and lines of `COLUMNS` characters.
+
+    Sets environment variables that the option parser tyro reads, and restores them at the end.
+    """
     before = dict(os.environ)
     os.environ.update(COLUMNS=str(COLUMNS), NO_COLOR="1", TERM="dumb")
     try:

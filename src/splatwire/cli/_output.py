@@ -62,7 +62,7 @@ def print_table(
         rows: Texts of each row.
         title: Headline.
         caption: Text below the table.
-        best: Numbers of the rows that are highlighted.
+        best: Indices of the rows that are highlighted.
     """
     _rich().print_rows(headings, rows, title, caption, best)
 

@@ -33,7 +33,13 @@ def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:
 
 
 def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
-    """Parses options of the form `tier0=0.5`: repair symbols per source symbol of each importance tier.
+    """Parses the redundancy of importance tiers from texts of the form `tier0=0.5`.
+
+    Args:
+        texts: One text for each tier, in any order.
+
+    Returns:
+        Repair symbols per source symbol of each tier, from tier 0; 0 for tiers that are not named.
 
     Raises:
         InvalidValueError: If the text has another form, or a tier is named twice.

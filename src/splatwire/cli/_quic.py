@@ -81,7 +81,7 @@ def _log_renewed(identity: "Identity") -> None:
 
 
 def trust_of(options: TrustOptions) -> Trust:
-    """Returns the certificate checks of the options.
+    """Converts the command-line options for certificate checks to the settings of a QUIC client.
 
     Raises:
         InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.

@@ -17,16 +17,16 @@ Transfer = Callable[..., Awaitable[Receiver]]
 
 
 def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
-    """Returns a function that receives a stream from an address, by the protocol of the address.
+    """Returns a function that receives a stream with the protocol of an address (UDP, QUIC or Media over QUIC).
 
     Args:
         trusted: Options that determine which certificates are accepted.
         address: Address of the server or relay.
 
     Returns:
-        The function. Its arguments are the options of the receiver and a function that is called with each event.
-        Optional keywords are `tap`, a function that is called with each datagram, and `stop`, a future that ends the
-        transfer.
+        The function. Its first argument are the options of the receiver. Its second argument is a function that is
+        called with each event, or None. Two keyword arguments are optional: `tap`, a function that is called with each
+        datagram, and `stop`, a future that ends the transfer.
 
     Raises:
         InvalidValueError: If these options are set for an address without certificates, or the options are invalid.

@@ -23,7 +23,10 @@ def console(*, stderr: bool = False) -> Console:
 
 
 class _Console(Console):
-    """Rich console that leaves a closed pipe to `main`, which rich would make an exit with status 1."""
+    """Rich console that does not handle the error of a closed pipe, so that `main` handles it.
+
+    The original class would exit with status 1.
+    """
 
     def on_broken_pipe(self) -> None:
         raise
@@ -72,7 +75,12 @@ def print_facts(groups: Sequence[Sequence[tuple[str, str]]], title: str, *, alig
 
 @contextlib.contextmanager
 def bars() -> Iterator[Callable[[str, float], None] | None]:
-    """Shows a progress bar for each task on standard error; yields None if that is impossible."""
+    """Context that shows a progress bar for each task on standard error.
+
+    Yields:
+        Function that updates the display, given the name of a task and its finished share, 0 to 1. None if standard
+        error is not a terminal.
+    """
     shown = console(stderr=True)
     if not shown.is_terminal:
         yield None

@@ -223,7 +223,7 @@ def _optional_steps() -> ModuleType:
 
 
 def _target(command: Encode) -> Target:
-    """Returns the size, PSNR or quality that the options set, or the default quality."""
+    """Returns the target of the encoder: the size, PSNR or quality of the options, or the default quality."""
     if command.size is not None:
         return Target(size=parse_size(command.size))
     if command.psnr is not None:
@@ -292,7 +292,9 @@ def _tiers(command: Encode, scene: Scene, cameras: Cameras | None) -> np.ndarray
 
 
 def packetization_of(command: Encode, schema: str, num_elements: int) -> Packetization:
-    """Returns the packetization of the preset and the options.
+    """Returns the packetization (division into packets) that the options of `splatwire encode` select.
+
+    `--block-size` and `--lanes` replace the values of the preset.
 
     Args:
         command: Options of `splatwire encode`.

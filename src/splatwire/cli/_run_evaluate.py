@@ -115,7 +115,10 @@ def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[
 
 
 def _check(command: Evaluate) -> Link | None:
-    """Checks the options, before files are read; returns the simulated network link of `--path`, if any.
+    """Checks the options of `splatwire evaluate`, before files are read.
+
+    Returns:
+        The simulated network link for the camera path of `--path`; None without a path.
 
     Raises:
         InvalidValueError: If options are missing, or mean nothing here.

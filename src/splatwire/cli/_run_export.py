@@ -98,8 +98,11 @@ def _check(options: Export) -> None:
 
 
 def _limited(options: Export, splats: Splats, degree: int) -> Splats:
-    """Removes harmonics above a degree from Gaussians, except for `.splat`, whose writer drops all harmonics."""
-    # For `.splat`, they are returned unchanged, because its writer drops harmonics and reports that itself.
+    """Returns Gaussians without spherical harmonics above a degree.
+
+    For the format `.splat`, the Gaussians are returned unchanged.
+    """
+    # The writer of `.splat` drops all harmonics and reports that itself.
     return splats if options.kind == "splat" else splats.at_most_degree(degree)
 
 

@@ -211,7 +211,8 @@ def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
     """True if a transfer delivered all that was requested.
 
     Args:
-        reason: Reason for the end of the transfer, such as `complete`, `seen` or `sent`.
+        reason: Reason for the end of the transfer. `complete`: everything arrived. `seen`: everything that the
+            receiver's camera sees arrived. `sent`: the server has sent everything. Other reasons are failures.
         live: True for a live clip.
         num_missed: Number of packets of a live clip that were lost.
     """

@@ -126,10 +126,12 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:
-    """Returns the amount of redundancy that the options of `serve` choose, from a plan file or from explicit numbers.
+    """Returns the amount of redundancy that the options of `splatwire serve` set, and the id of a planned stream.
+
+    The options give a plan file or explicit numbers.
 
     Returns:
-        The redundancy; and the id of the stream that the file of `--plan` was computed for, or None without a plan.
+        The redundancy, and the id of the stream for which the plan file was computed (None without a plan file).
 
     Raises:
         InvalidValueError: If a number is out of range, the plan file is invalid, or both a plan and explicit
@@ -274,7 +276,9 @@ async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> Non
 
 
 def program_of(stream: SceneStream, protection: Protection) -> ServedStream:
-    """Converts a stream to a served stream: adds redundancy against losses, and the preview of the scene.
+    """Prepares a stream for sending by a server.
+
+    Adds redundancy against losses, and the preview of the scene if the stream contains one.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or its packets do not fit into datagrams.

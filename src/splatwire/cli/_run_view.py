@@ -103,7 +103,9 @@ async def _serve(
 
 
 async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], page: PageServer) -> None:
-    """Receives the updates of a scene after the scene, and offers the updates to the viewer page.
+    """Receives updates of a scene and offers them to the viewer page.
+
+    Starts when the scene itself has been received completely; otherwise returns without an effect.
 
     Args:
         command: Options of `splatwire view`.
@@ -137,7 +139,9 @@ async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], pa
 
 
 def newest_updates(updates: Mapping[str, ServedStream | bytes], name: str, update: bytes) -> dict[str, bytes]:
-    """Adds an update to the updates that the viewer page may request, and drops the oldest beyond a limit.
+    """Returns the updates that the viewer page may request, including a new one.
+
+    The oldest updates are dropped beyond `MAX_UPDATES` updates or `MAX_BYTES` bytes.
 
     Args:
         updates: Files of earlier updates by name, the oldest first.

@@ -8,7 +8,7 @@ from splatwire.types.background import Background, check_background
 
 
 def chosen_background(option: BackgroundOption) -> Background | None:
-    """Validates the value of `--background`; returns None if the option is not set.
+    """Returns the background colour of the option `--background`, or None if the option is not set.
 
     Raises:
         InvalidValueError: If the value is not a colour.

@@ -27,11 +27,13 @@ Signature = tuple[int, int]
 
 
 def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[str, UpdateChain]:
-    """Returns each updatable scene, by name, as a chain of scene and updates.
+    """Returns the update chains of all scenes that can be updated, by name of the scene.
+
+    An update chain (`UpdateChain`) is the current state of a scene, with the latest updates to it.
 
     Args:
-        streams: By scene name, two streams of the same scene: the stream as read from its file, and the stream with
-            packets that fit into datagrams.
+        streams: Two streams of each scene, by name of the scene. The first is the stream as read from its file; in the
+            second, all packets fit into datagrams.
 
     Raises:
         InvalidValueError: If no scene can be updated.
@@ -118,7 +120,7 @@ class UpdateFolder:
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that the content of an update differs from all earlier versions of other served scenes.
+        """Checks that no changed scene equals a version of another served scene.
 
         Args:
             changed: Scenes that the update changes, by name, each with the update applied.

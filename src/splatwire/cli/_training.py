@@ -103,7 +103,10 @@ def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
 
 
 def stopped_early(iteration: int, iterations: int) -> KeyboardInterrupt:
-    """Prints how to continue a stopped training; returns the exception that ends the command."""
+    """Returns the exception that ends the command after a stopped training.
+
+    Also prints, on standard error, how to continue the training.
+    """
     print(
         f"stopped after iteration {iteration:,} of {iterations:,}; the same command with --resume continues from there",
         file=sys.stderr,
@@ -226,7 +229,11 @@ def line(now: Progress) -> str:
 
 
 def time_left(now: Progress) -> str:
-    """Estimates the remaining time of a run from the speed so far, formatted as hours:minutes:seconds."""
+    """Returns the estimated remaining time of a training, as text in hours:minutes:seconds.
+
+    Args:
+        now: State of the training, with its speed so far.
+    """
     if now.iterations_per_second is None:
         return _UNKNOWN
     return str(timedelta(seconds=round((now.iterations - now.iteration) / now.iterations_per_second)))

@@ -73,7 +73,10 @@ def _flush_stdout(status: Any) -> Any:
 
 
 def _discard_stdout() -> None:
-    """Redirects standard output to the null device; otherwise Python would flush it again at exit."""
+    """Redirects standard output to the null device.
+
+    Without this, Python would write the buffered output again at exit, and fail again.
+    """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -168,7 +171,10 @@ def _run(arguments: list[str]) -> int:
 
 
 def _print_damage(verb: Any) -> int:
-    """Prints that the result is incomplete because of damaged input; returns the exit status."""
+    """Returns the exit status of a subcommand whose input was damaged.
+
+    Without the option `--accept-damage`, also prints an error; with this option, the status is 0.
+    """
     if getattr(verb, "accept_damage", False):
         return 0
     how = ", or accept this result with --accept-damage" if hasattr(verb, "accept_damage") else ""

@@ -18,7 +18,10 @@ def scale_index(scale: npt.ArrayLike) -> np.ndarray:
 
 
 def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
-    """Appends integers, coded with a normal distribution fitted to them, but not their number."""
+    """Writes integers, entropy-coded under a normal distribution that is fitted to them.
+
+    The mean and standard deviation of the distribution are written, too. The number of integers is not written.
+    """
     mean = round(float(values.mean())) if len(values) else 0
     variance = ((values.astype(np.float64) - mean) ** 2).mean() if len(values) else 0.0
     scale = int(scale_index(np.sqrt(variance + 0.05))) if len(values) else 0

@@ -56,7 +56,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
     """Returns the start of a symbol's probability interval, in units of 2**-24.
 
     Args:
-        symbol: The symbol, from `low` to `high + 1`.
+        symbol: The symbol, from `low` to `high + 1`; `high + 1` stands for the escape code.
         low: First integer with a probability interval, from `window`.
         high: Last integer with a probability interval.
         mean0: Mean of the first component, see `entropy.coder.Mixtures`.

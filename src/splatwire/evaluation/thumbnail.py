@@ -98,7 +98,7 @@ def check_suffix(path: Path) -> None:
 
 
 def _best_side(scene: Scene, size: int) -> Cameras:
-    """Chooses among several cameras around a scene the one whose picture has the most detail."""
+    """Returns the camera whose picture has the most detail, from several cameras around a scene."""
     # Detail is the mean difference of neighbouring pixels, measured in small pictures.
     trials = iterate_views(scene, framing_cameras(scene, SIDES, _TRIAL_PIXELS))
     best = int(np.argmax([_detail(np.asarray(image)) for image in trials]))

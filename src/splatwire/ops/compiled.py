@@ -89,9 +89,10 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 
 def _cached_well(kernel: Any) -> Any:
-    """Compiles a kernel once for all processes.
+    """Changes how a numba kernel caches its machine code, and returns the kernel.
 
-    Changes of a source file or of a constant invalidate the cached code.
+    Of several processes, only one compiles the kernel; the others load the cached code. A change of a source file or of
+    a constant invalidates the cached code.
     """
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
@@ -122,14 +123,14 @@ def _in_turn(kernel: Any) -> Callable[[Any], Any]:
 
 @contextmanager
 def _file_lock(path: Path, kernel: str) -> Iterator[None]:
-    """Keeps a kernel locked during the context, if that is possible.
+    """Context that holds a file lock, so that only one process compiles a kernel.
 
-    The context begins without the lock if the file cannot be opened, if the system has no locks, or if another process
-    keeps the lock longer than `_wait_for` waits. Two processes may then compile the same kernel.
+    The context begins without the lock in three cases: the file cannot be opened, the system has no locks, or another
+    process keeps the lock longer than `_wait_for` waits. Two processes may then compile the same kernel.
 
     Args:
-        path: The lock file; made if it is absent.
-        kernel: Name of the kernel for the log.
+        path: The lock file; created if it is absent.
+        kernel: Name of the kernel, for the log.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -148,10 +149,14 @@ def _file_lock(path: Path, kernel: str) -> Iterator[None]:
 
 
 def _wait_for(handle: int, kernel: str) -> None:
-    """Locks an open file, and waits up to `_TURN_S` seconds while another process holds the lock.
+    """Locks an open file; if another process holds the lock, waits for it for at most `_TURN_S` seconds.
 
-    After a wait that timed out, later calls try only once. A wait that is longer than `_NOTICE_S` is logged, and counts
-    as a compilation.
+    Once a wait has timed out in this process, later calls try to lock only once, without a wait. A wait that is longer
+    than `_NOTICE_S` seconds is logged. During it, `is_compiling` is True.
+
+    Args:
+        handle: File descriptor of the lock file.
+        kernel: Name of the kernel that is to be compiled, for the log.
     """
     waits = not _IN_VAIN.is_set()
     if _lock_within(_NOTICE_S if waits else 0.0, handle) or not waits:
@@ -163,7 +168,15 @@ def _wait_for(handle: int, kernel: str) -> None:
 
 
 def _lock_within(duration_s: float, handle: int) -> bool:
-    """Tries to lock an open file, at least once, and returns False if another process keeps the lock."""
+    """Tries to lock an open file until the time is over; returns False if another process still holds the lock.
+
+    Args:
+        duration_s: Time for further attempts after the first one, seconds.
+        handle: File descriptor of the file.
+
+    Returns:
+        True if the file is locked, or if its file system has no locks.
+    """
     end = time.monotonic() + duration_s
     while True:
         try:
@@ -179,7 +192,11 @@ def _lock_within(duration_s: float, handle: int) -> bool:
 
 
 def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """Wraps the function that loads numba's cache index, to return an empty index if it is unreadable."""
+    """Returns a function that calls `load`, and returns an empty cache index if `load` fails.
+
+    Args:
+        load: Function of numba that reads the index of cached machine code from a file.
+    """
 
     def index() -> dict[Any, str]:
         try:

@@ -10,10 +10,10 @@ Pieces = Callable[[], Iterable[np.ndarray]]
 
 
 def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
-    """Returns the numbers at given positions of the sorted sequence, by radix selection.
+    """Returns the numbers at given positions of a sorted sequence, without sorting it (radix selection).
 
     Args:
-        pieces: Function that yields the numbers; called several times.
+        pieces: Function that yields the unsorted numbers, one array after another; called several times.
         ranks: Positions in the sorted sequence from 0, each below the count of numbers.
 
     Returns:
@@ -44,11 +44,11 @@ def middle_ranks(count: int) -> list[int]:
 
 
 def quantiles(pieces: Pieces, count: int, probabilities: Sequence[float]) -> np.ndarray:
-    """Computes quantiles as `np.quantile`, of numbers that need not fit in memory.
+    """Computes the quantiles of numbers that need not fit in memory; same results as `np.quantile`.
 
     Args:
-        pieces: Function that yields the numbers; called several times.
-        count: Count of the numbers.
+        pieces: Function that yields the numbers, one array after another; called several times.
+        count: Total number of numbers.
         probabilities: The quantiles to compute, from 0 to 1.
 
     Returns:

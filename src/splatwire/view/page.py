@@ -58,6 +58,9 @@ def _origins(host: str) -> tuple[str, ...] | None:
 
 
 def _attributes(cameras: Cameras | None) -> dict[str, str]:
-    """Returns the HTML attributes of the page's viewer element: initial viewpoint, and an open settings panel."""
+    """Returns the HTML attributes of the page's viewer element.
+
+    `panel` opens the settings panel; `viewpoint`, if cameras are given, sets the initial viewpoint.
+    """
     begins = {} if cameras is None else {"viewpoint": viewpoint_attribute(viewpoint_section(cameras))}
     return {"panel": "open", **begins}

@@ -76,7 +76,10 @@ class Relay:
             self._headed.set()
 
     def failure(self) -> str:
-        """Returns why the transfer ended incomplete, or an empty text if the transfer is complete."""
+        """Returns the reason of a transfer that ended before all data was received.
+
+        The text is empty if the transfer is complete or still running.
+        """
         end = self.ending
         wanted = ("complete", "seen", "sent") if self.is_live else ("complete", "seen")
         return "" if end is None or end.reason in wanted else end.reason
@@ -106,9 +109,9 @@ class Relay:
             yield b"".join(pieces[begin:given])
 
     def _is_growing(self, pieces: list[bytes]) -> bool:
-        """True if more data may be appended to a `.swz` file, because its transfer has not ended.
+        """True if more data may be appended to a `.swz` file.
 
-        False once a new file has replaced the file.
+        False if the transfer has ended, or if a later file of the transfer has replaced this one.
 
         Args:
             pieces: Pieces of this file so far, in order.
@@ -135,7 +138,12 @@ class Relay:
                 self.ending = event
 
     async def _begin_file(self, stream_id: int, head: bytes) -> None:
-        """Stores the start of a `.swz` file: header and init segment."""
+        """Begins a new `.swz` file, or replaces the start of the present file.
+
+        Args:
+            stream_id: Id of the stream. The present file continues if it has the same id.
+            head: First bytes of the file: header, manifest and side information.
+        """
         # A live stream gets a new init segment with each group of pictures, which replaces that of its file.
         async with self._changed:
             if stream_id == self._stream_id:

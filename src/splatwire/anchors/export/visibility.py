@@ -90,7 +90,7 @@ def visible_areas(
 
 
 def _blending_weights(gaussians: Gaussians, camera: Cameras, find: FindGradients) -> Float[np.ndarray, "G"]:
-    """Returns the sum of the blending weights of each Gaussian over all pixels of a view.
+    """Returns the sum of each Gaussian's blending weights over all pixels of a view, square pixels.
 
     Args:
         gaussians: The Gaussians.

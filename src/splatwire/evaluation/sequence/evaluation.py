@@ -89,7 +89,10 @@ class SequenceScore:
         return float(self._below(complete).mean())
 
     def _below(self, complete: "SequenceScore") -> np.ndarray:
-        """Returns the loss of PSNR through packet losses for each frame, decibels."""
+        """Returns by how many decibels packet losses lower the PSNR of each frame.
+
+        Frames of the first group of pictures are left out.
+        """
         # Frames with equal PSNR have difference 0, even if the PSNR is infinite.
         own, other = self.psnr[self.later :], complete.psnr[self.later :]
         differ = own != other
@@ -175,7 +178,7 @@ class _ReceivedSequence:
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:
-    """Determines which keyframe Gaussians have arrived when each group of pictures is displayed.
+    """Returns a function that gives the keyframe Gaussians received until a group of pictures is displayed.
 
     Args:
         stream: The complete stream.

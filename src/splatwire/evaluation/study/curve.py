@@ -71,7 +71,8 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
         summaries: Statistics of the results, one for each method and loss.
 
     Returns:
-        The methods; None without a baseline, or if it is the best method.
+        The methods. None if no PSNR was measured, if the evaluation has no baseline, or if the baseline is the best
+        method.
     """
     found = {
         s.row.key: s.figures["psnr"].mean  # type: ignore[union-attr]

@@ -97,7 +97,7 @@ class Row:
     """Row of the result table of an evaluation: a method with packetization and concealment.
 
     Attributes:
-        key: Short identifier by which published figures, and the choice of the baseline, refer to this row.
+        key: Identifier of the row within the evaluation, for example to name the baseline.
         label: Display name in tables.
         packetization: Packetization of the stream; None to use the scene's stream or file without repacking.
         conceal: Name of the concealer.
@@ -139,7 +139,10 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Short name, for file names, of the stream variant that this row uses (packetization and additional data)."""
+        """Name, for use in file names, of the variant of the scene's stream that this row uses.
+
+        Variants differ in packetization and in the additional side information. Rows with equal names share a stream.
+        """
         if self.decoded:
             return f"decoded-{self.key}"
         if self.packetization is None:

@@ -75,7 +75,11 @@ class _Worker:
             self.pipe.send(unit)
 
     def result(self) -> tuple[Unit, str | None, bool]:
-        """Returns the finished task, its error message if any, and whether the worker process is alive."""
+        """Returns the result of the task that the worker has finished, or during which its process died.
+
+        Returns:
+            The task; its error message, or None if the task succeeded; and True if the process is alive.
+        """
         unit, self.unit = self.unit, None
         assert unit is not None
         try:

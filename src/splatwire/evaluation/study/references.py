@@ -85,15 +85,17 @@ def prepare_references(
     study: Study, entry: SceneEntry, background: Background, load_scene: Callable[[], Scene], scene_digest: str,
     store: Store, progress: Progress, *, frames: bool = False,
 ) -> References:  # fmt: skip
-    """Finds the reference photos, or renders the reference images that are not in the store.
+    """Returns the description of a scene's reference images: photos of a dataset, or renders.
+
+    Missing renders are computed and written into the store.
 
     Args:
         study: The evaluation.
         entry: The scene.
         background: RGB of the background.
-        load_scene: Function that loads the scene to render; called only if needed.
-        scene_digest: Digest of the scene to render.
-        store: Store for the images.
+        load_scene: Function that loads the scene to render. It is called only if renders are missing.
+        scene_digest: Digest of the scene to render; part of the folder name of the renders.
+        store: Store for the renders.
         progress: Called with the name of the current task and its finished share, 0 to 1.
         frames: True if the references are the frames of a sequence, one for each camera.
 

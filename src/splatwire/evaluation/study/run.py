@@ -177,7 +177,10 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Selects one task for each scene and loss. The report shows the views with the lowest PSNR in these tasks."""
+    """Returns one task for each scene and loss, from which the report's views are chosen later.
+
+    The report shows views with the lowest PSNR in these tasks.
+    """
     # A task of the baseline, or of the first row with losses if there is no baseline.
     judges = []
     for scene in dict.fromkeys(cell.scene for cell in cells):
@@ -201,9 +204,10 @@ def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> Report
     Args:
         study: Definition of the evaluation.
         store: Store with the records of the tasks.
-        judges: Tasks of the scene, one of which provides the pictures.
+        judges: Candidate tasks of the scene, one for each loss. The report shows the loss and the views of the
+            candidate with the lowest mean PSNR.
     """
-    # Those of the task with the lowest mean PSNR, and the views with its lowest PSNR, to show the effect of losses.
+    # The views with the lowest PSNR of this task are chosen, to show the effect of losses.
 
     def level(cell: Cell) -> float:
         values = [r.psnr for r in store.records(cell.unit.key) if r.psnr is not None and math.isfinite(r.psnr)]

@@ -72,11 +72,11 @@ def concealed_pictures(
     stream: SceneStream, mask: PacketLossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
     cameras: Cameras, chosen: Sequence[int], renderer: str,
 ) -> Iterator[Picture]:  # fmt: skip
-    """Simulates and conceals packet losses in a sequence, and renders the selected frames with one camera each.
+    """Yields renders of a sequence after simulated and concealed packet losses, one for each selected frame.
 
     Args:
         stream: The complete stream.
-        mask: Mask of packets that arrive at the first attempt; None if all do.
+        mask: Mask of packets that arrive at the first attempt (packets may be sent again); None without loss.
         loss: The loss; None without loss.
         seed: Seed of the loss.
         concealer: Concealer of lost motion data.

@@ -135,7 +135,9 @@ class _Sender:
         self.now, self.sent_bytes = 0.0, 0
 
     def plan(self, viewpoint: Viewpoint | None, reported: float | None) -> None:
-        """Queues the packets of the tiles that a viewpoint needs.
+        """Replaces the queue by the unsent packets of the tiles that a viewpoint needs.
+
+        Packets count as unsent again if the report shows that they were lost.
 
         Args:
             viewpoint: Reported viewpoint of the receiver; None before the first report.

@@ -99,7 +99,7 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time in seconds after which all pictures have nearly their final quality.
+    """Returns the time in seconds from which on all pictures have nearly the quality of the complete scene.
 
     Args:
         moments: Quality of the pictures at several times, ascending by time.
