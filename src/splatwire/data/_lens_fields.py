@@ -109,7 +109,9 @@ def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
-    """True if the vertical angle of view is probably that of Blender's sensor, whose shape differs from the picture's.
+    """True if the angles of view of a camera probably belong to Blender's sensor, not to the picture.
+
+    The sensor has another aspect ratio than the picture; its vertical angle is then to be ignored.
 
     Args:
         values: Fields of the camera; angles in radians.

@@ -116,7 +116,7 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
 
     Args:
         path: The file, for messages.
-        views: Its content, one JSON object for each view.
+        views: Content of the file, one JSON object for each view.
     """
     if not views:
         raise DatasetError(f"{path}: has no views")

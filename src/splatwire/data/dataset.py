@@ -48,7 +48,7 @@ class Dataset(CheckedFields):
         points: Sparse points of the reconstruction, if there are any.
         background: RGB visible where a photo's alpha is below 1.
         mask_paths: Mask file of each view, or None for a view without mask; empty if no view has a mask.
-        undistortions: Undistortion of each view, or None for pinhole views; empty if there are no other views.
+        undistortions: Undistortion of each view, or None for a pinhole view; empty if all views are pinhole views.
         upright: True if photos must be rotated by their EXIF orientation to fit the cameras.
     """
 
@@ -379,7 +379,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by name without suffix, both in exact and in lower case."""
+    """Returns the files of a folder by name without suffix; each file has two keys, one of them in lower case."""
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 

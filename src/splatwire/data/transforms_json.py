@@ -285,15 +285,16 @@ def _pixel_fields(values: dict[str, Any]) -> list[str]:
 
 
 def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
-    """Returns the full-size photo of a view, to scale intrinsics that are given in pixels.
+    """Returns the path of the full-size photo of a view.
 
-    The photo is needed if smaller copies of the photos are read, and the transforms file does not state the image size.
+    If smaller copies of the photos are read, intrinsics in pixels must be scaled. This needs the size of the full-size
+    photo, unless the transforms file states it.
 
     Args:
         path: The transforms file, for the message.
         name: Name of the view in the folder that is read.
-        full: Name of the photo in the transforms file.
-        values: Fields of the view.
+        full: Path of the full-size photo, as written in the transforms file.
+        values: Fields of the view in the transforms file, for the message.
 
     Raises:
         DatasetError: If the photo is missing, so that its size is unknown.
@@ -385,7 +386,16 @@ def _with_intrinsics(path: Path, name: str, fields: dict[str, Any]) -> dict[str,
 
 
 def _matrix_terms(path: Path, name: str, key: str, value: object) -> dict[str, float]:
-    """Returns the intrinsics in a list of 3 x 3, 4 x 4 or 9 numbers.
+    """Reads the intrinsics of a view from a matrix: 3 x 3 or 4 x 4 nested lists, or a list of 9 numbers.
+
+    Args:
+        path: The transforms file, for messages.
+        name: Name of the view, for messages.
+        key: Name of the field with the matrix, for messages.
+        value: Value of the field.
+
+    Returns:
+        The intrinsics `fl_x`, `fl_y`, `cx` and `cy` by name, pixels.
 
     Raises:
         DatasetError: If it is another value, or not the matrix of a pinhole camera without skew.

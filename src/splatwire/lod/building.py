@@ -81,9 +81,10 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
-    """Returns for each tile of each level of detail the index of its first Gaussian, coarsest level first.
+    """Returns the boundaries of the tiles of each level of detail, coarsest level first.
 
-    Tiles of all levels are ranges of the same sorted Gaussians, those of the finest level; the indices count these.
+    A tile of any level covers a range of the sorted Gaussians of the finest level. A boundary is the index of the first
+    Gaussian of this range. The last boundary of each level is the number of Gaussians of the finest level.
     """
     bounds, edges = [shapes[0].edges], np.arange(shapes[0].num_tiles + 1)
     for finer, shape in itertools.pairwise(shapes):
@@ -94,11 +95,17 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
 
 
 def _replacements(splats: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Chooses for each tile of a level the number of Gaussians that represent it in the next coarser level.
+    """Chooses how many Gaussians represent each tile of a level of detail in the next coarser level.
+
+    Args:
+        splats: Gaussians of the finer level.
+        finer: Sizes of the finer level and its tiles.
+        shape: Sizes of the next coarser level and its tiles.
 
     Yields:
-        For each tile: index of the coarser tile that contains it; index of the tile itself; number of Gaussians that
-        represent it; and area times opacity of each Gaussian of the tile itself.
+        Four values for each tile of the finer level: index of the coarser tile that contains the tile; index of the
+        tile; number of Gaussians that represent the tile in the coarser level; and area times opacity of each of the
+        tile's own Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):

@@ -138,7 +138,7 @@ def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]
 
     Args:
         leaves: For each leaf, the Gaussians of each level.
-        files: Index of one file for each level. It contains the Gaussians of this level, of all `leaves`.
+        files: For each level, index of the file that contains the Gaussians of this level of all `leaves`.
     """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:

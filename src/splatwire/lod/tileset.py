@@ -118,12 +118,12 @@ def write_tileset(
 
 
 def explicit_scene(scene: Scene, holder: str) -> SplatScene:
-    """Prepares a scene for a format that stores Gaussians only: removes invisible and invalid Gaussians.
+    """Returns a scene of explicit Gaussians without the invisible and invalid ones, for writing to a file.
 
     Args:
         scene: The scene to write.
-        holder: Start of the error message for scenes with anchors: name of the output format and the verb, such as "3D
-            Tiles hold".
+        holder: Beginning of the error message for scenes of anchors, such as "3D Tiles hold". It names the output
+            format, and " explicit Gaussians" follows.
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.

@@ -309,12 +309,13 @@ class _Plan:
         return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns a plan for fine-tuning, with attribute precision between `quality` and this plan.
+        """Returns this plan with the precision of each attribute that suits fine-tuning.
 
-        This plan's precision is the one measured to be best without fine-tuning. The result is the mean of both.
+        It is the mean of two precisions: that of this plan, which was measured as the best one without fine-tuning, and
+        that of `quality`, from which the measurement started.
 
         Args:
-            quality: Quality setting with the precision of attributes before the change.
+            quality: Quality setting from which the precision was measured.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -551,8 +552,8 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if the search varied the number of Gaussians, because no quantisation level gave an accepted value with
-            all Gaussians.
+            True if no quantisation level gave an accepted value, so that different shares of kept Gaussians were tried,
+            too; else False.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -578,7 +579,7 @@ class _Trials:
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: Stream from which the search starts, after its measured value: (value, stream).
+            known: Pair of the measured value of a stream, and this stream, from which the search starts.
             slope: Expected increase of the measured value if the quantisation level increases by 1. The function
                 derives the increase per share from it.
         """

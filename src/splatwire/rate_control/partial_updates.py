@@ -38,7 +38,7 @@ the whole scene is sent again: lattice, quantisation steps and context tables no
 
 
 def changes(before: Splats, after: Splats) -> Float[np.ndarray, "G"]:
-    """Measures how much each Gaussian has changed in a training.
+    """Returns how much each Gaussian has changed in a training, as a number without unit; 0 for no change.
 
     Args:
         before: Gaussians before the change.
@@ -208,7 +208,9 @@ def _changed(at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: 
 def _by_change(
     at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray, num_views: int
 ) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of all drawable Gaussians, largest change of the pictures first.
+    """Sorts the drawable Gaussians by how much their change is visible in rendered pictures; returns their indices.
+
+    The largest change comes first. Gaussians outside of all pictures come last.
 
     Args:
         at_receivers: Versions of the Gaussians that the receivers have.

@@ -48,8 +48,8 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Sets of views with pictures of the source, each after its weight. Empty for scenes with more than `PART`
-            Gaussians, which are measured part by part.
+        sets: Pairs of a weight and a set of views with pictures of the complete scene. Empty for large scenes (more
+            than `PART` Gaussians) without given cameras; their parts are measured one after another.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
@@ -71,10 +71,10 @@ class RemovalViews:
         return RemovalViews(((1.0, around), (CLOSEUP_WEIGHT, close)))
 
     def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
-        """Estimates how much the mean squared image error of a pruned scene grows without each single Gaussian.
+        """Estimates the growth of the mean squared image error if a single Gaussian is removed, for each Gaussian.
 
         Args:
-            pruned: The remaining Gaussians, possibly fine-tuned.
+            pruned: The pruned scene, possibly fine-tuned.
         """
         # A removal that reduces the error counts as if the scene were complete: such a correction of the measured views
         # makes others worse. With it, guitar lost 2 dB at a quarter of its Gaussians.

@@ -1,4 +1,4 @@
-"""Choice of how finely each attribute of the Gaussians is quantised, by measurements in one scene."""
+"""Choice of the quantisation precision of each attribute of the Gaussians, by measurements in the encoded scene."""
 
 # The fixed ratios of quantisation steps in `splatwire.codec.gaussians.quality` suit an average scene.
 
@@ -90,7 +90,7 @@ def measured_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns the rounding errors of a single attribute, with the errors of all other attributes set to 0.
+    """Returns the rounding errors with only one attribute's errors kept, and those of all others set to none.
 
     Args:
         offsets: Rounding errors of all attributes.

@@ -221,7 +221,13 @@ class Patience:
         return (self._path, self._signature) == (path, signature)
 
     def record_failure(self, path: Path, signature: Signature | None, now: float) -> None:
-        """Records that a frame file could not be read in its current state."""
+        """Records a failed attempt to read a frame file.
+
+        Args:
+            path: The file.
+            signature: State of the file at this attempt (`signature_at`).
+            now: Time of the attempt, seconds.
+        """
         self._first = self._first if self._path == path else now
         self._path, self._signature, self._changed = path, signature, now
 
@@ -285,11 +291,14 @@ class Backlog:
 
 
 def signature_of(path: Path, status: os.stat_result) -> Signature:
-    """Returns three numbers that change when a file or folder changes: modification time, size and inode.
+    """Returns the signature of a file or folder: three numbers, at least one of which changes with the content.
+
+    The numbers are modification time (nanoseconds), size (bytes) and inode. For a folder, the time is the newest one of
+    the folder and its files, and the size is the total size of these files.
 
     Args:
         path: The file or folder.
-        status: Its status, as returned by `os.stat`.
+        status: Status of the file or folder, as returned by `os.stat`.
 
     Raises:
         OSError: If the folder cannot be read.
@@ -304,7 +313,7 @@ def signature_of(path: Path, status: os.stat_result) -> Signature:
 
 
 def signature_at(path: Path) -> Signature | None:
-    """Returns three numbers that change when a file changes; None if the file does not exist."""
+    """Returns the signature of a file or folder (`signature_of`); None if the path is missing or cannot be read."""
     try:
         return signature_of(path, path.stat())
     except (OSError, ValueError):

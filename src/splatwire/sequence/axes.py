@@ -15,12 +15,17 @@ _ORDERS = np.array(list(itertools.permutations(range(3))))
 def continue_axes(
     previous: Splats, current: Splats, partner: np.ndarray
 ) -> tuple[Float[np.ndarray, "M 4"], Float[np.ndarray, "M 3"]]:
-    """Chooses the equivalent axis order and signs of each Gaussian that are closest to the previous frame.
+    """Returns rotations and scales with axes in the order and with the signs closest to the previous frame.
+
+    Several rotations and orders of scales describe the same Gaussian; the Gaussians themselves do not change.
 
     Args:
         previous: Previous frame.
         current: Current frame with M Gaussians.
         partner: Index of each Gaussian in the previous frame, int64 (M); -1 for a new Gaussian.
+
+    Returns:
+        Quaternions and scales of the current Gaussians; those of new Gaussians are unchanged.
     """
     quats, scales = current.quats.copy(), current.scales.copy()
     rows = np.flatnonzero(partner >= 0)

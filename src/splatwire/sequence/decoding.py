@@ -56,8 +56,8 @@ def decode_frames(
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode.
-        available: Function that returns which keyframe Gaussians have arrived by the time that a group of pictures
-            (given by its index) is decoded, bool (T); None for all received ones.
+        available: Function from the index of a group of pictures to a mask, bool (T). The mask has the keyframe
+            Gaussians that have arrived when the group is decoded. None for all received ones.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.
@@ -208,7 +208,7 @@ def covering_gains(
         available: Mask of available keyframe Gaussians, bool (T).
         group: Index of the group of pictures.
         poses: Motion of the drawn tracks in the group.
-        hidden: Motion of the tracks that the concealer hides.
+        hidden: Motion of the tracks that the concealer (method for replacing lost data) does not draw.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.

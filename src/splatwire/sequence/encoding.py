@@ -242,12 +242,14 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes the buffered frames at the start of a sequence as groups of one frame, if most are scene cuts.
+        """Encodes the buffered frames at the start of a sequence, and all later frames, as groups of one frame.
+
+        The caller has found that many of the buffered frames are scene cuts.
 
         Args:
             group: Tracks of the buffered frames.
             frames: The buffered frames at the start of the sequence.
-            scenes: Indices of the frames that are scene cuts, for a warning.
+            scenes: Indices of the buffered frames in which a new scene begins (scene cuts).
             classes: Precision class of each track (its set of quantisation steps), (n).
         """
         self._options = replace(self._options, group_frames=1)
@@ -263,15 +265,18 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses, by rendering, the precision class of each track in a group of pictures.
+        """Chooses the precision class (set of quantisation steps) of each track in a group of pictures.
+
+        Tracks that begin at or after a scene cut are measured by rendering. In the first group, classes that are
+        already known are used instead if they cover most tracks.
 
         Args:
             group: Tracks of the group.
-            scenes: Indices of the frames of the group that are scene cuts.
+            scenes: Indices of the frames of the group in which a new scene begins (scene cuts).
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track; None if nothing was rendered.
+            Precision class of each track; None without a scene cut, and in later groups of a live sequence.
         """
         if not scenes or (self._live and self._groups):  # too slow for a live sequence
             return None
@@ -308,7 +313,7 @@ class SequenceEncoder:
         return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _finish_deferred_work(self) -> None:
-        """Performs the work that was deferred to send the packets of a group earlier."""
+        """Performs work on the last group that was deferred so that its packets could be sent earlier."""
         ball = None if self._last is None else bounding_sphere(self._last)
         self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
         self._warn_of_changing_harmonics()

@@ -62,7 +62,11 @@ class GroupBuilder:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
-        """Returns the track index of each key of the latest frame; a key that is new begins a track."""
+        """Returns the index of the track of each Gaussian of the latest frame, and begins tracks for new keys.
+
+        Args:
+            keys: Track key of each Gaussian of the frame.
+        """
         by, number = self._by, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
         known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)

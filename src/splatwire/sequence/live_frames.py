@@ -16,7 +16,7 @@ LOG = logging.getLogger(__name__)
 class LiveFrames:
     """Decodes a live stream during reception, and writes one file per frame.
 
-    If this is slower than the stream for minutes, packets are dropped, and a warning is logged.
+    If decoding and writing are slower than the stream for minutes, packets are dropped, and a warning is logged.
 
     Args:
         path: Output path. If it is a folder, frames are written into it. If it is a stream file, no frames are written.

@@ -140,7 +140,11 @@ class LiveIngest:
         return None
 
     def _remove_first(self, signature: Signature | None) -> None:
-        """Removes the first file from the queue and marks the file as read."""
+        """Removes the first file from the queue and marks the file as read.
+
+        Args:
+            signature: State of the file when it was read (`signature_of`); None to ignore it until it is removed.
+        """
         self._patience.clear()
         self._source.mark_read(self._waiting.popleft(), signature)
 
@@ -199,7 +203,11 @@ def _has_valid_rows(frame: Frame) -> bool:
 
 
 def _described(kind: tuple[int, bool]) -> str:
-    """Describes the degree of harmonics and the antialiasing flag of a frame, for error messages."""
+    """Returns a text for error messages about the properties in which all frames must agree.
+
+    Args:
+        kind: Degree of the spherical harmonics, and the antialiasing flag.
+    """
     degree, antialiased = kind
     return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
 

@@ -115,7 +115,9 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
 
 
 def aligned(previous: Splats, current: Splats, partner: np.ndarray) -> Splats:
-    """Chooses the equivalent axis order and signs of each Gaussian that are closest to the previous frame.
+    """Returns the Gaussians of a frame with axes in the order and with the signs closest to the previous frame.
+
+    Several rotations and orders of scales describe the same Gaussian; the Gaussians themselves do not change.
 
     Args:
         previous: Previous frame.
@@ -238,7 +240,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns the divisor that normalises distances: 1.5 times their median."""
+    """Returns 1.5 times the median of some distances, by which they are divided for comparison; always above 0."""
     # Above 0 even if all distances are 0, because they are divided by it.
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 

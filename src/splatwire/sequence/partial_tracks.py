@@ -174,7 +174,7 @@ def extrapolate_partial_tracks(
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
-        known: Neighbours that were found before for some of these Gaussians.
+        known: Neighbours that were already found for some of the tracks; may be empty.
         sample: Sample of tracks for testing if most tracks move like their neighbours; None to choose the sample here.
 
     Returns:

@@ -15,7 +15,9 @@ class WaitingEvents:
     """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
     It contains packets and manifests with side information, because the decoder uses no other events. If it is full,
-    packets are dropped. Of manifests between which no packet waits, only the newest is kept.
+    packets are dropped. A new manifest
+    replaces the manifest of the same stream that it would directly follow in the queue. In a full queue, it replaces
+    that of another stream, too.
     """
 
     def __init__(self) -> None:
@@ -64,7 +66,13 @@ class WaitingEvents:
 
 
 def _replaces(event: Event, last: Event, is_full: bool) -> bool:
-    """True if an event has a newer manifest than the last queued event and makes that event obsolete."""
+    """True if a new event replaces the last event in the queue: both have a manifest, and the new one suffices.
+
+    Args:
+        event: The new event.
+        last: The last event in the queue.
+        is_full: True if the queue is full.
+    """
     # The last manifest of another stream declares its last frames, and is only left out if the queue is full.
     if not isinstance(event, SideInfoArrived) or not isinstance(last, SideInfoArrived):
         return False

@@ -57,7 +57,7 @@ def write_frames(
 ) -> dict[str, Any]:  # fmt: skip
     """Decodes a sequence and writes one file per frame, or a single frame.
 
-    Returns counts for a summary.
+    Returns numbers of frames, tracks, lost tracks and concealed Gaussians by name, such as `num_frames`.
 
     Args:
         stream: The sequence; packets may be missing.

@@ -138,7 +138,10 @@ class AnchorScene:
         return self.anchors.num_anchors
 
     def select(self, index: Any) -> "AnchorScene":
-        """Returns the scene with only the anchors at `index` (integers or mask), without `hints`."""
+        """Returns the scene with only the anchors at `index` (integers or mask).
+
+        Removes `hints`, the results of loss concealment.
+        """
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
     def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":

@@ -72,7 +72,7 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
 
 
 def choose_origin_of_small(means: np.ndarray) -> Origin:
-    """Returns an origin for positions that are more precise than float32 if the scene is small and far from 0.
+    """Returns the origin to subtract from float64 positions if the scene is small and far from 0.
 
     Args:
         means: World coordinates, float64 (N, 3); rows that are not finite are ignored.
@@ -90,7 +90,15 @@ def choose_origin_of_small(means: np.ndarray) -> Origin:
 
 
 def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | None:
-    """Returns median, its distance from 0, and spread of positions; None if no position is finite."""
+    """Returns where positions are and how far they extend; None if no position is finite.
+
+    Args:
+        means: World coordinates, float (N, 3).
+
+    Returns:
+        The median position; the largest absolute coordinate of the median; and the largest extent along an axis without
+        outliers (spread).
+    """
     some = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
     some = some[np.isfinite(some).all(axis=1)]
     if not len(some):
@@ -101,15 +109,25 @@ def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | N
 
 
 def _is_far_and_small(far: float, spread: float) -> bool:
-    """True if float32 would round the positions of a scene visibly; a spread of 0 says nothing about its size."""
+    """True if float32 would visibly round the positions of a scene.
+
+    Args:
+        far: Largest absolute coordinate of the median position.
+        spread: Largest extent along an axis, in the same unit. If it is 0, the size of the scene is unknown, and the
+            result is False.
+    """
     return 0 < _PRECISE_RATIO * spread < far
 
 
 def _rounded(middle: np.ndarray, spread: float) -> Origin:
-    """Rounds the median of positions to an origin.
+    """Returns an origin near the median of positions, rounded to a step much smaller than the scene.
+
+    Args:
+        middle: The median position.
+        spread: Largest extent of the scene along an axis, in the same unit; 0 if unknown.
 
     Raises:
-        InvalidValueError: If it is farther from 0 than an origin may be.
+        InvalidValueError: If the median is farther from 0 than an origin may be.
     """
     far = float(np.abs(middle).max())
     if far > _MAX_COORDINATE:
@@ -146,7 +164,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Returns the distance of positions from an origin if the distance is too large for float32, else None.
+    """Detects a declared origin so far from the positions that float32 differences are imprecise.
 
     Args:
         origin: The origin that a file declares.

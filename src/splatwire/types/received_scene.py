@@ -72,8 +72,9 @@ class Copies(CheckedFields):
     Attributes:
         indices: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Three strengths of the concealment of lost Gaussians without a copy, chosen by the sender: enlargement
-            of their neighbours, increase of the opacity, and correction by the network of the concealer `scene_free`.
+        growth: Three strengths, chosen by the sender, with which lost Gaussians without a copy are concealed:
+            enlargement of their neighbours; increase of the opacity of these neighbours; and correction by the network
+            of the concealer `scene_free`.
     """
 
     indices: Int64[np.ndarray, "C"]

@@ -126,7 +126,7 @@ class Scene(Protocol):
         """Scene statistics for display, by name."""
 
     def select(self: Own, index: np.ndarray) -> Own:
-        """Returns the scene with only the elements at `index`, without `hints`."""
+        """Returns the scene with only the elements at `index`. Removes `hints`, the results of loss concealment."""
 
     def with_elements(self: Own, elements: Any, hints: RenderHints | None = None) -> Own:
         """Returns the scene with its elements replaced.

@@ -192,7 +192,7 @@ class SequenceScene:
         )
 
     def select(self, index: np.ndarray) -> "SequenceScene":
-        """Returns the sequence itself, because its tracks cannot be selected."""
+        """Returns the complete sequence for any index, because selecting tracks of a sequence is not supported."""
         # Motion refers to tracks by index.
         return self
 

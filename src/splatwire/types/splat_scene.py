@@ -110,7 +110,10 @@ class SplatScene:
         return self.splats.num_gaussians
 
     def select(self: Own, index: Any) -> Own:
-        """Returns the scene with only the Gaussians at `index` (integers, mask or slice), without `hints`."""
+        """Returns the scene with only the Gaussians at `index` (integers, mask or slice).
+
+        Removes `hints`, the results of loss concealment.
+        """
         index = indices_of(index, self.num_elements)
         coding = None if self.coding is None else self.coding.select(index)
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)

@@ -102,7 +102,8 @@ class Splats:
     def with_unit_quats(self) -> "Splats":
         """Returns the Gaussians with quaternions of length 1.
 
-        Quaternions of length 0 or with invalid values are not changed, nor are those that differ by rounding only.
+        Quaternions of length 0 or with invalid values are not changed. If all other quaternions have length 1 within
+        rounding, the Gaussians are returned unchanged.
         """
         if all(_are_unit(self.quats[begin : begin + ROWS]) for begin in range(0, self.num_gaussians, ROWS)):
             return self
@@ -178,7 +179,10 @@ class Splats:
 
 
 def _are_unit(quats: Float[np.ndarray, "G 4"]) -> bool:
-    """True if all quaternions with a length have the length 1, within the rounding of float16."""
+    """True if all quaternions have length 1, within the rounding of float16.
+
+    Quaternions of length 0 and quaternions with values that are not finite are ignored.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.einsum("gi,gi->g", quats, quats, dtype=np.float64, casting="safe")
         return not (np.abs(squares - 1) > _ROUNDING)[np.isfinite(squares) & (squares > 0)].any()

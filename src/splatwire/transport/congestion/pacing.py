@@ -210,7 +210,12 @@ class RateControl:
         self.rate = min(wanted, self._most)
 
     def _end_round(self, done: _Round, now: float) -> None:
-        """Adapts congestion window or sending rate at the end of a control round (about one round trip)."""
+        """Adapts congestion window or sending rate at the end of a control round (about one round trip).
+
+        Args:
+            done: Feedback of the control round that has ended.
+            now: Time, seconds.
+        """
         assert self.round_trip is not None
         length = max(now - done.began, 1e-3)
         arrived = done.arrived_bytes / max(done.seconds, 1e-3)
@@ -262,7 +267,12 @@ class RateControl:
         self._pause = _RateReduction(kind, now + seconds, self.window.bytes, rate, before or LossCounter())
 
     def _reduce(self, done: _Round, now: float) -> None:
-        """Reduces the window after congestion, at most once per round trip."""
+        """Reduces the congestion window after congestion, at most once per round trip.
+
+        Args:
+            done: Feedback of the control round that has ended.
+            now: Time, seconds.
+        """
         # Further losses in the same round trip belong to the same congestion event.
         if done.began < self._hold_until:
             return

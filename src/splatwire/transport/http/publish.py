@@ -130,7 +130,7 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Renames HTML attributes of a preview element for use on the viewer element."""
+    """Converts the HTML attributes of a preview to those of the viewer element: renames `data` to `preview`."""
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 
@@ -145,10 +145,13 @@ def _link_preview(name: str, url: str | None, page: str, picture: str | None) ->
 
 
 def _header_rules(engine: str) -> dict[str, dict[str, str]]:
-    """Returns the HTTP response headers of a static site: header values by name, for each URL pattern.
+    """Returns the HTTP response headers that a web host must send for a static site.
 
     Args:
-        engine: Folder with the scripts and style sheets of the player.
+        engine: Name of the folder with the scripts and style sheets of the player.
+
+    Returns:
+        For each URL pattern, the header values by header name.
     """
     shared = {"Access-Control-Allow-Origin": "*", "Cross-Origin-Resource-Policy": "cross-origin"}
     return {
@@ -168,7 +171,11 @@ def _header_rules(engine: str) -> dict[str, dict[str, str]]:
 
 
 def _netlify_headers(engine: str) -> str:
-    """Returns the file `_headers`, from which Netlify and Cloudflare Pages take the HTTP headers of a site."""
+    """Returns the text of the file `_headers`, which sets the HTTP headers of a site at Netlify and Cloudflare Pages.
+
+    Args:
+        engine: Name of the folder with the scripts and style sheets of the player.
+    """
     blocks = [
         "\n".join([path, *(f"  {key}: {value}" for key, value in rule.items())])
         for path, rule in _header_rules(engine).items()
@@ -177,7 +184,11 @@ def _netlify_headers(engine: str) -> str:
 
 
 def _vercel_headers(engine: str) -> str:
-    """Returns the file `vercel.json`, from which Vercel takes the HTTP headers of a site."""
+    """Returns the text of the file `vercel.json`, from which the web host Vercel takes the HTTP headers of a site.
+
+    Args:
+        engine: Name of the folder with the scripts and style sheets of the player.
+    """
     rules = [
         {
             "source": re.escape(path).replace(r"\*", "(.*)").replace(r"\.", ".").replace(r"\-", "-"),

@@ -76,7 +76,8 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
     Args:
         address: Address of the relay; the last part of `address.name` is the scene's name.
         trust: Accepted certificates of the relay.
-        **origins: Further keyword arguments of `moq.Client`.
+        **origins: Further keyword arguments of `moq.Client`, such as the origin (set of broadcasts) to publish.
+            With any of them, the client reconnects.
 
     Raises:
         InvalidValueError: If no session can be opened.

@@ -50,7 +50,7 @@ class BrokenOffError(BitstreamError):
 
 
 def _records(data: bytes) -> Iterator[bytes]:
-    """Divides data into records, each preceded by the record size."""
+    """Yields the records in data that contain the size of each record before the record; skips a truncated last one."""
     at = 0
     while at + RECORD_PREFIX.size <= len(data):
         (size,) = RECORD_PREFIX.unpack_from(data, at)

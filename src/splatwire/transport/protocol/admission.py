@@ -90,7 +90,13 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Returns the IP prefix with the most connections, and their number; None if there are no connections."""
+    """Returns the IP prefix with the most connections, and their number; None if there are no such connections.
+
+    Args:
+        held: Number of connections per network.
+        within: Prefixes that a network must start with to be counted.
+        depth: Number of nested prefixes by which networks are grouped.
+    """
     counts: Counter[Network] = Counter()
     for network, count in held.items():
         if network[: len(within)] == within:

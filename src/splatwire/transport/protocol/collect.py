@@ -204,14 +204,14 @@ class PacketCollector:
         return self._intake
 
     def open(self, manifest: Manifest, bundled: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
-        """Checks the packets that arrived before the manifest, now that the manifest is known.
+        """Processes a new manifest: checks and stores the packets that had to wait for the manifest.
 
         Args:
             manifest: Manifest of the stream.
             bundled: Packets bundled in the init segment.
 
         Returns:
-            The filter that checks packets against the manifest; and the packets that it has accepted so far.
+            The filter that checks packets against the manifest; and the packets that this call has accepted.
         """
         if self._intake is None:
             self._intake = PacketIntake(manifest)
@@ -318,7 +318,14 @@ class PacketCollector:
             self._members.get(member[0], {}).pop(member[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
-        """Recovers the lost packets of a parity group if enough repair symbols have been received."""
+        """Recovers the lost packets of a parity group if enough repair symbols have been received.
+
+        Args:
+            number: Index of the parity group.
+
+        Returns:
+            The recovered packets that the manifest lists; empty if none can be recovered.
+        """
         group, repair = self._finder.group(number), self._repair.get(number, {})
         members = self._members.setdefault(number, {})
         if not repair or len(members) == group.size or len(members) + len(repair) < group.size:

@@ -74,9 +74,12 @@ class ReceiveState:
         return True
 
     def _is_for_next_state(self, frame: Data) -> bool:
-        """Stores the packet of a datagram that belongs to a later state of the live stream.
+        """Returns True if a datagram belongs to a state of the live stream that the server has not yet declared.
 
-        Returns True for such a datagram.
+        Such a datagram is stored until the server declares the state, unless too many are stored already.
+
+        Args:
+            frame: Datagram with a packet.
         """
         welcome = self._welcome
         if welcome is None or not welcome.is_live:

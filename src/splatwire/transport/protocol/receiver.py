@@ -253,7 +253,16 @@ class Receiver(ReceiveState):
         return [], []
 
     def _on_refusal(self, greeting: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
-        """Handles the server's refusal of a request: schedules a retry, or ends the transfer."""
+        """Handles the server's refusal of a request: schedules a retry, or ends the transfer.
+
+        Args:
+            greeting: Connection attempt that was refused.
+            reason: Reason of the server, as an index into `REFUSALS`.
+            now: Time, seconds.
+
+        Returns:
+            Datagrams to send, and events.
+        """
         if reason == NOT_YET:
             self._asking_since = now
             greeting.refused(now, RETRY_S if now - self._began < SOON_S else WAIT_S)

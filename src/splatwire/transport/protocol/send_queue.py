@@ -53,11 +53,11 @@ class ViewUpdateBudget:
 
 
 class SentLog:
-    """Remembers which packet was in each recently sent datagram, for NACKs that contain sequence numbers.
+    """Log of the packet in each recently sent datagram, for NACKs that contain sequence numbers.
 
     Args:
-        noted: True if NACKs of the receiver contain sequence numbers, so that sent datagrams are logged; False if they
-            contain packet indices and no log is needed.
+        noted: True to log sent datagrams, because NACKs of the receiver contain sequence numbers. False if they contain
+            packet indices, which need no log.
     """
 
     def __init__(self, noted: bool) -> None:
@@ -101,7 +101,7 @@ class SendQueue:
         reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        head_left: True if the last datagram taken from the queue has completed the init segment.
+        head_left: True if the datagram last taken from the queue is the last one of the init segment.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
@@ -184,7 +184,7 @@ class SendQueue:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram that declares the new sizes of the stream.
-            known: Number of packets before the stream has grown.
+            known: Number of packets of the stream before the growth; 0 if the queue restarts with a different stream.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams

@@ -50,7 +50,7 @@ def _packet_times(present: Sequence[int], tier_overlap: float | int) -> list[flo
     """Returns when each packet is sent, as a fraction of the whole transfer, 0 to 1.
 
     Args:
-        present: Number of packets of each importance tier.
+        present: Number of packets to send of each importance tier (packets of similar importance).
         tier_overlap: Overlap of the tiers in time, 0 to 1.
     """
     num_packets, first, times = max(sum(present), 1), 0, list[float]()

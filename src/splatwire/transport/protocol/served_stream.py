@@ -180,8 +180,8 @@ class ServedStream:
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
-            group: Number of the parity group of a repair symbol.
-            symbol: Index of the packet in sending order, or number of the repair symbol.
+            group: For a repair symbol, index of its parity group; ignored for a packet.
+            symbol: For a packet, index in sending order; for a repair symbol, index in its parity group.
         """
         if kind == PARITY:
             return group < len(self.parity) and symbol < len(self.parity[group])

@@ -122,7 +122,7 @@ class ServerTransfer:
         """Raises this client's byte limit after growth of a live stream.
 
         Args:
-            known: Number of packets before the stream grew.
+            known: Number of packets of the stream before the growth.
         """
         known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.bundled : known])
         self._most_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
@@ -157,7 +157,9 @@ class ServerTransfer:
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """True if the server may respond to the client's request now; counts the responses.
+        """Returns True if the server may now send the response that accepts the client's request (welcome).
+
+        True also counts as a sent response, and their number and frequency are limited.
 
         Args:
             now: Time, seconds.

@@ -190,7 +190,7 @@ class QuicServer(SocketServer):
 
         Args:
             network: Network of the new connection.
-            newcomer: The new connection, if it has already started.
+            newcomer: The new connection, which is never chosen, if it is already counted; None if it is not.
 
         Returns:
             Connection to close, or None to refuse the new one.
