@@ -136,7 +136,9 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns text for messages that names the package of an entry, ` of PACKAGE`; empty for entries of splatwire.
+        """Returns the words ` of PACKAGE` for messages about an entry; empty for an entry of splatwire.
+
+        PACKAGE is the installed package that registered the entry.
 
         Args:
             name: Name of the entry.
@@ -174,7 +176,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the package of an entry point has registered the entry with the entry point's name."""
+        """True if the registered entry with an entry point's name comes from the package of this entry point."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 
@@ -200,11 +202,13 @@ def _is_own(point: "EntryPoint") -> bool:
 
 @functools.cache
 def _entry_points(group: str, path: tuple[str, ...]) -> tuple["EntryPoint", ...]:
-    """Returns the entry points of a group; repeated calls with the same arguments return a cached result.
+    """Returns the entry points of a group that installed packages declare.
+
+    The result is cached for each group and import path.
 
     Args:
         group: Name of the group.
-        path: Import path (`sys.path`). It only identifies the cached result: a new path needs a new search.
+        path: Import path (`sys.path`); only a key of the cache, so that a changed path leads to a new search.
     """
     from importlib.metadata import entry_points  # slow import: a tenth of a command's start time
 

@@ -217,7 +217,10 @@ def _exists(name: str, parent: int) -> bool:
 
 @contextmanager
 def _workspace(folder: Path) -> Iterator[Path]:
-    """Creates and locks a hidden folder for unfinished output, and removes it at the end."""
+    """Context manager that yields a new hidden folder for unfinished output.
+
+    The folder is locked while the context is active, and removed when the context ends.
+    """
     while True:
         space = folder / f"{_START}{uuid.uuid4().hex[:12]}{_END}"
         space.mkdir(mode=0o700)

@@ -214,9 +214,10 @@ def opened(path: Path) -> Iterator[Path]:
 
 
 def _detect(path: Path) -> tuple[Kind, BufferedReader | None]:
-    """Detects the format of a file or folder.
+    """Opens a file and detects the format; a folder is not opened.
 
-    Also returns the open file, or None for a folder or an unreadable path.
+    Returns:
+        The format; and the open file, None for a folder, a device, or a path that cannot be read.
     """
     file = None
     try:
@@ -345,10 +346,10 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 
 
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
-    """Detects a format that another installed package has registered.
+    """Returns the format of a file that an installed package recognises; otherwise the built-in result.
 
     Args:
-        kind: Result of the built-in detection, returned if no package recognises the file.
+        kind: Result of the built-in detection. Packages are asked only if its `use` is empty and the file is not.
         head: First bytes of the file.
         suffix: Suffix of the file name.
     """

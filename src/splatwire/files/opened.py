@@ -28,7 +28,12 @@ class OpenedFile(_NativePath):
         return self._kind
 
     def attach(self, kind: "Kind", file: BufferedReader | None) -> None:
-        """Sets the detected format and the open file; None for a folder or an unreadable path."""
+        """Stores the detected format and the open file.
+
+        Args:
+            kind: The detected format.
+            file: The open file; None for a folder or an unreadable path.
+        """
         self._kind, self._file = kind, file
 
     def detach(self) -> None:

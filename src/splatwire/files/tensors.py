@@ -129,7 +129,8 @@ def _read_archive(path: Path, error: type[SplatwireError]) -> tuple[Any, Callabl
     """Parses a zip archive written by `torch.save`, without importing or calling anything.
 
     Returns:
-        The content, with a description in place of each tensor, and a function that returns the data of a tensor.
+        The content, with a description in place of each tensor; and a function that returns the bytes to which such a
+        description refers.
     """
     with open_archive(path, error) as archive:
         described = [name for name in archive.sizes if name.endswith("/data.pkl")]

@@ -37,7 +37,14 @@ def image_pair(images: Any, references: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _unit_range(images: np.ndarray, name: str) -> np.ndarray:
-    """Checks that pictures are not those of 8 bits, whose differences mean nothing here."""
+    """Checks that pictures have floating-point values not above 1, and returns them unchanged.
+
+    Pictures of 8 bits per channel are rejected.
+
+    Args:
+        images: The pictures.
+        name: Name of the argument, for the message.
+    """
     if images.dtype.kind != "f" or (images.size and images.max() > _MOST):
         most = images.max() if images.size else 0
         raise InvalidValueError(f"{name}: expected RGB from 0 to 1, not {images.dtype} up to {most:g}: divide by 255")

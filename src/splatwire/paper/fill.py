@@ -62,12 +62,12 @@ class MaskVote:
 
 
 def attributes_by_gap(context: ReceivedScene) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
-    """Groups the lost attributes: a group has the attributes that are missing for exactly the same anchors.
+    """Groups the attributes that are missing for exactly the same anchors.
 
-    Attributes that were received for all anchors are not in a group.
+    Attributes that were received for all anchors are left out.
 
     Returns:
-        For each group, the mask of the anchors that have its attributes, and the attributes.
+        One pair per group: the mask of the anchors for which its attributes were received, and the attributes.
     """
     # Neighbours are searched only once for each group.
     groups: list[tuple[Tensor, list[Attribute]]] = []

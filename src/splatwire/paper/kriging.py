@@ -181,7 +181,7 @@ class _Field:
     spread: Float[Tensor, "D"]
 
     def error(self, rows: Int64[Tensor, "S"], estimate: Float[Tensor, "S D"]) -> float:
-        """Compares estimated residuals of some anchors with the true ones.
+        """Computes the squared error of estimated residuals, over all values that were received.
 
         Args:
             rows: Indices of the S anchors.

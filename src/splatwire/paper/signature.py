@@ -91,9 +91,9 @@ def unit_rows(values: Float[Tensor, "N D"]) -> Float[Tensor, "N D"]:
 
 
 def anchors_from(context: ReceivedScene, residuals: Residuals, mask: Bool[Tensor, "N K"]) -> Anchors:
-    """Returns anchors whose attributes are the mean that the hash grid predicts plus residuals.
+    """Adds residuals to the attributes that the hash grid predicts, and returns the resulting anchors.
 
-    This is `A = mu + r` in the paper.
+    This is `A = mu + r` in the paper, with the predicted mean mu.
 
     Args:
         context: The received scene with its prior.

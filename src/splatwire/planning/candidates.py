@@ -110,16 +110,16 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Returns the shares of the packets that the planner tries to bundle in the init segment.
+    """Returns how many importance tiers the planner may bundle in the init segment.
 
-    Each share comprises all packets of the most important tiers.
+    The init segment has all packets of the bundled tiers, which are the most important ones.
 
     Args:
         counts: Number of packets of each importance tier.
 
     Returns:
-        One pair for each possibility, in ascending order: the number of tiers, beginning with 0; and the share of all
-        packets that belong to these tiers, 0 to 1.
+        One pair for each possibility, ascending: the number of bundled tiers, and their share of all packets, 0
+        to 1. The first pair is (0, 0).
     """
     shares = [(0, 0.0)]
     for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
@@ -205,9 +205,9 @@ def _init_segment_candidates(
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
-    """Returns the fraction of a transfer after which no more repair symbols are sent, 0 to 1.
+    """Returns the fraction of a transfer over which repair symbols are distributed, 0 to 1.
 
-    The value is below 1 if the budget ends the transfer early.
+    The value is below 1 if the budget does not suffice for the complete transfer.
 
     Args:
         constraints: Limits of the plan, which contain the budget.

@@ -104,7 +104,7 @@ class StreamVariant:
             raise InvalidValueError(f"StreamVariant.blank_psnr must be finite, not {shown(self.blank_psnr)}")
 
     def budget_after_preview(self, budget_bytes: float | int) -> float:
-        """Returns how many bytes of a budget are left after the preview is sent."""
+        """Returns the bytes of a budget that are left after the preview is sent, at least 0."""
         return float(max(budget_bytes - self.preview_bytes, 0))
 
 

@@ -75,7 +75,19 @@ def _plan(
     max_protection: float,
     rendered_trials: int,
 ) -> ScenePlan | None:
-    """Plans the retransmission for one variant, or returns None if the budget is too small for the side information."""
+    """Plans the retransmission for one variant of a stream.
+
+    Args:
+        variant: Variant of the stream.
+        number: Index of the variant, stored in the plan.
+        received: Mask of packets that arrive without retransmission in each of T simulated transfers, bool (T, P).
+        budget_bytes: Mean bytes that may be sent, datagram headers included.
+        max_protection: Maximum mean share of bytes for retransmissions and loss concealment, 0 to 1.
+        rendered_trials: Number of simulated transfers that are rendered.
+
+    Returns:
+        The plan; None if the budget is too small for the side information.
+    """
     sizes = model_transfer(variant.load, Protection(side_repair=0.0)).bytes_by_kind()
     again = OVERHEAD * _lost_per_received(received)
     extra = variant.concealment_bytes + variant.preview_bytes
@@ -102,6 +114,10 @@ def _plan(
 
 
 def _lost_per_received(received: np.ndarray) -> float:
-    """Returns the mean number of lost datagrams per received datagram."""
+    """Returns the mean number of lost datagrams per received datagram, at most 20.
+
+    Args:
+        received: Mask of received datagrams in simulated transfers, bool.
+    """
     rate = 1 - float(received.mean())
     return rate / max(1 - rate, 0.05)

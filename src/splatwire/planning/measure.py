@@ -176,7 +176,7 @@ def variant_of_stream(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> StreamVariant:
-    """Returns a complete stream as a choice for the planner, after measuring how losses degrade its pictures.
+    """Measures how packet loss degrades the pictures of a stream, and returns the stream as a variant for the planner.
 
     Args:
         stream: Complete stream.
@@ -206,7 +206,7 @@ def measured_variant(
     stream: SceneStream, *, cameras: Cameras | None, num_views: int, concealer: str | None, seed: int,
     progress: Callable[[float], None],
 ) -> StreamVariant:  # fmt: skip
-    """Returns a complete stream as a choice for the planner, with a measured model of the quality lost to packet loss.
+    """Measures how packet loss degrades the pictures of a stream, and returns the stream as a variant for the planner.
 
     Args:
         stream: Complete stream.

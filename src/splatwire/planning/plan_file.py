@@ -105,7 +105,11 @@ def _protection(values: Any) -> Protection:
 
 
 def _parse_motion_protection(values: Any) -> tuple[tuple[float, float], ...]:
-    """Parses the parity of each group of pictures: fraction of the motion packets, and repair symbols per packet."""
+    """Parses the parity of the groups of pictures in a plan file.
+
+    Returns:
+        One pair per group: share of the motion packets that get parity, and repair symbols per packet with parity.
+    """
     fine = isinstance(values, list) and len(values) <= MOST_GROUPS
     if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):
         raise InvalidValueError(f"the plan's motion is not a list of at most {MOST_GROUPS} pairs of numbers")

@@ -316,7 +316,10 @@ def expected_result(variant: StreamVariant, arrival: SimulatedTransfers, rendere
 
 
 def _choose_plan(scored: Sequence[_EvaluatedPlan], whole_psnr: float) -> ScenePlan:
-    """Selects the plan with the highest PSNR; prefers a simple baseline if the difference is small.
+    """Selects the plan with the best pictures.
+
+    A simple baseline is preferred if its PSNR is nearly the highest. Among plans of practically equal PSNR, the one
+    with the most bytes of protection is selected.
 
     Args:
         scored: Plans with their results.

@@ -81,7 +81,12 @@ class TransferModel:
     num_bundled: int = 0
 
     def bytes_by_kind(self) -> dict[str, int]:
-        """Returns the bytes of a complete transfer by purpose: side information, packets, and parity of each."""
+        """Returns the bytes of a complete transfer by purpose.
+
+        Returns:
+            Bytes of datagrams with `side` (side information), `side_protection` (its parity), `packets` and
+            `packet_protection` (parity of the packets).
+        """
         sizes = np.array((*self.segment_sizes, 0), dtype=np.int64)[self._segment()]
         repair = (self.kind == SIDE) & (self.symbol >= sizes)
         masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
@@ -89,7 +94,7 @@ class TransferModel:
         return {name: int(self.num_bytes[mask].sum()) for name, mask in masks.items()}
 
     def sent_within(self, budget_bytes: float | int) -> int:
-        """Returns the number of datagrams that are sent before a budget of bytes is spent."""
+        """Returns the number of datagrams that fit into a budget of bytes, in sending order."""
         return int(np.searchsorted(np.cumsum(self.num_bytes), budget_bytes, side="right"))
 
     def _segment(self) -> np.ndarray:

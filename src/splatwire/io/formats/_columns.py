@@ -144,7 +144,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
-    """Drops empty batches of Gaussians, checks the others, and normalises their quaternions.
+    """Yields the non-empty batches of Gaussians, after checking them and normalising their quaternions.
 
     Args:
         path: Path of the output, for messages.

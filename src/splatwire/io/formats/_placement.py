@@ -295,12 +295,14 @@ def _is_identity(values: list[float]) -> bool:
 
 
 def _numbers_after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
-    """Returns the numbers that follow the first keyword of a comment; empty if there is no keyword.
+    """Returns all numbers after a keyword of a comment, such as `shift`.
+
+    The keyword is the first one with a number soon after it. The result is empty if there is none.
 
     Args:
         words: Words and numbers of the comment, in lower case.
         numbers: Value of each word; None for words that are no number.
-        keywords: Words that announce a number, such as `shift`.
+        keywords: Words that announce a number, in lower case.
     """
     for place, word in enumerate(words):
         if word not in keywords:

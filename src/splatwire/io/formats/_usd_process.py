@@ -35,7 +35,10 @@ def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
         path: Path of the scene.
 
     Yields:
-        `FileContent`, or the frames as time codes and rate (None for a still scene).
+        The timeline is a list of time codes and the number of frames per second; None for a still scene.
+        * `SCENE`: one `FileContent`.
+        * `TIMES`: the timeline.
+        * `FRAMES`: the timeline, then a `FileContent` for each frame.
 
     Raises:
         DatasetError: If the scene cannot be read, or reading it takes too much memory or time or ends the process.
@@ -93,7 +96,12 @@ def _received(path: Path, source: IO[bytes]) -> Iterator[Any]:
 
 
 def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
-    """Receives Gaussians from the process that reads an OpenUSD scene."""
+    """Receives the Gaussians of a message from the process that reads an OpenUSD scene.
+
+    Args:
+        found: Content of the message: number and degree of the Gaussians, origin and metadata.
+        source: Standard output of the process, from which the arrays are read.
+    """
     splats = Splats.empty(found["count"], found["degree"])
     for field in fields(splats):
         rest = memoryview(getattr(splats, field.name).reshape(-1).view(np.uint8))

@@ -86,7 +86,13 @@ def answers(task: str, path: Path, limits: Limits) -> Iterator[tuple[str, Any]]:
 
 
 def main(task: str, path: Path, sink: BinaryIO) -> None:
-    """Reads a scene under limits on memory and time, and writes the results, or an error, as messages."""
+    """Reads a scene under limits on memory and time, and sends the results or an error as messages.
+
+    Args:
+        task: What to read: `SCENE`, `FRAMES` or `TIMES`.
+        path: The scene.
+        sink: Output to which the messages are written.
+    """
     limits = Limits(are_set=True)
     sender = _Sender(sink, limits)
     logging.getLogger().addHandler(sender)

@@ -309,9 +309,11 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         top: Largest quantised value.
 
     Returns:
-        The values with a mask of the outliers; the values with the outliers clipped; and three numbers: the largest
-        quantisation step with the unchanged values, with clipped outliers, and without outliers. All are 0 if no chunk
-        has outliers.
+        A tuple of three items:
+        * the values with a mask of the outliers;
+        * the values with the outliers clipped, float64 (N, 3);
+        * the largest quantisation steps of three variants: unchanged values, clipped outliers, no outliers. They are 0
+          if no chunk has outliers.
     """
     found = []
     for share in SHARES:

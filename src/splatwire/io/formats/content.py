@@ -54,7 +54,9 @@ class FileContent(CheckedFields):
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
-    """Returns the origin of Gaussians whose transforms move them far from 0, so that float32 keeps their positions.
+    """Chooses an origin near Gaussians that transforms move far from 0; `NO_ORIGIN` if they stay near 0.
+
+    Positions relative to the origin are small, so that float32 stores them precisely.
 
     Args:
         parts: Gaussians in local coordinates, and the transform of each part to the world: matrix (3, 3) and shift (3),

@@ -414,7 +414,7 @@ class _Gltf:
             name: Name of the attribute, for messages.
             source: JSON object with the source of the array: `bufferView` and `byteOffset`.
             dtype: Type of the numbers.
-            shape: Number of rows, and of numbers in each.
+            shape: Number of rows, and number of columns.
         """
         count, width = shape
         if "bufferView" not in source:

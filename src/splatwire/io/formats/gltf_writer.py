@@ -45,8 +45,8 @@ def write_gltf(
     """Writes all Gaussians as one point primitive in float32; returns their number.
 
     Args:
-        parts: Batches of Gaussians. If `stream` is given, only programs without support for the extension draw these
-            Gaussians.
+        parts: Batches of Gaussians. Programs that support the extension EXT_splatwire draw the content of `stream`
+            instead, if it is given.
         path: Path of the file.
         antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
             that it widens to a pixel (Mip-Splatting); stored in the primitive's extras.

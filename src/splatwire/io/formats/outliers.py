@@ -136,7 +136,9 @@ def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> C
 
 
 def local_scales(splats: Splats, rows: np.ndarray) -> np.ndarray:
-    """Returns a length in world units for each Gaussian, with which position errors are compared.
+    """Returns a local length scale for each given Gaussian.
+
+    A position error is visible if it exceeds a fixed fraction of this length.
 
     Args:
         splats: All Gaussians.
@@ -164,7 +166,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """True if so many Gaussians have a visible position error that the picture suffers.
+    """True if more than a small share of the Gaussians has a visible position error (`_FEW_COSTLY`).
 
     Args:
         errors: Largest position error of each Gaussian along an axis, world units, (n).

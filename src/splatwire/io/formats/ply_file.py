@@ -64,7 +64,7 @@ class PlyElement:
         return sum(name.startswith(prefix) and name[len(prefix) :].isdigit() for name in self.names)
 
     def select(self, names: list[str]) -> np.ndarray:
-        """Returns the named properties of all rows as float32 (N, len(wanted)).
+        """Returns the named properties of all N rows, one column per name, float32 (N, len(names)).
 
         Raises:
             DatasetError: If a property is missing.
@@ -72,7 +72,7 @@ class PlyElement:
         return self._select(names, np.float32)
 
     def select_wide(self, names: list[str]) -> np.ndarray:
-        """Returns the named properties of all rows as float64 (N, len(wanted)).
+        """Returns the named properties of all N rows, one column per name, float64 (N, len(names)).
 
         Raises:
             DatasetError: If a property is missing.
@@ -128,12 +128,15 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
 
 
 def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes], int]:
-    """Returns the bytes of a PLY, decompressed if necessary, and an upper limit on the number of bytes.
+    """Returns the content of a PLY file, decompressed if it is an xz archive.
 
     Args:
         path: Path of the file, for messages.
         file: The opened file.
         file_bytes: Size of the file in bytes.
+
+    Returns:
+        The bytes in pieces; and an upper limit on their number, with which the counts in the header are compared.
     """
     packed = file.read(len(XZ_MAGIC)) == XZ_MAGIC
     file.seek(0)

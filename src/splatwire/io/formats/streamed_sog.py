@@ -84,7 +84,7 @@ def read_streamed_sog(path: Path) -> FileContent:
 
 
 def is_antialiased(path: Path) -> bool:
-    """True if a valid streamed SOG has a chunk that was trained with antialiasing."""
+    """True if at least one SOG file (chunk) of a valid streamed SOG declares antialiasing."""
     index = path / SOG_LEVELS_NAME if path.is_dir() else path
     here = [chunk for chunk in dict.fromkeys(_chunks(index, read_json(index, DatasetError))) if _is_here(chunk)]
     return any(sog.is_antialiased(chunk) for chunk in here)
@@ -131,14 +131,16 @@ def _file_of(chunk: Path) -> Path:
 
 
 def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
-    """Finds chunks that are listed more than once, under different names or links of one file.
+    """Returns, for each chunk, the index of the first chunk that is the same file.
+
+    A file may be listed more than once, under different names or links.
 
     Args:
         chunks: Path of each chunk.
-        here: Mask of the chunks that exist.
+        here: True for each chunk whose file exists.
 
     Returns:
-        For each chunk, the index of the first chunk that is the same file.
+        One index per chunk; the own index for a missing chunk.
     """
     first: dict[tuple[int, int], int] = {}
     found = []
@@ -243,7 +245,8 @@ def _read_pieces(
         index: Path of the `lod-meta.json`, for messages.
         chunks: Paths of the chunks.
         pieces: Ranges to read, by index of the chunk.
-        named: Ranges of all levels of all leaves, by index of the chunk.
+        named: Ranges that leaves of the tree use at any level of detail, by index of the chunk. Gaussians outside these
+            ranges cause a warning.
     """
     unnamed = 0
     whole_ones = {n: read_sog(chunks[n]).splats for n, runs in pieces.items() if runs[0].count < 0}

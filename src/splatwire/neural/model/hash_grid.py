@@ -56,7 +56,9 @@ def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
 
 
 def _row_terms(corners: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
-    """Computes, for each grid point and axis, the term of the hash that selects a row of the hash table.
+    """Computes the part of the table row index that each axis contributes, for each neighbouring grid point.
+
+    Combining the parts of all axes gives the row of a grid point: by addition, or by XOR if grid points are hashed.
 
     Args:
         corners: Coordinates of the lower and the upper neighbouring grid point along each axis.

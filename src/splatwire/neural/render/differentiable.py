@@ -49,7 +49,10 @@ def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor
         gaussians: The Gaussians to render.
         cameras: Camera of the view.
         background: RGB of the background.
-        watched: True to compute the gradients with respect to the 2D centres, too.
+        watched: True to record the 2D centres too, so that a backward pass computes their gradient.
+
+    Returns:
+        The picture; and the tensor that receives the gradient of the 2D centres, None unless `watched`.
     """
     probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
     return Drawing(render_differentiable(gaussians, cameras, background=background, probe=probe)[0], probe)

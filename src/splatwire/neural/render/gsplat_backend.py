@@ -52,7 +52,10 @@ class GsplatRenderer:
             gaussians: The Gaussians to render.
             cameras: Camera of the view.
             background: RGB of the background.
-            watched: True to compute the gradients with respect to the 2D centres, too.
+            watched: True to record the 2D centres too, so that a backward pass computes their gradient.
+
+        Returns:
+            The picture; and the tensor that receives the gradient of the 2D centres, None unless `watched`.
         """
         images, centers = self._rasterize(gaussians, cameras, background)
         if watched:

@@ -84,7 +84,9 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
 @njit(parallel=True)
 @no_type_check
 def similarity(moments, blurred, x, y, c1, c2, sums):
-    """Computes two sums for each image row: of SSIM at each pixel, and of the absolute errors.
+    """Computes the sum of SSIM, and the sum of absolute errors, over each image row.
+
+    Also computes the gradient of SSIM.
 
     Args:
         moments: Blurred x, x * x and x * y; each is overwritten by the gradient of SSIM with respect to it.

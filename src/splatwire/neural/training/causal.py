@@ -53,7 +53,10 @@ class TrainedCausal:
             calibrate_causal(state, self._config, self.place(state))
 
     def place(self, state: TrainState) -> Float[Tensor, "N P"]:
-        """Returns the inputs of the model's first network, which encode the positions of all anchors."""
+        """Returns the positional encoding of all anchors, the input of the model's first network.
+
+        The result is cached until anchors are added, removed or sorted.
+        """
         if self._inputs is None or self._key is not state.voxels:
             self._key, self._inputs = state.voxels, position_inputs_of(state)
         return self._inputs

@@ -116,8 +116,8 @@ class GrowthRules:
     Attributes:
         gradient_threshold: An anchor is added near a Gaussian if the mean gradient of its 2D centre is longer than
             this, in coordinates relative to half of the image size; doubled for each finer grid.
-        seen_share: Share of the iterations between two rounds of growth. An anchor that was visible in fewer iterations
-            is not removed, because too little is known about it.
+        seen_share: Number of iterations in which an anchor must have been visible before it may be removed, as a share
+            of `Milestones.growth_interval`. Iterations before the last round of growth count, too.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
             over views.
         levels: Number of grids, from coarse to fine, whose cells receive new anchors.

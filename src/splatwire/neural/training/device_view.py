@@ -58,7 +58,8 @@ class ViewConstants:
         """Transforms points to the coordinate system of camera `view`.
 
         Returns:
-            x / depth and y / depth, the depths, and the mask of the points beyond the near plane.
+            x / depth and y / depth; the depths, (N, 1), at least `near_depth`; and the mask of the points beyond the
+            near plane, bool (N).
         """
         # Depths are clamped to the near plane.
         local = torch.addmm(self.translations[view], points, self.rotations[view].T)

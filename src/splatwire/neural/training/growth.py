@@ -128,7 +128,9 @@ def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"
 
 
 def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K"], cell: int) -> None:
-    """Adds an anchor in each cell of a grid that contains the centre of a chosen Gaussian and no anchor yet.
+    """Adds an anchor to each empty grid cell in which a chosen Gaussian has its centre.
+
+    A cell is empty if it contains no anchor. At most `GrowthRules.max_anchors` anchors exist afterwards.
 
     Args:
         state: State of the training; changed in place.

@@ -80,7 +80,11 @@ class ModelTraining(Protocol):
         """Writes a checkpoint."""
 
     def scene(self, device: torch.device) -> Scene:
-        """Returns the scene of the present state, on the CPU."""
+        """Returns the scene of the present state, on the CPU.
+
+        Args:
+            device: Device for the computation.
+        """
 
 
 def training_device(name: str) -> torch.device:

@@ -106,7 +106,10 @@ class PacketLosses:
         return (*self._models, *self._config.losses.first)
 
     def begin(self, state: TrainState, cameras: Cameras) -> None:
-        """Prepares the state of a training for an iteration with packet loss; removes anchors without offsets.
+        """Removes anchors without offsets before an iteration, as an encoder does.
+
+        If `LossTraining.first` is set, it also sorts the anchors by importance from time to time. Most calls change
+        nothing, because both steps take time.
 
         Args:
             state: State of the training before an iteration; changed in place.
@@ -125,11 +128,14 @@ class PacketLosses:
 
     @torch.no_grad()
     def draw(self, state: TrainState, rate: SampleBits | None) -> Loss | None:
-        """Draws the packet loss of an iteration; returns None if no anchor is lost.
+        """Draws a random packet loss for an iteration.
 
         Args:
             state: State of the training; its random generator is used.
             rate: Estimated bits of the anchors, which determine the number of anchors per packet.
+
+        Returns:
+            The loss; None if the iteration simulates no packet loss, or if all or no anchors are received.
         """
         if not self.active(state) or float(torch.rand((), generator=state.generator)) >= self._config.losses.share:
             return None
@@ -175,14 +181,15 @@ class PacketLosses:
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
     def _concealed(self, state: TrainState, known: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
-        """Conceals the loss of anchors.
-
-        Returns None if all anchors or no anchors are received.
+        """Computes by how much the concealer `grow` enlarges the Gaussians of each received anchor.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
             cut_off: True if reception ended after the first quality tier (most important anchors).
+
+        Returns:
+            The received anchors and the factors on their sizes; None if all or no anchors are received.
         """
         if bool(known.all()) or not bool(known.any()):
             return None
@@ -202,19 +209,18 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns the typical anchor size in each anchor's tier, for use in place of the unknown sizes of lost anchors.
+        """Returns one typical anchor size for all received anchors, and one for all lost anchors.
 
-        Two tiers are assumed: the received anchors, and the lost ones.
+        A receiver does not know the size of a single lost anchor. Received and lost anchors are taken as two importance
+        tiers.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
 
         Returns:
-            Typical size for each anchor in coding order, above 0.
+            Size for each anchor in coding order, above 0; the larger of the two sizes is 1.
         """
-        # A receiver does not know the size of each lost anchor, so it uses one size per tier. Here the received
-        # anchors are the first tier, and the lost anchors the second. The larger of the two sizes is 1.
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
         gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()

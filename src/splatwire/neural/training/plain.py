@@ -69,7 +69,12 @@ def _levels(
 
 
 def prepare_photo_plain(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
-    """Precomputes the terms of the loss that depend only on the photo."""
+    """Precomputes the terms of the photometric loss that depend only on the photo, in plain torch.
+
+    Args:
+        image: The photo, RGB in [0, 1].
+        mask: True for pixels that are compared; None for all. With a mask, nothing is precomputed.
+    """
     if mask is not None:
         return Photo(image, None, mask)
     planes = image.permute(2, 0, 1)

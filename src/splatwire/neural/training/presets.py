@@ -157,7 +157,7 @@ def create_config(
 
 
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
-    """Adapts learning rates to a shorter training, which needs higher learning rates at the end.
+    """Adapts learning rates to a shorter training, in which some parameters end with a higher learning rate.
 
     Args:
         rates: Learning rates for a training of `FULL_ITERATIONS` iterations.
@@ -177,7 +177,12 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Returns learning rates of the causal model with higher values in the last phase of a training."""
+    """Raises learning rates for the last phase of a short training of the causal model.
+
+    Args:
+        rates: Learning rates; only the factors `LearningRate.late` change.
+        iterations: Number of iterations of the training.
+    """
     # The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.
     share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LENGTH)
     power = min(max(share, 0.0), 1.0)

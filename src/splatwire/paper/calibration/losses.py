@@ -1,4 +1,7 @@
-"""The hybrid loss of the calibration: Section 3.4 of the paper, "Self-supervised ... Training Strategy"."""
+"""Training loss of the inpainting network: a weighted sum of several terms (`LossWeights`).
+
+Source: Section 3.4 of the paper, "Self-supervised ... Training Strategy" (`docs/paper-map.md`).
+"""
 
 # Every term is a sum over the lost anchors (queries) of a mini-batch and over channels, except smoothness. Smoothness
 # is a mean over pairs of neighbouring queries, as in the paper, so its relative weight depends on the batch size.

@@ -267,10 +267,12 @@ def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: Repa
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Draws the lost anchors (queries) of a training step at random, in groups of neighbours; returns their indices.
+    """Selects random lost anchors (queries) for a training step, and returns their indices, ascending.
+
+    Each random choice selects a range of consecutive queries, which are close to each other in space.
 
     Args:
-        count: Number of queries to draw from.
+        count: Number of all lost anchors.
         size: Approximate number of queries to draw.
         rng: Random generator.
     """

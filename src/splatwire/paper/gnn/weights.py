@@ -52,7 +52,10 @@ class GnnWeights:
 
 
 def scene_fingerprint(context: ReceivedScene) -> str:
-    """Returns the SHA-256 hash (hex) of positions and layout, both of which a receiver knows in spite of losses."""
+    """Returns a hash that identifies a scene: SHA-256 (hex) of the layout and positions of its anchors.
+
+    A receiver knows layout and positions even if packets are lost.
+    """
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context[AnchorLayout]} {context[Prior].context.shape[1]}".encode())
     digest.update(np.ascontiguousarray(to_numpy(context.positions), "<f4").tobytes())

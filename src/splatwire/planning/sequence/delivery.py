@@ -71,12 +71,12 @@ class MotionTransfer:
 
     @staticmethod
     def of(load: SequenceLoad, arranged: Arranged, protection: Protection) -> "MotionTransfer":
-        """Lists the datagrams that are sent for packets and their parity.
+        """Builds the list of datagrams of a transfer: packets of motion, and repair symbols (parity).
 
         Args:
             load: Sizes of the sequence's packets.
             arranged: Arrangement of the packets: their sending order, and the parity of ranges of packets.
-            protection: Settings that determine when repair symbols are sent; other settings are ignored.
+            protection: Redundancy settings, passed to `build_send_schedule`; `parity_until` is ignored.
         """
         order, codes = np.array(arranged.order, np.int64), tuple(parity_groups(arranged.parity_ranges))
         timing = replace(protection, parity_until=0.0)

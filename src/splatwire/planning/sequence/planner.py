@@ -175,6 +175,9 @@ def _distribute_bytes(choices: Sequence[Sequence[_Choice]], room: float | int) -
     Args:
         choices: Possible amounts of parity for each group, ascending by bytes.
         room: Number of bytes to spend.
+
+    Returns:
+        The chosen amount of parity for each group.
     """
     at, left = [0] * len(choices), room
     steps = [

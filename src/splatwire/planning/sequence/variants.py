@@ -81,7 +81,7 @@ def sequence_variants(
 
 
 def frames_of(files: list[Path], timeline: Timeline, cameras: Cameras) -> Pictures:
-    """Renders those frames of the original sequence that are compared with the received ones.
+    """Renders a sample of the frames of an original sequence (`sampled_frames`), as references for received frames.
 
     Args:
         files: Files of all original frames, in order.

@@ -44,7 +44,10 @@ class GaussianRates:
     harmonics: LearningRate = LearningRate(0.000125, 0.000125)  # noqa: RUF009 - frozen
 
     def for_length(self, iterations: int) -> "GaussianRates":
-        """Returns learning rates adapted to the length of a training: a shorter training starts with higher rates.
+        """Returns learning rates adapted to the length of a training.
+
+        A shorter training starts with higher rates, except for the opacities. Only the centres also end with a higher
+        rate.
 
         Args:
             iterations: Number of iterations of the training.
