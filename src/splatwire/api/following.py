@@ -1,4 +1,4 @@
-"""Following a scene that changes: the whole scene once, then only its updates."""
+"""Receives a scene that changes: first the whole scene, then its updates."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
@@ -112,7 +112,10 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
 
 
 def _changes_only(warn: Warn) -> Warn:
-    """Returns a function that passes on a warning unless it equals the one before; an empty text resets it."""
+    """Returns a function that calls `warn` with a warning unless the previous call had the same text.
+
+    A call with an empty text only clears the stored text, so that the next warning is passed on in any case.
+    """
     last = ""
 
     def changed(text: str) -> None:

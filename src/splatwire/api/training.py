@@ -153,7 +153,7 @@ class TrainingServer:
 
     @checked
     def drain(self, most_s: float = 10.0) -> None:
-        """Waits until clients have received what was pushed.
+        """Waits until clients have received the Gaussians of all calls of `push`.
 
         Args:
             most_s: Maximum duration, seconds.
@@ -250,7 +250,12 @@ class TrainingServer:
         return make_served_stream(stream, self._settings.protection, preview=preview)
 
     def _publish(self, scene: ServedStream, updates: dict[str, ServedStream | None]) -> None:
-        """Offers a new training state to clients, and returns the time from which clients can request the state."""
+        """Offers a new training state to clients; returns when clients can request the state.
+
+        Args:
+            scene: The state as a stream.
+            updates: Updates that clients can request, by name; None for an update that does not exist yet.
+        """
         done: Future[None] = Future()
 
         def publish() -> None:

@@ -86,7 +86,7 @@ class Sketch(Protocol):
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Weights, 0 to 1, of the network that corrects the enlargement, as tried by the calibration; default first."""
+        """Weights of the network that corrects the enlargement, 0 to 1, that the calibration tries; default first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
         """Returns a sketch with the same coarse copies and new parameters for the enlargement of received elements.
@@ -105,7 +105,7 @@ class Sketch(Protocol):
             partial: The received scene.
 
         Returns:
-            The scene with copies, as input of `proposal`.
+            The scene with copies in the form that the method `proposal` takes. Its type depends on the class.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.
@@ -114,11 +114,10 @@ class Sketch(Protocol):
         """Conceals losses with this sketch, as a receiver would: enlarges received elements around missing ones.
 
         Args:
-            sketched: Return value of the method `sketched`: the received scene, in which coarse copies replace lost
-                elements.
+            sketched: Result of the method `around`: the received scene, in which coarse copies replace lost elements.
 
         Returns:
-            The scene with coarse copies in place of lost elements, and the factors that enlarge its elements.
+            The scene with coarse copies in place of lost elements, and the factors that enlarge the drawn elements.
         """
 
 

@@ -124,7 +124,7 @@ class AnchorSketch:
         An anchor is drawn if it was received, or if a coarse copy replaces it.
 
         Args:
-            sketched: The received scene after coarse copies replaced lost anchors, as the method `sketched` returns it.
+            sketched: Result of the method `around`: the received scene, in which coarse copies replace lost anchors.
 
         Returns:
             The scene with coarse copies in place of lost anchors, and the factors that enlarge drawn anchors.

@@ -147,7 +147,9 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
 
 
 def _offsets_of_copies(complete: ReceivedScene[AnchorScene]) -> Float[np.ndarray, "N O"]:
-    """Returns the offsets to store in coarse copies, relative to the position at which a receiver draws a lost anchor.
+    """Returns the offsets to store in coarse copies, for all anchors.
+
+    They are relative to the position at which a receiver draws the copy of a lost anchor.
 
     Args:
         complete: The complete scene.
@@ -273,7 +275,8 @@ class _Plan:
         """Estimates the size of each candidate's copy in bits at the precision level of this plan, float64 (M).
 
         Args:
-            copied: Mask of the copies that provide the counts of values, bool (M).
+            copied: Mask of the candidates in whose copies the symbol frequencies are counted, bool (M). If there are
+                fewer than 16, all candidates are used.
         """
         used = copied if copied.sum() >= 16 else np.ones_like(copied)
         total = np.full(len(copied), 6.0)

@@ -133,8 +133,8 @@ class GaussianSketch:
         """Conceals losses with this sketch, as a receiver would: enlarges Gaussians around missing ones.
 
         Args:
-            sketched: The received scene after coarse copies replaced lost Gaussians, and the inputs for computing the
-                enlargement, as the method `sketched` returns them.
+            sketched: Result of the method `around`: the received scene, in which coarse copies replace lost Gaussians,
+                and the inputs for computing the enlargement.
 
         Returns:
             The scene with coarse copies in place of lost Gaussians, and the factors that enlarge drawn Gaussians.

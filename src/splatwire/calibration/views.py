@@ -67,7 +67,7 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Returns the scene with the background colour of these views; unchanged if they have none."""
+        """Returns the scene with the background colour of these views; unchanged if the views have no such colour."""
         return scene if self.background is None else replace(scene, background=self.background)
 
 
@@ -87,7 +87,7 @@ class References:
 
     @staticmethod
     def of(scene: Scene, views: CalibrationViews) -> "References":
-        """Returns the photos of the views or, without photos, pictures of the scene."""
+        """Returns the reference pictures of views: photos or, if the views have none, pictures of the scene."""
         photo, mask, numbers = views.photo, views.mask, range(views.cameras.num_views)
         images = (
             list(iterate_views(scene, views.cameras)) if photo is None else [to_numpy(photo(view)) for view in numbers]

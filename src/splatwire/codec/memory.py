@@ -90,7 +90,10 @@ def words_bytes(packets: Sequence[Packet]) -> int:
 
 @contextmanager
 def allocating(what: str) -> Iterator[None]:
-    """Context manager that converts a failed memory allocation to an error about the stream.
+    """Returns a context manager that reports a failed memory allocation as a `BitstreamError`.
+
+    Args:
+        what: Activity that needs the memory, for the error message.
 
     Raises:
         BitstreamError: If the machine does not have enough memory.

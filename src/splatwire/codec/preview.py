@@ -125,9 +125,9 @@ class PreviewFrame:
         return Gaussians(positions, upright, self.spread * np.exp(values[:, 3:6]), values[:, 9], values[:, 6:9])
 
     def scale(self) -> tuple[Float[np.ndarray, "10"], Float[np.ndarray, "10"]]:
-        """Returns offset and quantisation step of each of the ten numbers that describe a Gaussian.
+        """Returns the offsets and the quantisation steps of the ten numbers that describe a Gaussian, (10) each.
 
-        A quantised integer q stands for `offset + q * step`.
+        A quantised integer q represents the number `offset + q * step`.
         """
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]

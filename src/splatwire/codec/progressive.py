@@ -69,7 +69,7 @@ class ProgressiveDecoder(Arrivals):
 
     @property
     def partial(self) -> ReceivedScene:
-        """Scene decoded so far, whose arrays later packets change.
+        """Scene decoded so far; later packets change its arrays in place.
 
         Hold `lock` while reading several elements.
 
@@ -149,7 +149,12 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores decoded integers of new packets, and writes the packets' elements to the scene."""
+        """Stores the decoded integers of new packets, and writes the packets' elements to the scene.
+
+        Args:
+            run: The new packets.
+            rows: Decoded integers of the packets; None if they are not kept in memory.
+        """
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.
         ends = np.cumsum(run.counts)[:-1]
@@ -177,7 +182,11 @@ class ProgressiveDecoder(Arrivals):
         return [packet for packet, _ in self._found.values()]
 
     def _decoded_integers(self, run: Run) -> SymbolRows:
-        """Returns the decoded integers of packets that were added before."""
+        """Returns the decoded integers of packets that were added before.
+
+        Args:
+            run: The packets, which the decoder decodes in one call.
+        """
         # If only compressed packets are kept in memory, they are decoded again.
         found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
         if not found:

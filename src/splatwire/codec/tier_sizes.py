@@ -16,7 +16,9 @@ _MOST = 255
 
 
 def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
-    """Encodes the typical size of the anchors in each importance tier, with which concealers weight lost anchors.
+    """Encodes the typical size of the anchors in each importance tier.
+
+    Concealers use these sizes as weights when they compute the lost share of a scene.
 
     Args:
         anchors: The N anchors in coding order.

@@ -64,7 +64,7 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
 
 
 def arrange_stream(stream: SceneStream) -> Arrangement:
-    """Groups the anchors of a stream by packet: the anchors of a group are received or lost together.
+    """Returns the anchors of a stream in groups that are received or lost together, and the packets of the groups.
 
     Raises:
         BitstreamError: If the side information is damaged.

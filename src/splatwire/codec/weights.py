@@ -260,8 +260,8 @@ def _refitted(
 
     Args:
         output: Weight (out, hidden) and bias (out) of the second layer.
-        inputs: Inputs of the second layer for a sample, with the exact first layer, (n, hidden).
-        rounded: The same inputs with the quantised first layer, (n, hidden).
+        inputs: Outputs of the exact first layer for a sample, (n, hidden).
+        rounded: Outputs of the quantised first layer for the same sample, (n, hidden).
 
     Returns:
         Weight and bias of the refitted layer.

@@ -33,7 +33,7 @@ class Concealed(RenderHints):
 
     @property
     def hints(self) -> RenderHints:
-        """Returns factors on size and opacity of each element, and which elements are hidden."""
+        """Hints for the renderer: factors on the size and opacity of each element, and the mask of hidden elements."""
         return RenderHints(self.size_gain, self.left_out, self.opacity_gain)
 
 

@@ -119,7 +119,13 @@ def _coarse_opacities(
 
 
 def _merged_index(splats: Splats, fine: np.ndarray, merged: np.ndarray) -> np.ndarray:
-    """Finds for each finer Gaussian the coarser Gaussian that it was probably merged into, as index into `merged`."""
+    """Returns for each finer Gaussian the index in `merged` of the coarser Gaussian that probably replaces it.
+
+    Args:
+        splats: Gaussians of all levels of detail.
+        fine: Indices in `splats` of the finer Gaussians, int64 (n).
+        merged: Indices in `splats` of the coarser Gaussians, each merged from several finer ones.
+    """
     centres, tree = splats.means[merged].astype(np.float64), NeighborTree(splats.means[merged])
     scales = splats.scales[merged].astype(np.float64)
     scales = np.maximum(np.maximum(scales, 1e-30), _THINNEST * scales.max(axis=1, keepdims=True))
@@ -164,6 +170,9 @@ def _originals(splats: Splats, fine: np.ndarray, copies: np.ndarray) -> np.ndarr
 
 
 def _coverage(splats: Splats) -> Float[np.ndarray, "N"]:
-    """Returns the covered area of each Gaussian: largest cross-section (square world units) times opacity."""
+    """Returns a measure of the area that each Gaussian covers: product of its two largest scales and its opacity.
+
+    The unit is square world units.
+    """
     ordered = np.sort(splats.scales.astype(np.float64), axis=1)
     return splats.opacities.astype(np.float64) * ordered[:, 1] * ordered[:, 2]

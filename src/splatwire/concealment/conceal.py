@@ -42,7 +42,9 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
 
 
 def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
-    """Applies the result of a concealer to a received scene.
+    """Returns the scene to draw, with estimates of lost values and the hints of a concealer.
+
+    Received values are not replaced by estimates.
 
     Args:
         partial: The received scene.
@@ -63,7 +65,10 @@ def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S
 
 @checked_except("concealer")
 def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scene:
-    """Conceals the losses of a decoded scene, and returns a scene without loss information unchanged."""
+    """Returns a scene that can be drawn: conceals the losses of a received scene.
+
+    A scene that is not a `ReceivedScene` is returned unchanged.
+    """
     return conceal(loaded, concealer) if isinstance(loaded, ReceivedScene) else loaded
 
 

@@ -183,7 +183,7 @@ def _neighbors_of(
 def lost_share_among(
     neighbors: Int64[np.ndarray, "M k"], lost: Float[np.ndarray, "N"], weights: Float[np.ndarray, "N"]
 ) -> Float[np.ndarray, "M"]:
-    """Returns the lost share of each anchor's neighbours, weighted by `weights`, 0 to 1, (M).
+    """Returns the weighted share of each anchor's neighbours that was lost, 0 to 1, (M).
 
     Args:
         neighbors: Indices of the neighbours of each of the M anchors, at least one each.

@@ -83,7 +83,7 @@ def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random
         rng: Random generator.
 
     Returns:
-        The received Gaussians; None if nothing or everything is lost.
+        The received Gaussians. None if no Gaussian is lost, or if all are lost: the iteration then has no loss.
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))

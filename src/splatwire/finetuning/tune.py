@@ -92,7 +92,9 @@ def fine_tune(
     options: FineTuning = FineTuning(),  # noqa: B008 - frozen
     progress: Callable[[Progress], None] | None = None,
 ) -> SplatScene:
-    """Fine-tunes Gaussians, and rounds the result; see `tuned_gaussians` for arguments and errors.
+    """Fine-tunes Gaussians as `tuned_gaussians` does, and rounds the result.
+
+    Arguments and errors are those of `tuned_gaussians`.
 
     Returns:
         The scene with rounded Gaussians and their quantisation steps; encoding it without a quality setting is
@@ -210,9 +212,7 @@ def picture_gradients(
     mask: Bool[np.ndarray, "H W"] | None = None,
     scale: float | None = None,
 ) -> tuple[float, Gradients]:
-    """Renders a view and compares the picture with a reference.
-
-    Returns the mean squared error and its scaled gradients.
+    """Returns the mean squared error of a rendered view against a reference, and the gradients of this error.
 
     Args:
         scene: The Gaussians.
@@ -220,7 +220,8 @@ def picture_gradients(
         view: Index of the camera.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Divisor of the gradients; None for the mean squared error as divisor. At least `LEAST_SCALE` is used.
+        scale: Number by which the gradients are divided; None for the mean squared error. Smaller numbers than
+            `LEAST_SCALE` are replaced by `LEAST_SCALE`.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;
@@ -305,9 +306,9 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
 def _first_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Chooses the views and packet losses in which the fine-tuning measures its loss.
+    """Returns the object that measures the training loss in a random sample of views and packet losses.
 
-    Measures the loss once before the first step.
+    The errors before the first step, to which this loss is relative, are measured here.
     """
     # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[Reception]()

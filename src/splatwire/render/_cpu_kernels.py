@@ -33,15 +33,15 @@ def _blend(buf, low, high, x, y, A, B, C, log_opacity, red, green, blue):
         buf: Pixel buffer of the tile; changed in place.
         low: First pixel row.
         high: End of the pixel rows (exclusive).
-        x: Centre of the Gaussian in the tile, pixels.
-        y: Centre of the Gaussian in the tile, pixels.
-        A: Coefficient of dx ** 2 in the exponent of alpha (base 2).
-        B: Coefficient of dx * dy.
-        C: Coefficient of dy ** 2.
+        x: Column of the Gaussian's centre, relative to the tile, pixels.
+        y: Row of the Gaussian's centre, relative to the tile, pixels.
+        A: Coefficient of dx ** 2 in log2 of alpha; dx and dy are distances from the centre, pixels.
+        B: Coefficient of dx * dy in log2 of alpha.
+        C: Coefficient of dy ** 2 in log2 of alpha.
         log_opacity: log2 of the opacity.
-        red: Colour of the Gaussian.
-        green: Colour of the Gaussian.
-        blue: Colour of the Gaussian.
+        red: Red component of the Gaussian's colour.
+        green: Green component of the colour.
+        blue: Blue component of the colour.
     """
     # If the Gaussian would reduce the transmittance of a pixel below the minimum, the pixel is finished. The
     # transmittance of a finished pixel is stored with a negative sign, and later Gaussians do not change the pixel.

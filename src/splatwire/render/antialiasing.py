@@ -13,7 +13,10 @@ LEAST = 1e-3
 
 
 def compensated(gaussians: Gaussians, cameras: Cameras, view: int) -> Gaussians:
-    """Reduces opacities to compensate for the renderer, which widens Gaussians by 0.3 square pixels.
+    """Returns Gaussians with reduced opacities, as antialiased rendering of a view requires.
+
+    The renderer adds 0.3 square pixels to the projected covariance of each Gaussian, which enlarges its area. The
+    opacity is divided by the same factor.
 
     Args:
         gaussians: The Gaussians of the view.

@@ -65,8 +65,9 @@ def _surface_point(
         splats: Every `step`-th Gaussian of the scene.
         cameras: The cameras.
         view: Index of the camera.
-        share: Number that selects a point, 0 to 1: share of the areas of all Gaussians, from left to right.
-        step: Number of the scene's Gaussians for which each given one stands.
+        share: Number from 0 to 1 that selects the point: the share of the Gaussians' total area in the image that lies
+            to the left of the point.
+        step: Number of Gaussians of the scene that each Gaussian of `splats` represents.
 
     Returns:
         World coordinates; None if the view shows nothing.

@@ -1,4 +1,4 @@
-"""Warnings of cameras that do not show a scene, because it is elsewhere or nearer than their near plane."""
+"""Warns if cameras do not show a scene: it is outside their view, or nearer than their near plane."""
 
 import logging
 from dataclasses import dataclass

@@ -51,5 +51,8 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
 
 
 def _limited(seen: Gaussians) -> Gaussians:
-    """Limits colours to `BRIGHTEST`, because an extreme colour would hide the changes of nearer Gaussians."""
+    """Returns the Gaussians of a view with colours limited to `BRIGHTEST`.
+
+    Without the limit, a Gaussian of extreme colour would dominate the estimated changes of the pixels that it covers.
+    """
     return replace(seen, colors=np.minimum(seen.colors, np.float32(BRIGHTEST)))

@@ -144,7 +144,9 @@ class MeasuredGaussians:
 def measure_gaussians(
     scene: SplatScene, cameras: Cameras | None = None, *, seed: int = 0, part: int = PART
 ) -> MeasuredGaussians:
-    """Measures for an encoder how finely to quantise each Gaussian, and how much images change without it.
+    """Measures the precision class of each Gaussian, and the image error if the Gaussian is removed.
+
+    The precision class is a number that selects the quantisation steps of a Gaussian in an encoder.
 
     Args:
         scene: Gaussians that can be drawn.
@@ -171,7 +173,11 @@ def measure_gaussians(
 
 
 def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
-    """Returns the estimated mean squared error of pictures without each Gaussian, from sensitivities to attributes."""
+    """Returns the estimated mean squared error of the pictures if one Gaussian is removed, for each Gaussian.
+
+    Args:
+        found: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.
+    """
     return found["opacity"] + _HIDDEN_CONTRAST**2 * found["colour"]
 
 
@@ -192,7 +198,7 @@ class FurtherRemoval:
 def measure_further_removal(
     pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"], *, seed: int = 0
 ) -> FurtherRemoval:
-    """Measures how much the error of a pruned scene grows without one more of its Gaussians.
+    """Measures how much the image error of a pruned scene grows if one more Gaussian is removed, for each Gaussian.
 
     Args:
         pruned: The remaining Gaussians.

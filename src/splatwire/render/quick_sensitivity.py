@@ -84,7 +84,7 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Estimated picture errors in one view if attributes of the selected anchors change, summed over these anchors.
+    """Estimated errors of one picture if attributes change: sums over selected anchors.
 
     Attributes:
         metric: Matrix M for features and logarithms of scalings: a change of an anchor's values by the vector d causes
@@ -118,7 +118,7 @@ def _back_propagate(
         camera_center: Position of the camera.
         rows: Indices of the selected anchors.
         drawn: Gaussians of the view, and gradients of the signed sum with respect to the Gaussians.
-        each: Change of the signed sum if a Gaussian is removed, for each Gaussian of each selected anchor.
+        each: Decrease of the signed sum if one Gaussian is removed, for each Gaussian of each selected anchor.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.
@@ -140,7 +140,10 @@ def _back_propagate(
 
 
 def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
-    """Returns, for each anchor, how far an offset of 1 shifts a Gaussian relative to the Gaussian's size, squared."""
+    """Returns the squared ratio of offset scale to Gaussian size for each anchor.
+
+    The offset scale is the distance by which an offset of 1 moves a Gaussian.
+    """
     # An offset that changes by 1 moves its Gaussian by the offset scale. Scale and size are means along the three
     # axes.
     scalings = np.maximum(anchors.scalings.astype(np.float64), 1e-9)

@@ -76,7 +76,10 @@ def without_invalid(scene: Scene) -> Scene:
 
 
 def _is_surely_valid(splats: Splats) -> bool:
-    """True if no Gaussian is invalid, by a quick check; False if `validity_of_splats` must be asked."""
+    """True if a quick check shows that all Gaussians are valid; False if the check is inconclusive.
+
+    After False, `validity_of_splats` finds the invalid Gaussians.
+    """
     if not splats.num_gaussians:
         return True
     with np.errstate(over="ignore", invalid="ignore"):

@@ -114,9 +114,9 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated change of a function of the image, such as a sum of pixels, after removal of each Gaussian, (G).
+        """Estimated contribution of each Gaussian to a function of the image, such as a sum of pixels, (G).
 
-        There is one value per Gaussian: the first-order change, computed from the gradients of the function.
+        To first order, the function decreases by this value if the Gaussian is removed.
         """
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
@@ -131,7 +131,7 @@ def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, 
     Args:
         total: Errors summed over views; changed in place.
         indices: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Change of a probe if a Gaussian is removed, float64 (G).
+        presence: Decrease of a probe if a Gaussian is removed, float64 (G).
         probes: Number of probes per view, each with other signs; the error of a view is the mean over its probes.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the

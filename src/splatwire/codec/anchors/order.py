@@ -189,7 +189,12 @@ def chunks(sizes: np.ndarray, max_anchors: int = CHUNK) -> Iterator[slice]:
 
 
 def update_digest(digest: Any, rows: SymbolRows) -> None:
-    """Adds the decoded integers of anchors to a hash, anchor by anchor."""
+    """Adds the decoded integers of anchors to a hash, with which receivers verify their decoding.
+
+    Args:
+        digest: hashlib object that is updated.
+        rows: Arrays of decoded integers; the first contains all integers of each anchor in one row.
+    """
     # The manifest contains the hash of all integers. A receiver compares it with the hash of its own integers.
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
 

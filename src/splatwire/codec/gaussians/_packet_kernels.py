@@ -375,7 +375,9 @@ def encode_cut(
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _weight(levels):
-    """Estimates the coded size of Gaussians relative to that of others of their block, in any unit.
+    """Estimates the total coded size of n Gaussians, in an arbitrary unit.
+
+    Only sizes of Gaussians of the same block can be compared.
 
     Args:
         levels: Precision class of each Gaussian, int64 (n).
@@ -391,11 +393,11 @@ def _weight(levels):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _count_within(levels, weight):
-    """Returns the number of first Gaussians, at least one, whose estimated size is at most `weight`.
+    """Returns how many of the first Gaussians have together an estimated size of at most `weight`; at least 1.
 
     Args:
         levels: Precision class of each Gaussian, int64 (n).
-        weight: Limit of the size, in the unit of `_weight`.
+        weight: Maximum total size, in the unit of the function `_weight`.
     """
     count, total = 0, np.int64(0)
     while count < len(levels):

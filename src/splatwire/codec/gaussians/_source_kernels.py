@@ -133,15 +133,15 @@ def write_places(means, factor, places):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def write_codes(places, shift, codes):
-    """Computes Morton codes of positions, whose lowest bits are dropped.
+    """Computes Morton codes of positions after dropping the lowest bits of each coordinate.
 
     Args:
         places: Positions, int64 (n, 3), not negative.
-        shift: Number of dropped bits of a coordinate; the others are at most `MAX_CELL_BITS`.
+        shift: Number of dropped bits of a coordinate. At most `MAX_CELL_BITS` bits remain.
         codes: Output, int64 (n).
 
     Returns:
-        Bitwise or of all coordinates without their dropped bits; negative if one is.
+        Bitwise or of all coordinates after the low bits were dropped. It is negative if any coordinate is negative.
     """
     used = np.int64(0)
     for i in range(len(codes)):

@@ -110,7 +110,7 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(positions: np.ndarray, bits: int) -> int:
-    """Returns log2 of the cell size of the grid to which a block's positions are divided for coding.
+    """Returns log2 of the cell size of the grid with which a block's positions are coded.
 
     A position is coded as a grid cell, and as bits within the cell.
 

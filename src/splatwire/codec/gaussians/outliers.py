@@ -1,4 +1,4 @@
-"""Limits outliers, so that single Gaussians with extreme values do not reduce the precision of all others."""
+"""Limits extreme values of single Gaussians (outliers), which would reduce the precision of all other Gaussians."""
 
 import logging
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Codec of explicit Gaussians: schema with their encoder, decoder and repacketization (docs/format.md)."""
+"""Defines the codec of explicit Gaussians from its encoder, decoder and repacketization (docs/format.md)."""
 
 import math
 
@@ -37,7 +37,12 @@ def _can_repack(stream: SceneStream) -> bool:
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the redundant copies of a stream after a repacketization."""
+    """Returns a stream in other packets with redundant copies that refer to the new order of Gaussians.
+
+    Args:
+        stream: The stream before the packets changed.
+        packed: The same scene in other packets.
+    """
     # A copy refers to its Gaussian by index, and the rearrangement changes the order of the Gaussians.
     sections = sections_of(stream)
     if SKETCH not in sections:

@@ -243,7 +243,13 @@ class SourceScene:
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
 
     def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
-        """Sorts the Gaussians of a block in the order in which packets are filled; returns their indices."""
+        """Returns the indices of a block's Gaussians in the order in which packets are filled.
+
+        Args:
+            codes: Morton codes of the positions in the bounding box, int64 (n).
+            at: log2 of the cell size of the coarse position grid, in lattice spacings.
+            bits: Number of bits of a coordinate within the bounding box.
+        """
         return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
     def arranged(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:

@@ -1,4 +1,4 @@
-"""Codec of Gaussians with levels of detail: schema with their encoder and decoder (docs/format.md)."""
+"""Defines the codec of Gaussians with levels of detail from its encoder and decoder (docs/format.md)."""
 
 from dataclasses import replace
 
@@ -67,7 +67,12 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Updates the index of spatial tiles of a stream after a repacketization."""
+    """Returns a stream in other packets with an index of spatial tiles that matches these packets.
+
+    Args:
+        stream: The stream before the packets changed.
+        packed: The same scene in other packets.
+    """
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 
 

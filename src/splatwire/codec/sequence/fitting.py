@@ -43,7 +43,12 @@ class Fitting:
         self._targets = Targets.zero(len(keys) + len(keys) // SPARE, frames)
 
     def fits(self, keys: np.ndarray, frames: int) -> bool:
-        """True if the frames fitted so far belong to a given group of frames, so that the fit can continue."""
+        """True if this fit can be continued for a group of frames with the given tracks and length.
+
+        Args:
+            keys: Keys of all tracks of the group. They must begin with the tracks of this fit.
+            frames: Number of frames in the group.
+        """
         room, last = self._targets.coefficients.shape[0], self._targets.coefficients.shape[2]
         # Tracks that appeared later may follow.
         return last == frames and len(keys) <= room and np.array_equal(keys[: len(self._keys)], self._keys)

@@ -120,15 +120,19 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information whose position steps are the unit of motion in the current shot.
+        """Side information that defines the unit in which the current shot codes motion of positions.
 
-        It belongs to the shot's first keyframe, or to an earlier shot with almost the same steps.
+        It belongs to the first keyframe Gaussians of the shot, or to those of an earlier shot with almost the same
+        quantisation steps.
         """
         return self._references[-1]
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the unit of positions in the current shot's motion, relative to that of the first shot."""
+        """log2 of the unit in which the current shot codes motion of positions, relative to the first shot's unit.
+
+        A shot is a range of groups of frames that share quantisation steps and units.
+        """
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:

@@ -66,11 +66,13 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns only the entries of the most visible tracks.
+        """Returns the lifetimes without the exceptions for less visible tracks.
+
+        A track without an exception exists from the first frame of its group to the end of the sequence.
 
         Args:
             seen: Visibility of each track (squared opacity times area), float64 (T).
-            count: Maximum number of tracks to keep.
+            count: Maximum number of tracks with an exception.
         """
         some = np.union1d(self.late, self.early)
         keep = some[np.argsort(-seen[some], kind="stable")[:count]]

@@ -1,4 +1,4 @@
-"""Codec of moving Gaussians: schema with their encoder and decoder (docs/format.md)."""
+"""Defines the codec of moving Gaussians from its encoder and decoder (docs/format.md)."""
 
 from typing import Any
 

@@ -93,7 +93,7 @@ class SequenceInfo:
             block: Index of the block among all blocks of keyframe Gaussians.
 
         Returns:
-            The side information, and the index of the block in it.
+            Side information of the block's shot, and the index of the block among the blocks of this shot.
         """
         shot = self._shot(block)
         return shot.info, block - shot.first_block
@@ -106,7 +106,9 @@ class SequenceInfo:
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of half the spacing of a block's lattice of positions, relative to the unit of its motion.
+        """Returns log2 of half the lattice spacing of a block's keyframe Gaussians, relative to a unit of motion.
+
+        This unit is the one in which the motion of positions is coded in the groups of frames of the block's shot.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.
@@ -174,7 +176,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SequenceInfo:
 
 
 def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
-    """Returns log2 of the spacing of the position lattice of `info`, relative to that of the lattice of `reference`."""
+    """Returns log2 of the ratio of two lattice spacings of positions: that of `info` to that of `reference`."""
     return (info.size_log - info.unit) - (reference.size_log - reference.unit)
 
 

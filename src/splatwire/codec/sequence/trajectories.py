@@ -143,8 +143,8 @@ class PacketMoves:
     Attributes:
         coefficients: Polynomial coefficients, float32 (m, channels, K). Coefficients that the packet does not contain
             are 0.
-        orders: Number of coefficients that the packet contains for a channel, by kind of channel (position, rotation,
-            scale, opacity, colour), int64 (kinds).
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of coefficients that the
+            packet contains per channel, int64 (kinds).
     """
 
     coefficients: np.ndarray

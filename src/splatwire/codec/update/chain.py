@@ -38,7 +38,10 @@ class UpdateChain:
         return manifest_digest(self.source.manifest)
 
     def offers(self) -> dict[str, SceneStream | None]:
-        """Returns the updates that receivers can request, by name; the name of the next update has the value None."""
+        """Returns the updates that receivers can request, by name.
+
+        The value is None for the update from the present state to the next one, which does not exist yet.
+        """
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
         }

@@ -51,12 +51,12 @@ def encode_update(
     Args:
         base: The stream of the scene before the change, complete.
         scene: The changed scene, in the same units and coordinates.
-        classes: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M), 0 for the
-            finest of those that `base` contains and negative for coarser; None for the finest.
+        classes: Precision class of each Gaussian of `scene` (its set of quantisation steps), integers (M). The finest
+            class that `base` contains is 0; coarser classes are negative. None for the finest.
         threads: Number of threads; None for one per processor.
 
     Returns:
-        The update: a stream with the new Gaussians.
+        The update: a stream with the new Gaussians and the mask of removed ones.
 
     Raises:
         InvalidValueError: If the stream cannot be updated (see `check_base`), or the scene is empty, of another kind or
@@ -66,11 +66,13 @@ def encode_update(
 
 
 def _warn_of_other_metadata(scene: SplatScene, before: SplatScene) -> None:
-    """Logs a warning if a changed scene states other metadata than its stream, which an update keeps.
+    """Logs a warning if the metadata of a changed scene differ from those of its stream.
+
+    An update cannot change metadata.
 
     Args:
         scene: The changed scene.
-        before: The scene of the stream.
+        before: The scene before the change, decoded from the stream.
     """
     new, old = (metadata_to_json(one.metadata.moved_origin(one.origin, before.origin)) for one in (scene, before))
     other = [
@@ -108,9 +110,9 @@ def encode_change(
         scene: As for `encode_update`.
         classes: As for `encode_update`.
         threads: As for `encode_update`.
-        finest: Number of the finest precision class in the bitstream, from 0 (the coarsest) to `MAX_CLASSES - 1`.
-            Gaussians of the stream that have a coarser class than `classes` requests are then replaced. None for the
-            finest class that the stream contains, without such replacements.
+        finest: Precision class to which 0 in `classes` refers, as numbered in the bitstream: from 0 (the coarsest) to
+            `MAX_CLASSES - 1`. Unchanged Gaussians that the stream contains with a coarser class than requested are
+            then encoded again. None for the finest class of the stream; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
     found = as_scene(scene)
@@ -187,7 +189,12 @@ def _encode_new(
 
 
 def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
-    """Returns the stream of an update that only removes Gaussians."""
+    """Returns an update without new Gaussians, for a change that only removes Gaussians.
+
+    Args:
+        base: The stream to change.
+        info: Side information of this stream without named sections; the update gets the same parameters.
+    """
     none = np.zeros(0, np.int64)
     boxes = Boxes(none, none.reshape(0, 3), none.reshape(0, 3))
     side_info = write_side_info(replace(info, boxes=boxes, defaults=none.reshape(0, 7)))

@@ -1,4 +1,4 @@
-"""Codec of updates of a stream: schema with their encoder and decoder (docs/format.md)."""
+"""Defines the codec of updates (changes of a stream) from its encoder and decoder (docs/format.md)."""
 
 from dataclasses import fields, replace
 from typing import Any

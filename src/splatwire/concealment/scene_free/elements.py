@@ -81,9 +81,10 @@ def element_inputs(partial: ReceivedScene[SplatScene]) -> ElementInputs:
 
 
 def _spacing(distance: np.ndarray, received: np.ndarray, log_sizes: np.ndarray) -> Float[np.ndarray, "M"]:
-    """Measures how sparse the received Gaussians around each received Gaussian are.
+    """Returns the logarithm of the distance from each Gaussian to its sixth nearest received neighbour, float (M).
 
-    The measure is the logarithm of the distance to the sixth nearest one, float (M).
+    It measures how sparse the received Gaussians are. Where fewer neighbours were received, it is replaced by the
+    logarithm of the Gaussian's size.
 
     Args:
         distance: Distances to the nearest neighbours, world units, (M, k).
@@ -121,7 +122,7 @@ class ElementNetwork(Perceptron):
 def enlarge_received(
     partial: ReceivedScene, rows: Int64[np.ndarray, "M"], gains: tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]
 ) -> Concealed:
-    """Returns the result of a concealer that enlarges received elements and hides lost ones.
+    """Builds the result of a concealer from enlargement factors of received elements; lost elements are hidden.
 
     Args:
         partial: The received scene.

@@ -67,7 +67,14 @@ class Perceptron:
 
     @classmethod
     def untrained(cls: type[Own], hidden: int = HIDDEN, *, seed: int = 0) -> Own:
-        """Returns a network with random weights in the hidden layer, whose outputs are 0."""
+        """Returns an untrained network, whose two outputs are 0 for any input.
+
+        The weights of the hidden layer are random, those of the output layer are 0.
+
+        Args:
+            hidden: Number of hidden units.
+            seed: Random seed.
+        """
         rng, bound = np.random.default_rng(seed), cls.INPUTS**-0.5
         first = Linear(
             rng.uniform(-bound, bound, (hidden, cls.INPUTS)).astype(np.float32),

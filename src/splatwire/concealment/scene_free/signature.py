@@ -1,6 +1,6 @@
 """Computes the inputs of the neural network with which the concealer `scene_free` enlarges received anchors.
 
-All inputs are ratios.
+The inputs are shares, ratios and counts, most of them as logarithms.
 """
 
 from typing import Any
@@ -31,7 +31,8 @@ def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) 
     1. Lost shares: of the whole scene, and of the nearest 4, 12 and 32 anchors.
     2. Lost shares of the area that neighbours cover, for three kernel widths and for two classes of large anchors.
     3. Sizes, relative to the distances and sizes of neighbours.
-    4. Numbers of active offsets, and standard deviations predicted by the prior.
+    4. Numbers of active offsets, ratio of actual to expected size, and relative uncertainties of the prior's
+       predictions.
 
     Args:
         partial: The received scene.
@@ -69,7 +70,10 @@ def near_losses(partial: ReceivedScene[AnchorScene], surroundings: Surroundings)
 
 
 def log_gain(share: Any) -> Any:
-    """Returns the logarithm of 1 / (1 - share): the gain in area that compensates for a lost share of neighbours."""
+    """Returns the logarithm of `1 / (1 - share)`, where `share` is the lost share of neighbours.
+
+    The factor `1 / (1 - share)` on the area of received neighbours compensates for the lost ones.
+    """
     return -np.log1p(-np.minimum(share, _MOST_LOST))
 
 
@@ -80,9 +84,9 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns the inputs of the network that weights neighbours: area and squared relative distance of each neighbour.
+    """Returns two properties of each neighbour from which its weight follows: area and squared relative distance.
 
-    The squared distance is divided by twice the sum of two areas, that of the anchor and that of the neighbour.
+    The squared distance is divided by twice the sum of two areas: the anchor's and the neighbour's.
 
     Args:
         area: Area that the prior predicts for each anchor of the scene.
@@ -142,9 +146,10 @@ def _sizes(
 def _size_features(
     partial: ReceivedScene[AnchorScene], surroundings: Surroundings, log_sizes: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
-    """Returns network inputs for each of M anchors: its size, its number of offsets, and uncertainties of predictions.
+    """Returns network inputs for each of M anchors: numbers of active offsets, relative size, and uncertainties.
 
-    The uncertainties are those of the features and of the scalings that the prior predicts.
+    The size is relative to the expected size. The uncertainties are those of the features and of the scalings that the
+    prior predicts.
 
     Args:
         partial: The received scene.

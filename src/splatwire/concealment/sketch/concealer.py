@@ -120,13 +120,11 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """A received scene after copies have replaced lost anchors, and the data for enlarging anchors next to gaps.
-
-    There are M drawn anchors.
+    """Received scene with copies in place of lost anchors, and data for enlarging the M drawn anchors.
 
     Attributes:
         filled: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
-        left: For each drawn anchor, the share of its neighbours that is drawn, too, 0 to 1.
+        left: For each drawn anchor, share of drawn anchors among its neighbours, 0 to 1.
         inputs: Inputs of the network that corrects the enlargement.
     """
 
@@ -215,9 +213,9 @@ def sizes_of(partial: ReceivedScene[AnchorScene]) -> SketchSizes:
 
 
 def buckets_of(partial: ReceivedScene) -> np.ndarray:
-    """Returns the size class of each anchor, 0 for the largest, int64 (N).
+    """Returns the size class of each anchor of a received scene, 0 for the largest, int64 (N).
 
-    The entropy coder uses the class as context.
+    It is computed from the sizes that the prior predicts, and is a context of the entropy coder of a sketch.
     """
     size = np.maximum(to_numpy(partial[Prior].scaling.mean)[:, 3:6].astype(np.float64), 0)
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -16,7 +16,7 @@ MotionPrediction = Callable[[int, np.ndarray], np.ndarray]
 
 
 def no_motion(lost_tracks: np.ndarray) -> MotionPrediction:
-    """Returns an estimate without motion: lost tracks stay at their keyframe Gaussians."""
+    """Returns a function that estimates no motion in any frame: lost tracks stay at their keyframe Gaussians."""
     return lambda _frame, _arrived: np.zeros((len(lost_tracks), NUM_CHANNELS), np.float32)
 
 

@@ -177,7 +177,7 @@ class _Field:
         return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
 
     def error(self, background: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Computes the error that results in a frame if tested tracks are drawn in an estimated state.
+        """Computes the error in one frame if tracks are drawn in an estimated state in place of the true state.
 
         Args:
             background: Colour and opacity of the other Gaussians at the tracks' positions.

@@ -32,12 +32,14 @@ EXP2_BITS = 40
 
 @dataclass(frozen=True)
 class Stage:
-    """Stage in the prediction of an anchor: attributes that one network predicts, given those of earlier stages.
+    """Stage in the prediction of an anchor: the attribute values that one network predicts.
+
+    The inputs of the network include the values of earlier stages.
 
     Attributes:
-        name: Name of the network that predicts them.
-        first: Index of the first of these attribute values among all attribute values of an anchor.
-        size: Number of attribute values.
+        name: Name of the network.
+        first: Index of the stage's first value among all attribute values of an anchor.
+        size: Number of attribute values of the stage.
         masks: Number of mask logits (one per offset) at the start of the network outputs; 0 in stages without masks.
     """
 
@@ -94,13 +96,14 @@ class CodingContext:
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Returns an object (`Chain`) that predicts the attributes of anchors, group by group.
+        """Starts the prediction of the attributes of anchors, and returns the object that continues it.
 
         Args:
             voxels: Positions of the anchors, voxels, int64 (n, 3).
 
         Returns:
-            The object, with the outputs of the network that depends on the anchors' positions only.
+            Object that predicts one group of attributes after another. It contains the outputs of the network that
+            depends on positions only.
         """
         return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 

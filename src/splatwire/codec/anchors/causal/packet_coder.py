@@ -72,7 +72,8 @@ def quantise(
         positions: Complete positions of the anchors, with high and low bits.
         masks: 1 for offsets that exist, uint8 (n, K).
         values: Attribute values in quantisation steps, float64 (n, attributes).
-        octaves: Quantisation step of the base-2 logarithm of the offset scale (the factor on an anchor's offsets).
+        octaves: Quantisation step of the offset scale (the factor on an anchor's offsets), in octaves: the scale is
+            quantised as its base-2 logarithm.
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()
@@ -122,7 +123,12 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
 
 
 def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
-    """Estimates how many bits each anchor takes in a packet, float64 (n)."""
+    """Estimates how many bits each of n anchors takes in a packet, float64 (n).
+
+    Args:
+        context: The stream's networks and constants.
+        found: The quantised anchors, with their predictions.
+    """
     bits = np.empty(len(found.masks))
     kernels.anchor_bits(
         found.positions.codes, found.positions.unknown, context.chances, found.masks, found.logits, found.symbols,

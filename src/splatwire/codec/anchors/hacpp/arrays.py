@@ -98,7 +98,7 @@ def store_symbols(
 
 
 def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[AnchorScene]:
-    """Builds a scene from decoded attributes without copies.
+    """Builds a scene from decoded attributes; features, scalings, offsets and masks share memory with `arrays`.
 
     Args:
         info: The stream's side information.

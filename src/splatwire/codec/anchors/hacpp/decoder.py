@@ -178,7 +178,10 @@ class SeparatedDecoder(HacppDecoder):
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def store(self, run: Run, rows: SymbolRows) -> None:
-        """Dequantises received attributes of anchors, and writes them and their mask to the scene's arrays."""
+        """Dequantises received attributes of anchors, and writes them to the arrays of the scene.
+
+        The mask of received attributes is written, too.
+        """
         symbols, factors, received = rows
         ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
         store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)

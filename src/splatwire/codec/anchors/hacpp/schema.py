@@ -1,4 +1,7 @@
-"""Definition of the codec `hacpp` (format 1) for anchors of HAC++: its encoder, its decoder, and changes of packets."""
+"""Defines the codec `hacpp` (format 1) for anchors of HAC++.
+
+The definition consists of the encoder, the decoder, and the division of a stream into other packets.
+"""
 
 from typing import Any
 
