@@ -47,6 +47,14 @@ def test_damaged_input_fails_even_if_nobody_reads_the_output(journey, tmp_path, 
     assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == 3
 
 
+@pytest.mark.parametrize(("name", "status"), [("cut.swz", 3), ("none.swz", 2)])
+def test_bad_input_fails_even_if_nobody_reads_the_errors(journey, tmp_path, name, status):
+    content = (journey / "tiny.swz").read_bytes()
+    (tmp_path / "cut.swz").write_bytes(content[: len(content) * 3 // 4])
+    line = f"{sys.executable} -m splatwire verify {name} 2>&1 | true; exit ${{PIPESTATUS[0]}}"
+    assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == status
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_characters_that_a_terminal_lacks_are_escaped(journey, tmp_path, encoding):
     (tmp_path / "\u540d.swz").write_bytes((journey / "tiny.swz").read_bytes())

@@ -432,6 +432,7 @@ def test_following_that_is_stopped_before_a_scene_arrives_fails(tmp_path: Path, 
     """A script must not take an old output for the scene."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
+        silent.settimeout(120)
 
         def stop() -> None:
             silent.recv(2048)

@@ -7,7 +7,7 @@ from explicit import ball_of_gaussians
 from scenes import tiny_cameras, tiny_scene
 from splatwire.anchors.compiled_heads import drawn_gaussians
 from splatwire.errors import UnknownNameError
-from splatwire.render import create_renderer, iterate_views, render_scene
+from splatwire.render import create_renderer, iterate_views, render, render_scene
 from splatwire.types import RenderHints, SplatScene
 
 
@@ -80,5 +80,12 @@ def test_rotations_of_any_length_give_the_same_picture(factor: float) -> None:
 def test_quaternions_of_length_one_are_not_copied() -> None:
     splats = ball_of_gaussians()
     assert splats.with_unit_quats() is splats
-    halves = replace(splats, quats=splats.quats.astype(np.float16))
-    assert halves.with_unit_quats() is halves
+    halves = splats.quats.astype(np.float16)
+    assert np.array_equal(replace(splats, quats=halves).with_unit_quats().quats, halves)
+
+
+def test_all_views_of_a_scene_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    checked, check = [], render._is_surely_valid
+    monkeypatch.setattr(render, "_is_surely_valid", lambda splats: checked.append(splats) or check(splats))
+    render_scene(ball_of_gaussians(), tiny_cameras(3, 8, 8))
+    assert len(checked) == 1

@@ -54,3 +54,10 @@ def test_coordinates_beyond_any_map_are_refused() -> None:
     splats = some_splats(20, 0)
     with pytest.raises(InvalidValueError, match=r"around 1e\+13 from 0"):
         replace(splats, means=np.full((20, 3), 1e13))
+
+
+@pytest.mark.skipif(np.dtype(np.longdouble) == np.float64, reason="longdouble is float64 on this machine")
+def test_arrays_of_extended_precision_are_refused() -> None:
+    splats = some_splats(20, 0)
+    with pytest.raises(InvalidValueError, match=r"Splats.scales: expected a float32 array"):
+        replace(splats, scales=splats.scales.astype(np.longdouble))

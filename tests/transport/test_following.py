@@ -202,6 +202,27 @@ def test_a_follower_may_start_an_update_each_second() -> None:
     run(work())
 
 
+def test_alternating_failures_are_warned_of_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("splatwire.api.following.RETRY_S", 0.0)
+    no_route, no_answer = OSError(errno.ENETUNREACH, "Network is unreachable"), Done("no answer", None)
+    answers = iter([Done("complete", BASE), *[no_route, no_answer] * 3, Done("stopped", None)])
+    warnings = list[str]()
+
+    async def fetch(name: str) -> Receiver:
+        answer = next(answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    async def work() -> list[SceneStream]:
+        return [scene async for scene in follow(fetch, "room", warnings.append)]
+
+    assert len(run(work())) == 1
+    assert [warning.split(" (")[0].split(":")[0] for warning in warnings] == [
+        "no connection", "an update did not arrive as a whole"
+    ]  # fmt: skip
+
+
 def test_followers_wait_for_a_network_and_a_name_service(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the first connection must succeed."""
     monkeypatch.setattr("splatwire.api.following.RETRY_S", 0.0)

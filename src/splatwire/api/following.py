@@ -45,23 +45,23 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
     """
     # If an update does not arrive or cannot be applied, it or the whole scene is requested again.
     scene: SceneStream | None = None
-    without_updates, warn_of_change = "", _changes_only(warn)
+    without_updates, warn_once = "", _once(warn)
     while True:
-        receiver = await (fetch(name) if scene is None else _fetch_repeatedly(fetch, name, warn))
+        receiver = await (fetch(name) if scene is None else _fetch_repeatedly(fetch, name, warn_once))
         stream, reason = receiver.stream(), _reason(receiver)
         if reason == "stopped":
             return
         if stream is None or reason != "complete":
             if scene is None:
                 raise InvalidValueError(f"the scene did not arrive as a whole: {reason}")
-            warn_of_change(f"the scene did not arrive as a whole ({reason}); the last one remains")
+            warn_once(f"the scene did not arrive as a whole ({reason}); the last one remains")
             await asyncio.sleep(RETRY_S)
             continue
         digest = manifest_digest(stream.manifest)
         if digest == without_updates:
             raise InvalidValueError("the server offers no updates of the scene: `serve --updates` does")
         scene = stream
-        warn_of_change("")
+        warn_once("")
         yield scene
         try:
             without_updates = digest
@@ -93,38 +93,36 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         BitstreamError: If it is damaged.
         OSError: If a transfer fails for another reason than a missing network.
     """
-    warn_of_change = _changes_only(warn)
+    warn_once = _once(warn)
     while True:
-        receiver = await _fetch_repeatedly(fetch, update_name(digest), warn)
+        receiver = await _fetch_repeatedly(fetch, update_name(digest), warn_once)
         stream, reason = receiver.stream(), _reason(receiver)
         if reason == "stopped":
             raise FollowingStoppedError
         if reason == REFUSALS[MISSING_STREAM]:
             return
         if stream is None or reason != "complete":
-            warn_of_change(f"an update did not arrive as a whole ({reason}); the last scene remains")
+            warn_once(f"an update did not arrive as a whole ({reason}); the last scene remains")
             await asyncio.sleep(RETRY_S)
             continue
         check_follows(stream, digest)
-        warn_of_change("")
+        warn_once("")
         yield stream
         digest = read_update(sections_of(stream)[SECTION]).result_digest
 
 
-def _changes_only(warn: Warn) -> Warn:
-    """Returns a function that calls `warn` with a warning unless the previous call had the same text.
+def _once(warn: Warn) -> Warn:
+    """Returns a function that passes on each warning once; after an empty text, warnings are passed on again."""
+    said = set[str]()
 
-    A call with an empty text only clears the stored text, so that the next warning is passed on in any case.
-    """
-    last = ""
-
-    def changed(text: str) -> None:
-        nonlocal last
-        if text and text != last:
+    def new(text: str) -> None:
+        if not text:
+            said.clear()
+        elif text not in said:
+            said.add(text)
             warn(text)
-        last = text
 
-    return changed
+    return new
 
 
 async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:

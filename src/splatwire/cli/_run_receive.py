@@ -18,6 +18,7 @@ from splatwire.cli._files import output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._receiving import transfer_of
+from splatwire.cli._terminal import print_failure
 from splatwire.cli.receive import Receive
 from splatwire.errors import InvalidValueError, MissingSideInfoError
 from splatwire.files.names import real_path
@@ -82,10 +83,10 @@ def run(command: Receive) -> None:
         missing = receiver.describe_missing()
         if live.num_dropped:
             missing = f"{missing}, {live.num_dropped:,} packets were dropped".removeprefix(", ")
-        print(
-            f"splatwire: error: {url}: the stream is incomplete ({reason}: {missing}); "
-            f"what arrived is in {command.output}. Receive it again, or accept this with --partial", file=sys.stderr,
-        )  # fmt: skip
+        print_failure(
+            f"{url}: the stream is incomplete ({reason}: {missing}); "
+            f"what arrived is in {command.output}. Receive it again, or accept this with --partial"
+        )
         sys.exit(DAMAGED)
 
 

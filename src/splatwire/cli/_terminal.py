@@ -4,6 +4,7 @@ Names of files and streams, messages of servers and contents of files are untrus
 """
 
 import contextlib
+import os
 import sys
 import unicodedata
 from collections.abc import Iterator
@@ -71,3 +72,16 @@ def printable_streams() -> Iterator[None]:
         if sys.stderr is not None:
             stack.enter_context(contextlib.redirect_stderr(PrintableStream(sys.stderr)))
         yield
+
+
+def print_failure(text: str) -> None:
+    """Prints an error on standard error, or nothing if its reader has exited, so that the exit status still tells."""
+    try:
+        print(f"splatwire: error: {text}", file=sys.stderr)
+    except BrokenPipeError:
+        discard_stderr()
+
+
+def discard_stderr() -> None:
+    """Redirects standard error to the null device; otherwise Python would fail to flush it at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())

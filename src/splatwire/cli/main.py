@@ -18,7 +18,7 @@ import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
 from splatwire.cli._startup_progress import startup_messages
-from splatwire.cli._terminal import one_line, printable_streams
+from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
 from splatwire.errors import InvalidValueError, SplatwireError, how_to_install
 from splatwire.files.atomic_write import with_final_names
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits the process.
 
     The exit status is 0 on success, 2 for a user error, 3 for a damaged input or an incomplete transfer, 130 after
-    Ctrl-C, and 143 after SIGTERM.
+    Ctrl-C, and 143 after SIGTERM. `splatwire receive` exits with 130 after SIGTERM too.
 
     Args:
         arguments: Command-line arguments after the program name; None for those of this process.
@@ -156,7 +156,10 @@ def _run(arguments: list[str]) -> int:
         raise
     except (Exception, KeyboardInterrupt) as error:
         if (status := _signal_status(error)) is not None:
-            print("splatwire: stopped", file=sys.stderr)
+            try:
+                print("splatwire: stopped", file=sys.stderr)
+            except BrokenPipeError:
+                discard_stderr()
             return status
         if isinstance(error, SplatwireError):
             return _print_error(str(error))
@@ -178,10 +181,7 @@ def _print_damage(verb: Any) -> int:
     if getattr(verb, "accept_damage", False):
         return 0
     how = ", or accept this result with --accept-damage" if hasattr(verb, "accept_damage") else ""
-    print(
-        f"splatwire: error: the input is damaged, and only its intact parts were used: fetch it again{how}",
-        file=sys.stderr,
-    )
+    print_failure(f"the input is damaged, and only its intact parts were used: fetch it again{how}")
     return DAMAGED
 
 
@@ -240,5 +240,5 @@ def _execute(verb: str, options: Any) -> None:
 
 
 def _print_error(message: str) -> int:
-    print(f"splatwire: error: {one_line(with_final_names(message))}", file=sys.stderr)
+    print_failure(one_line(with_final_names(message)))
     return 2

@@ -53,12 +53,21 @@ def iterate_views(
         InvalidValueError: If an argument has a wrong type or value; the message names valid ones.
         DatasetError: If the cameras file is invalid.
     """
-    drawn, seen = without_invalid(as_scene(scene)), cameras_of(cameras)
+    return _drawn_views(without_invalid(as_scene(scene)), cameras_of(cameras), renderer, background)
+
+
+def _drawn_views(
+    scene: Scene,
+    cameras: Cameras,
+    renderer: str | Renderer,
+    background: Float[np.ndarray, "3"] | Sequence[float] | None,
+) -> Iterator[Float[np.ndarray, "H W 3"]]:
+    """Like `iterate_views`, for a scene and cameras that were checked before."""
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
     if not callable(draw) or isinstance(draw, type):
         raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {shown(draw)}")
-    behind = _color(drawn.background if background is None else background)
-    return _views(drawn, seen.relative_to(origin_of(drawn)), draw, behind)
+    behind = _color(scene.background if background is None else background)
+    return _views(scene, cameras.relative_to(origin_of(scene)), draw, behind)
 
 
 def without_invalid(scene: Scene) -> Scene:
@@ -149,7 +158,7 @@ def render_scene(
     scene = without_invalid(as_scene(scene))
     warn_of_near_plane(scene, cameras)
     images = np.empty((cameras.num_views, cameras.height, cameras.width, 3), np.float32)
-    for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
+    for view, image in enumerate(_drawn_views(scene, cameras, renderer, background)):
         images[view] = image
         if progress is not None:
             progress(view + 1, cameras.num_views)

@@ -14,6 +14,8 @@ Shape = tuple[int | str, ...]
 """Expected shape of an array. A letter is a free dimension; the same letter means the same size in all arrays of a
 record."""
 
+_FLOATS = ("float16", "bfloat16", "float32", "float64")
+
 
 def check_arrays(
     record: Any,
@@ -47,7 +49,7 @@ def check_arrays(
             how = ": `.detach().cpu().float().numpy()` makes one" if tensor else ""
             raise _wrong(record, name, kind, shape, f"{type(value).__module__}.{type(value).__name__}{how}")
         values = str(value.dtype).removeprefix("torch.")
-        right = values == "bool" if name in boolean else "float" in values
+        right = values in (("bool",) if name in boolean else _FLOATS)
         fits = len(value.shape) == len(shape) and all(
             extent == (wanted if isinstance(wanted, int) else extents.setdefault(wanted, extent))
             for extent, wanted in zip(value.shape, shape, strict=True)
@@ -75,19 +77,21 @@ def indices_of(index: Any, count: int) -> np.ndarray:
         InvalidValueError: If it is anything else, a mask has another length, or an index is out of range.
     """
     if isinstance(index, slice):
-        return np.arange(count)[index]
+        try:
+            return np.arange(count)[index]
+        except (TypeError, ValueError) as error:  # text as a bound, or a step of 0
+            raise InvalidValueError(f"index: expected a slice of whole numbers, not {index}: {error}") from error
     try:
         found = np.asarray(to_numpy(index))
     except ValueError:  # a ragged list
         found = np.zeros((), np.object_)
     if found.dtype == np.bool_ and found.shape == (count,):
         return np.flatnonzero(found)
-    if found.shape == (0,) and isinstance(index, list | tuple):
+    if found.shape == (0,) and found.dtype.kind in "fiu":
         return np.zeros(0, np.int64)
     if found.ndim != 1 or found.dtype.kind not in "iu":
         raise InvalidValueError(f"index: expected whole numbers (M,) or a mask ({count:,},), not {summarize(index)}")
     if found.size and not (-count <= int(found.min()) and int(found.max()) < count):
-        raise InvalidValueError(
-            f"index: expected numbers from 0 to {count - 1:,}, not {int(found.min()):,} to {int(found.max()):,}"
-        )
+        allowed = f"numbers from {-count:,} to {count - 1:,}" if count else "none, as there are no elements"
+        raise InvalidValueError(f"index: expected {allowed}, not {int(found.min()):,} to {int(found.max()):,}")
     return found

@@ -100,11 +100,15 @@ class Splats:
         return Splats(**{f.name: getattr(self, f.name).take(indices, axis=0) for f in dataclasses.fields(self)})
 
     def with_unit_quats(self) -> "Splats":
-        """Returns the Gaussians with quaternions of length 1.
+        """Returns the Gaussians with quaternions of length 1, and with float16 arrays converted to float32.
 
         Quaternions of length 0 or with invalid values are not changed. If all other quaternions have length 1 within
         rounding, the Gaussians are returned unchanged.
         """
+        # Kernels cannot be compiled for float16.
+        halves = {name: value.astype(np.float32) for name, value in vars(self).items() if value.dtype == np.float16}
+        if halves:
+            return dataclasses.replace(self, **halves).with_unit_quats()
         if all(_are_unit(self.quats[begin : begin + ROWS]) for begin in range(0, self.num_gaussians, ROWS)):
             return self
         quats = large_empty((self.num_gaussians, 4), np.float32)

@@ -68,10 +68,9 @@ def validity_of_splats(splats: Splats) -> ElementValidity:
 def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     """Returns the mask of Gaussians with valid values, and the mask of visible Gaussians (opacity above 0)."""
     # Each attribute column is checked separately, which is seven times as fast as checking row by row.
-    # Upper bound of a colour in any viewing direction.
     sizes, turns = splats.scales.T, splats.quats.T
     with np.errstate(invalid="ignore", over="ignore"):
-        colours = 2 * (np.abs(splats.sh).reshape(len(splats.sh), -1) @ np.ones(3 * splats.sh.shape[1], np.float32))
+        colours = _largest_colours(splats)
         odd = colours - colours  # 0 if finite, else NaN
         for values in (*splats.means.T, *sizes, *turns, splats.opacities):
             odd += values - values
@@ -79,6 +78,11 @@ def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
     for size in sizes:
         good &= size > 0
     return good & (sum(np.abs(turn) for turn in turns) != 0), splats.opacities > 0
+
+
+def _largest_colours(splats: Splats) -> np.ndarray:
+    """Returns an upper bound of each Gaussian's colour in any viewing direction, (N)."""
+    return 2 * (np.abs(splats.sh).reshape(len(splats.sh), -1) @ np.ones(3 * splats.sh.shape[1], np.float32))
 
 
 def invalid_fields(splats: Splats) -> list[str]:
@@ -89,7 +93,7 @@ def invalid_fields(splats: Splats) -> list[str]:
             "scales": (np.isfinite(splats.scales) & (splats.scales > 0)).all(),
             "rotations": (np.isfinite(splats.quats).all(axis=1) & splats.quats.any(axis=1)).all(),
             "opacities": (np.isfinite(splats.opacities) & (splats.opacities <= 1)).all(),
-            "harmonics": np.isfinite(splats.sh).all(),
+            "harmonics": np.isfinite(_largest_colours(splats)).all(),
         }
     return [name for name, fine in valid.items() if not fine]
 

@@ -202,3 +202,24 @@ def test_real_files_are_read(data_dir: Path) -> None:
     assert truck.num_gaussians == 116_544
     assert 0.2 < float(truck.opacities.mean()) < 0.9
     assert bool((truck.scales > 0).all())
+
+
+@pytest.mark.parametrize("kind", [".ply", ".splat"])
+@pytest.mark.parametrize(
+    ("name", "value", "word"),
+    [("opacities", -2.0, "opacities"), ("opacities", 1.01, "opacities"), ("sh", 2e38, "harmonics")],
+)
+def test_invalid_values_are_refused_with_their_names(
+    kind: str, name: str, value: float, word: str, tmp_path: Path
+) -> None:
+    splats = _splats()
+    getattr(splats, name)[7] = value
+    with pytest.raises(InvalidValueError, match=rf"{word} of Gaussians are invalid \(the first is row 7\)"):
+        write_splats([splats], tmp_path / f"a{kind}")
+
+
+def test_rounding_errors_of_opacities_are_clipped(tmp_path: Path) -> None:
+    splats = _splats()
+    splats.opacities[:2] = 1 + 2e-7, -1e-7
+    assert write_ply([splats], tmp_path / "a.ply") == 20
+    assert read_ply_elements(tmp_path / "a.ply")

@@ -98,7 +98,9 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     def find(begin: int) -> None:
         places = compressed(means[begin : begin + ROWS].astype(np.float64))
         points = np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64)
-        kernels.write_codes(points, 0, codes[begin : begin + ROWS])
+        used = kernels.write_codes(points, 0, codes[begin : begin + ROWS])
+        if used >> MAX_AXIS_BITS:  # not 0 for negative numbers either
+            raise ValueError("positions must be finite to have a code")
 
     share(find, range(0, len(means), ROWS))
     return code_order(codes.take, len(means), 3 * MAX_AXIS_BITS, tiers)

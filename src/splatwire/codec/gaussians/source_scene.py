@@ -78,7 +78,7 @@ class BlockSource(NamedTuple):
         logs: int64 (n, 4), fixed-point logarithms of opacity and scales.
         axes: float64 (n, 3, 3), principal axes.
         colours: int64 (n, 3), base colours as Y Co Cg in fixed point.
-        harmonics: int64 (n, harmonics), transformed and rounded spherical harmonics, from `transformed`.
+        harmonics: int32 (n, harmonics), transformed and rounded spherical harmonics, from `transformed`.
     """
 
     cells_at: np.int64

@@ -26,6 +26,8 @@ SMALLEST_SIZE = np.float32(np.exp(-MAX_LOG_SCALE))
 """Minimum size; smaller sizes are raised to it."""
 _ROUNDING = 1e-3
 """Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
+_OPACITY_ERROR = 1e-6
+"""Largest rounding error of opacities to be written, which are clipped to 0 to 1."""
 _MIN_LENGTH = 1e-12
 """Length below which a quaternion has no direction, as in 3DGS."""
 
@@ -160,17 +162,28 @@ def filled(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
         degree = part.degree if degree is None else degree
         if part.degree != degree:
             raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {degree}")
+        part = _with_rounded_opacities(part)
         rows = validity_of_splats(part)
-        if rows.first_invalid is not None:
+        first = int((part.opacities < 0).argmax()) if (part.opacities < 0).any() else part.num_gaussians
+        first = first if rows.first_invalid is None else min(first, rows.first_invalid)
+        if first < part.num_gaussians:
+            names = dict.fromkeys(invalid_fields(part) + ["opacities"] * bool((part.opacities < 0).any()))
             raise InvalidValueError(
-                f"{path}: {' and '.join(invalid_fields(part))} of Gaussians are invalid (the first is row "
-                f"{count + rows.first_invalid}): numbers must be finite, scales above 0, rotations not 0, and "
-                "opacities from 0 to 1, not logits"
+                f"{path}: {' and '.join(names)} of Gaussians are invalid (the first is row {count + first}): numbers "
+                "must be finite, scales above 0, rotations not 0, and opacities from 0 to 1, not logits"
             )
         count += part.num_gaussians
         yield part.with_unit_quats()
     if degree is None:
         raise InvalidValueError(f"{path}: there is no Gaussian to write")
+
+
+def _with_rounded_opacities(splats: Splats) -> Splats:
+    """Clips opacities that differ from the range 0 to 1 by a rounding error only."""
+    opacities = splats.opacities
+    outside = (opacities < 0) | (opacities > 1)
+    near = outside & (opacities >= -_OPACITY_ERROR) & (opacities <= 1 + _OPACITY_ERROR)
+    return replace(splats, opacities=np.where(near, opacities.clip(0, 1), opacities)) if near.any() else splats
 
 
 def join(path: Path, batches: Iterable[Splats]) -> Splats:
