@@ -1,6 +1,7 @@
 """Positions that a caller makes keep their precision, or an error says how."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from splat_io.formats.handmade import some_splats
 from splatwire.errors import InvalidValueError
 from splatwire.sequence.frames import Frame
 from splatwire.types import Anchors, Gaussians, SplatScene
+from splatwire.types.shapes import check_arrays
 from splatwire.types.splats import Splats
 
 UTM = np.array([451234.0, 5411876.0, 118.0])
@@ -58,6 +60,6 @@ def test_coordinates_beyond_any_map_are_refused() -> None:
 
 @pytest.mark.skipif(np.dtype(np.longdouble) == np.float64, reason="longdouble is float64 on this machine")
 def test_arrays_of_extended_precision_are_refused() -> None:
-    splats = some_splats(20, 0)
-    with pytest.raises(InvalidValueError, match=r"Splats.scales: expected a float32 array"):
-        replace(splats, scales=splats.scales.astype(np.longdouble))
+    record = SimpleNamespace(scales=np.ones((20, 3), np.longdouble))
+    with pytest.raises(InvalidValueError, match=r"scales: expected a float32 array"):
+        check_arrays(record, {"scales": ("G", 3)})
