@@ -207,7 +207,8 @@ class KeyframeEncoder:
     def _differs(self, info: SideInfo) -> bool:
         """True if quantisation steps or lattice spacing of `info` differ from the side information in use.
 
-        Small differences, below `LEAST_CHANGE`, do not count.
+        Small differences, below `LEAST_CHANGE`, do not count. False, too, if the units of positions differ by more than
+        the format allows (`MAX_SPACING`).
         """
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)

@@ -30,7 +30,7 @@ class UpdateFields(NamedTuple):
 
 
 def manifest_digest(manifest: Manifest) -> str:
-    """Returns the SHA-256 of a manifest, hexadecimal; it identifies a stream with its content."""
+    """Returns the SHA-256 of a manifest, hexadecimal, which identifies the stream and its content."""
     return hashlib.sha256(manifest_to_bytes(manifest)).hexdigest()
 
 
