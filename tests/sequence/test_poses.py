@@ -28,3 +28,11 @@ def test_poses_equal_the_numpy_reference(degree):
     still = apply_motion(splats, np.arange(40), np.zeros((40, 13), np.float32))
     for name in ("means", "scales", "opacities", "sh"):
         assert np.array_equal(getattr(still, name), getattr(splats, name))
+
+
+def test_arbitrary_changes_of_scales_stay_finite():
+    splats = Splats(np.zeros((1, 3)), np.float32([[1, 0, 0, 0]]), np.ones((1, 3)), np.ones(1), np.zeros((1, 1, 3)))
+    offsets = np.zeros((1, 13), np.float32)
+    offsets[0, 6:9] = 200.0, 0.0, -200.0
+    scales = apply_motion(splats, np.zeros(1, np.int64), offsets).scales
+    assert np.isfinite(scales).all() and scales.max() == np.finfo(np.float32).max

@@ -7,6 +7,8 @@ import numpy as np
 from splatwire.ops.compiled import njit
 
 _LEAST, _MOST = 1e-12, 1.0 - 1e-6
+_MAX_SCALE = float(np.finfo(np.float32).max)
+"""Limit of moved scales: packets with arbitrary bytes can contain any change, and results must be finite."""
 
 
 @njit(borrows=True, error_model="numpy")
@@ -47,7 +49,7 @@ def _scale(scales, offset, out):
         for b in range(3):
             # of equal scales, the one with the lower index counts as larger
             rank += scales[b] > scales[a] or (scales[b] == scales[a] and b < a)
-        out[a] = scales[a] * np.exp(np.float64(offset[6 + rank]))
+        out[a] = min(scales[a] * np.exp(np.float64(offset[6 + rank])), _MAX_SCALE)
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")

@@ -6,7 +6,8 @@ import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 import type { SequenceInfo } from "./side_info.ts";
 
 const TABLES = new Map<number, Float64Array>();
-const MAX_OPACITY = 1 - 1e-6;
+const MAX_OPACITY = 1 - 1e-6,
+  MAX_FLOAT = 3.4028234663852886e38;
 
 /**
  * Returns orthonormal discrete Legendre polynomials over equally spaced frames, shape (frames, frames). The second
@@ -111,9 +112,9 @@ export function movedSplats(
     means[n] = places[i] + offsets[at];
     means[n + 1] = places[i + 1] + offsets[at + 1];
     means[n + 2] = places[i + 2] + offsets[at + 2];
-    scales[n] = sizes[i] * exponential(offsets[at + 6]);
-    scales[n + 1] = sizes[i + 1] * exponential(offsets[at + 7]);
-    scales[n + 2] = sizes[i + 2] * exponential(offsets[at + 8]);
+    scales[n] = changed(sizes[i], offsets[at + 6]);
+    scales[n + 1] = changed(sizes[i + 1], offsets[at + 7]);
+    scales[n + 2] = changed(sizes[i + 2], offsets[at + 8]);
     opacities[to] = Math.min(splats.opacities[from[to]] * exponential(offsets[at + 9]), MAX_OPACITY);
     colours[n] = shades[i] + offsets[at + 10];
     colours[n + 1] = shades[i + 1] + offsets[at + 11];
@@ -123,6 +124,9 @@ export function movedSplats(
   }
   return found;
 }
+
+/** Returns a scale whose logarithm changes by `change`; finite for any bytes in a packet. */
+const changed = (scale: number, change: number): number => Math.min(scale * exponential(change), MAX_FLOAT);
 
 /** Returns e to the power of `value`, which is often 0. */
 const exponential = (value: number): number => (value ? Math.exp(value) : 1);
