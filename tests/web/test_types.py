@@ -43,14 +43,15 @@ import * as React from "react";
 
 export function Scene() {
   const ref = React.useRef<SplatWire>(null);
-  return <splat-wire ref={ref} src="/scene.swz" panel="none" style={{ height: 9 }} onload={(e) => e.detail.verified} />;
+  const style = { height: 9 };
+  return <splat-wire ref={ref} src="/scene.swz" panel="none" updates style={style} onload={(e) => e.detail.verified} />;
 }
 // @ts-expect-error: a typo
 export const typo = <splat-wire scr="/scene.swz" />;
 """
 JSX = """
 import "splatwire";
-export const scene = <splat-wire src="/scene.swz" panel="none" class="large" style={{ height: "9rem" }} />;
+export const scene = <splat-wire src="/scene.swz" panel="none" updates class="large" style={{ height: "9rem" }} />;
 // @ts-expect-error: a typo
 export const typo = <splat-wire scr="/scene.swz" />;
 """

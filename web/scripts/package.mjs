@@ -27,7 +27,7 @@ const reach = (name) => {
   const path = join(out, "types", name),
     text = readFileSync(path, "utf8");
   for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
-  // compilers before TypeScript 5.7 know no buffers of a kind
+  // Before TypeScript 5.7, Uint8Array has no type parameter.
   writeFileSync(path, text.replace(IMPORT, '$1$2.js"').replaceAll("Uint8Array<ArrayBuffer>", "Uint8Array"));
 };
 // Handwritten types for frameworks. They refer to packages that are not installed here.

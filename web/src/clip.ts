@@ -56,6 +56,7 @@ export class Clip extends EventTarget {
   /** True if the frame must be requested again, because packets arrived since its request. */
   #isStale = true;
   #antialiased: boolean;
+  #isClosed = false;
 
   private constructor(
     readonly worker: Worker,
@@ -66,7 +67,10 @@ export class Clip extends EventTarget {
     this.#antialiased = facts.antialiased;
     this.#clock = facts.sequence.live ? new LiveClock(facts.sequence.rate) : new ClipClock(facts.sequence);
     worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
-    worker.addEventListener("error", ({ message }) => this.#fail(message || "the worker failed"));
+    worker.addEventListener("error", ({ message }) => {
+      this.close();
+      this.#fail(message || "the worker failed");
+    });
     if (facts.sequence.live) this.play();
   }
 
@@ -143,8 +147,12 @@ export class Clip extends EventTarget {
     return this.#clock.ended;
   }
 
-  /** Plays from the current time, from the start if the clip has ended, or at the live position. */
+  /**
+   * Plays from the current time, from the start if the clip has ended, or at the live position. Without effect after
+   * `close` and after an error of the worker.
+   */
   play(): void {
+    if (this.#isClosed) return;
     const now = performance.now() / 1000;
     this.#due(now); // it may have ended since the last picture
     if (this.ended && !this.live) this.#clock.seek(0);
@@ -186,6 +194,7 @@ export class Clip extends EventTarget {
 
   /** Ends the transfer and the worker. No event follows. */
   close(): void {
+    this.#isClosed = true;
     this.#paused = true; // before the pause, which would send `ended` after the last frame
     this.pause();
     this.worker.terminate();
@@ -242,7 +251,7 @@ export class Clip extends EventTarget {
       case "failed":
         return this.#fail(message.text);
       case "facts": // of another stream, whose frames have another size and rate
-        this.worker.terminate();
+        this.close();
         return this.#fail("the file was replaced: open it again");
     }
   }

@@ -58,7 +58,7 @@ export class PacketHelper {
 /** Returns the buffers of a decoded packet, for transfer. */
 function buffersOfPacket({ symbols, splats }: DecodedPacket): ArrayBuffer[] {
   const { means, quats, scales, opacities, colours, harmonics } = splats,
-    // rows are empty, and of all packets, if there are integers
+    // If there are integers, `rows` is one empty array that all packets share, which must not be transferred.
     all = [symbols.integers ?? symbols.rows, symbols.harmonics, means, quats, scales, opacities, colours, harmonics];
   return all.map(({ buffer }) => buffer as ArrayBuffer);
 }

@@ -54,7 +54,8 @@ export class SequenceFrames {
       { shown, count } = this.#shownMotion(sequence.packets, choice),
       frame = this.#frameOf(() => sequence.frame(own, shown, choice.concealer));
     const { antialiased, schema } = decoder,
-      // no Gaussians mean that none has arrived; an invisible one is an empty frame
+      // The page ignores frames without Gaussians, because their packets have not arrived. An empty frame that has
+      // arrived is sent as one invisible Gaussian.
       splats = frame?.isWhole && !frame.splats.count ? emptySplats(1, schema.degree) : frame?.splats,
       packed = pack(splats ? [splats] : [], schema.degree, size),
       drawMs = performance.now() - began;

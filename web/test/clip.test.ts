@@ -146,6 +146,30 @@ test("a replaced file is an error, because its frames have another size and rate
   assert.deepEqual([worker.isTerminated, clip.size, clip.rate], [true, 3, RATE]);
 });
 
+test("a closed clip and one whose worker failed stop their timer and do not play again", async (t) => {
+  const stopped = t.mock.method(globalThis, "clearInterval"),
+    started = t.mock.method(globalThis, "setInterval");
+  for (const [stop, expected] of [
+    [(clip: Clip) => clip.close(), []],
+    [
+      (_: Clip, worker: FakeWorker) => worker.dispatchEvent(Object.assign(new Event("error"), { message: "no memory" })),
+      ["error no memory"],
+    ],
+  ] as const) {
+    const [clip, worker] = await opened(t),
+      events = heard(clip);
+    clip.loop = true;
+    clip.play();
+    const timer = started.mock.calls.at(-1)!.result,
+      count = started.mock.callCount();
+    stop(clip, worker);
+    clip.play();
+    assert.equal(started.mock.callCount(), count);
+    assert.ok(stopped.mock.calls.some(({ arguments: [one] }) => one === timer));
+    assert.deepEqual([clip.paused, worker.isTerminated, events], [true, true, expected]);
+  }
+});
+
 test("frames of a live clip may become antialiased", async (t) => {
   const [clip, worker, at] = await opened(t, { ...TIMING, live: true });
   worker.send({ kind: "playable", begin: 0, end: 5, late: 0 });

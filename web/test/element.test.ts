@@ -59,9 +59,12 @@ test("properties set attributes as templates of frameworks mean them", async () 
       [false, null],
       [undefined, null],
       [8, "8"],
+      [0, property === "updates" ? null : "0"],
+      [NaN, property === "updates" ? null : "NaN"],
+      ["false", "false"],
     ]) {
       properties[property] = given;
       assert.equal(element.getAttribute(attribute), expected, `${property} = ${given}`);
-      assert.equal(element.updates, property === "updates" && expected !== null);
+      assert.equal(element.updates, property === "updates" && expected !== null && expected !== "false");
     }
 });

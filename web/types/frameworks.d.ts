@@ -20,7 +20,7 @@ export interface SplatWireAttributes {
   /** Four numbers: least and largest distance, world units, least and largest polar angle, degrees. */
   "camera-limits"?: string | undefined;
   "max-gaussians"?: number | string | undefined;
-  updates?: "" | undefined;
+  updates?: "" | boolean | undefined;
 }
 
 /** Event listeners as `on...` attributes, for frameworks that support them. */

@@ -14,7 +14,7 @@ import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { addressOf, resolveSource, titleOf } from "./address.ts";
 import { AutoRotation } from "./auto_rotation.ts";
 import { Comparison } from "./comparison.ts";
-import { createElement } from "./elements.ts";
+import { createElement, isOn } from "./elements.ts";
 import { type Dispatch, newStatus, type Status } from "./events.ts";
 import { GainsRequests } from "./gains_requests.ts";
 import { gaussianBudget } from "./gaussian_budget.ts";
@@ -443,6 +443,7 @@ export class Controller {
   #onFacts(facts: Facts): void {
     const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, sequence } = facts,
       { stage } = this;
+    this.#gains.skip(); // those of an earlier stream are not answered
     this.#playback.begin(sequence, stage.isVisible);
     this.panel.setConcealers(concealers);
     showMetadata(this.panel, facts, this.host.hasAttribute("aria-label"));
@@ -489,7 +490,7 @@ export class Controller {
   /** Requests updates once the scene is complete, while the page wants them. */
   #follow(): void {
     if (this.status.complete && this.#file)
-      this.#send({ kind: "follow", file: this.host.hasAttribute("updates") ? this.#file : "" });
+      this.#send({ kind: "follow", file: isOn(this.host, "updates") ? this.#file : "" });
   }
 
   /** Swaps an update in: the removed Gaussians disappear in the picture in which the new ones appear. */
@@ -531,7 +532,7 @@ export class Controller {
 
   /** Replaces the preview when the first Gaussians of the scene arrive. */
   #start(): void {
-    const room = this.host.hasAttribute("updates") ? UPDATE_ROOM : 1;
+    const room = isOn(this.host, "updates") ? UPDATE_ROOM : 1;
     if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : room * this.#gaussians);
     this.#started = true;
   }

@@ -6,6 +6,7 @@ import type { View } from "../render/view.ts";
 import { applyStyles } from "./apply_styles.ts";
 import { Base } from "./base.ts";
 import { Controller } from "./controller.ts";
+import { isOn } from "./elements.ts";
 import { newStatus, type SplatWireEventMap, type Status } from "./events.ts";
 import { viewpointOf } from "./links.ts";
 import type { Panel } from "./panel.ts";
@@ -179,11 +180,11 @@ export class SplatWire extends Base {
 
   /** True to request updates of the scene, which are files beside that of the scene, and to show them. */
   get updates(): boolean {
-    return this.hasAttribute("updates");
+    return isOn(this, "updates");
   }
 
   set updates(value: boolean) {
-    this.#set("updates", value);
+    this.#set("updates", (value as unknown) === "" || value || false); // 0 and NaN are false in templates
   }
 
   /** Sets an attribute as frameworks set properties: null, undefined and false remove it, true is the empty string. */

@@ -28,7 +28,7 @@ export class GainsRequests {
   soon(): void {
     const ms = Math.min(Math.max(INTERVAL_MS, MULTIPLE * this.#tookMs), LONGEST_MS);
     this.#timer ??= setTimeout(() => {
-      this.#timer = null; // a clip requests no gains
+      this.#timer = null; // For clips, `request` does not call `next`, which would clear the timer.
       this.request();
     }, ms);
   }

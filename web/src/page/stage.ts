@@ -126,7 +126,7 @@ export class Stage implements ContextOwner {
 
   /** Returns the free space for the camera; null before the first Gaussians. */
   #freeSpace(): FreeSpace | null {
-    if (this.#count && this.#count >= 1.5 * this.#spaceCount) {
+    if (this.count && this.#count >= 1.5 * this.#spaceCount) {
       this.#space = new FreeSpace(sceneCore(this.#parts), this.#parts);
       this.#spaceCount = this.#count;
     }
@@ -334,7 +334,7 @@ export class Stage implements ContextOwner {
   /** Frames the current scene, unless the camera was moved, or placed where it can draw the scene. */
   #frame(): void {
     const { orbit } = this;
-    if (orbit.touched || !this.#count || !this.#hasSize) return;
+    if (orbit.touched || !this.count || !this.#hasSize) return;
     if (orbit.placed && (!this.#begun || this.#framedCount)) return;
     const { across, down } = this.#frustum(),
       core = sceneCore(this.#parts);
@@ -459,8 +459,9 @@ export class Stage implements ContextOwner {
     this.touch();
   }
 
+  /** Number of Gaussians; 0 if none is visible, as in an empty frame. */
   get count(): number {
-    return this.#count;
+    return this.#parts.some(({ opacities }) => opacities.some((opacity) => opacity > 0)) ? this.#count : 0;
   }
 
   /** Starts WebGL, because enough Gaussians arrived. */

@@ -24,14 +24,14 @@ const EXP2_CELLS = 10,
   FRACTION = 2 ** (LOG_BITS - EXP2_CELLS),
   MAX_LOG = 60;
 
-let table: Float64Array | null = null;
+let cached: Float64Array | null = null;
 
 /**
  * Returns the powers of two from 1 to 2 at multiples of 1/1024, out of 2^40. They are computed with integer square
  * roots because the last bit of `Math.pow` depends on the machine.
  */
 export function powers(): Float64Array {
-  return (table ??= exactPowers());
+  return (cached ??= exactPowers());
 }
 
 function exactPowers(): Float64Array {
@@ -63,10 +63,10 @@ export function exactPower(log: number): number {
     whole = Math.floor(clipped / 2 ** LOG_BITS),
     rest = clipped - whole * 2 ** LOG_BITS;
   const cell = Math.floor(rest / FRACTION),
-    some = powers(),
-    low = some[cell];
+    table = powers(),
+    low = table[cell];
   return Math.fround(
-    (low + Math.floor(((some[cell + 1] - low) * (rest % FRACTION)) / FRACTION)) * 2 ** (whole - EXP2_BITS),
+    (low + Math.floor(((table[cell + 1] - low) * (rest % FRACTION)) / FRACTION)) * 2 ** (whole - EXP2_BITS),
   );
 }
 
