@@ -152,7 +152,8 @@ test("a closed clip and one whose worker failed stop their timer and do not play
   for (const [stop, expected] of [
     [(clip: Clip) => clip.close(), []],
     [
-      (_: Clip, worker: FakeWorker) => worker.dispatchEvent(Object.assign(new Event("error"), { message: "no memory" })),
+      (_: Clip, worker: FakeWorker) =>
+        worker.dispatchEvent(Object.assign(new Event("error"), { message: "no memory" })),
       ["error no memory"],
     ],
   ] as const) {
