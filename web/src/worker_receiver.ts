@@ -26,7 +26,7 @@ const SHOW_MS = 30,
   COUNT_MS = 200;
 
 const KEPT = "kept by this browser",
-  VIEW_COMPLETE = "Everything that this view needs is there.";
+  VIEW_COMPLETE = "All that this view needs is there.";
 /** Memory for integers that are compared with the digest later, bytes. */
 const VERIFICATION = { keptBytes: 32 << 20 };
 

@@ -14,7 +14,7 @@ import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { addressOf, resolveSource, titleOf } from "./address.ts";
 import { AutoRotation } from "./auto_rotation.ts";
 import { Comparison } from "./comparison.ts";
-import { createElement, isOn } from "./elements.ts";
+import { createElement } from "./elements.ts";
 import { type Dispatch, newStatus, type Status } from "./events.ts";
 import { GainsRequests } from "./gains_requests.ts";
 import { gaussianBudget } from "./gaussian_budget.ts";
@@ -86,7 +86,7 @@ export class Controller {
 
   /** `closed` is called when the window of the element's document is closed. Its elements stay connected. */
   constructor(
-    readonly host: HTMLElement,
+    readonly host: HTMLElement & { readonly updates: boolean },
     root: ShadowRoot,
     readonly dispatch: Dispatch,
     readonly closed: () => void,
@@ -489,8 +489,7 @@ export class Controller {
 
   /** Requests updates once the scene is complete, while the page wants them. */
   #follow(): void {
-    if (this.status.complete && this.#file)
-      this.#send({ kind: "follow", file: isOn(this.host, "updates") ? this.#file : "" });
+    if (this.status.complete && this.#file) this.#send({ kind: "follow", file: this.host.updates ? this.#file : "" });
   }
 
   /** Swaps an update in: the removed Gaussians disappear in the picture in which the new ones appear. */
@@ -532,7 +531,7 @@ export class Controller {
 
   /** Replaces the preview when the first Gaussians of the scene arrive. */
   #start(): void {
-    const room = isOn(this.host, "updates") ? UPDATE_ROOM : 1;
+    const room = this.host.updates ? UPDATE_ROOM : 1;
     if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : room * this.#gaussians);
     this.#started = true;
   }

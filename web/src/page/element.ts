@@ -6,7 +6,6 @@ import type { View } from "../render/view.ts";
 import { applyStyles } from "./apply_styles.ts";
 import { Base } from "./base.ts";
 import { Controller } from "./controller.ts";
-import { isOn } from "./elements.ts";
 import { newStatus, type SplatWireEventMap, type Status } from "./events.ts";
 import { viewpointOf } from "./links.ts";
 import type { Panel } from "./panel.ts";
@@ -180,11 +179,11 @@ export class SplatWire extends Base {
 
   /** True to request updates of the scene, which are files beside that of the scene, and to show them. */
   get updates(): boolean {
-    return isOn(this, "updates");
+    return (this.getAttribute("updates") ?? "false") !== "false"; // React 18 writes `false` as text
   }
 
   set updates(value: boolean) {
-    this.#set("updates", (value as unknown) === "" || value || false); // 0 and NaN are false in templates
+    this.#set("updates", value || (value as unknown) === ""); // 0 and NaN mean false
   }
 
   /** Sets an attribute as frameworks set properties: null, undefined and false remove it, true is the empty string. */
@@ -246,7 +245,7 @@ export class SplatWire extends Base {
    */
   async flyTo(viewpoint: string, seconds = 1): Promise<boolean> {
     const found = viewpointOf(viewpoint);
-    if (!found) throw new Error(`a viewpoint is nine numbers (eye, another point as target, up), not ${viewpoint}`);
+    if (!found) throw new Error(`a viewpoint is nine numbers (eye, another target, up), not ${viewpoint}`);
     return this.#running.stage.fly(found, seconds);
   }
 

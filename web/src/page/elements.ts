@@ -55,8 +55,3 @@ export function setIcon(button: HTMLButtonElement, name: string, image: IconName
   button.title = name;
   button.replaceChildren(icon(image), createElement("span", { class: "name" }, name));
 }
-
-/** True if an attribute is set. React 18 writes `false` as text. */
-export function isOn(host: HTMLElement, attribute: string): boolean {
-  return (host.getAttribute(attribute) ?? "false") !== "false";
-}

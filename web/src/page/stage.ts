@@ -461,7 +461,7 @@ export class Stage implements ContextOwner {
 
   /** Number of Gaussians; 0 if none is visible, as in an empty frame. */
   get count(): number {
-    return this.#parts.some(({ opacities }) => opacities.some((opacity) => opacity > 0)) ? this.#count : 0;
+    return this.#parts.some(({ opacities }) => opacities.some(Boolean)) ? this.#count : 0;
   }
 
   /** Starts WebGL, because enough Gaussians arrived. */

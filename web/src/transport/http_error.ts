@@ -27,8 +27,8 @@ export class HttpError extends Error {
 export class Unreadable extends Error {
   constructor(url: string) {
     super(
-      `the server of ${withoutQuery(url)} answers, but this page may not read it: the file, or the address that it ` +
-        "redirects to, needs the header Access-Control-Allow-Origin (CORS), unless the server has an error",
+      `the server of ${withoutQuery(url)} answers, but this page may not read it: the file or its redirect needs ` +
+        "the header Access-Control-Allow-Origin (CORS), unless the server failed",
     );
   }
 }

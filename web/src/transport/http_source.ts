@@ -17,8 +17,8 @@ import { DamagedTiles, OtherOrder, receiveTiles } from "./tiles.ts";
 const MAX_REPEATS = 2;
 const MAX_CHANGES = 3;
 
-const NOT_A_STREAM = "the server answers with something that is no splatwire stream",
-  TOO_SHORT = "the server sends fewer bytes than were requested";
+const NOT_A_STREAM = "the answer is no splatwire stream",
+  TOO_SHORT = "the server sends fewer bytes than requested";
 
 /** Largest number of restarts because the file's packets have another order than assumed. */
 const MAX_REORDERED = 2;
