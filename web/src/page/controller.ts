@@ -108,7 +108,7 @@ export class Controller {
       fail(error);
     };
     this.#worker.addEventListener("error", ({ message }) =>
-      failWith(this.#workerFailed, new Error(message || "the worker could not be started")),
+      failWith(this.#workerFailed, new Error(message || "the worker did not start")),
     );
     const title = titleOf(host);
     this.stage = new Stage(

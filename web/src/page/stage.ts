@@ -168,7 +168,7 @@ export class Stage implements ContextOwner {
   async #open(): Promise<void> {
     if (this.#count) await this.shown();
     const Drawing = await loadView().catch(() =>
-      Promise.reject(new Error("The renderer could not be loaded; reload the page.")),
+      Promise.reject(new Error("The renderer is missing; reload the page.")),
     );
     setTimeout(this.#startWebGL, WEBGL_DELAY_MS);
     await this.#webGLWanted;

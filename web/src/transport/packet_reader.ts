@@ -163,7 +163,7 @@ export class PacketReader {
     for (const { bytes } of packets) this.#repeated += SIZE_BYTES + bytes.length;
     if (this.store.count > count) this.#repeated = 0;
     if (this.#repeated > this.store.packetBytes + MAX_SKIPPED)
-      throw new Damaged("the file repeats its packets without end");
+      throw new Damaged("the file repeats its packets");
     if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
   }
 
