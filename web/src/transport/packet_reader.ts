@@ -162,8 +162,7 @@ export class PacketReader {
     if (this.store.complete) return; // bytes after the last packet are ignored
     for (const { bytes } of packets) this.#repeated += SIZE_BYTES + bytes.length;
     if (this.store.count > count) this.#repeated = 0;
-    if (this.#repeated > this.store.packetBytes + MAX_SKIPPED)
-      throw new Damaged("the file repeats its packets");
+    if (this.#repeated > this.store.packetBytes + MAX_SKIPPED) throw new Damaged("the file repeats its packets");
     if (this.#scanner!.broken) throw new Damaged("the rest of the file is damaged");
   }
 
