@@ -85,7 +85,7 @@ def test_quaternions_of_length_one_are_not_copied() -> None:
 
 
 def test_all_views_of_a_scene_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    checked, check = [], render._is_surely_valid
-    monkeypatch.setattr(render, "_is_surely_valid", lambda splats: checked.append(splats) or check(splats))
+    checked, check = [], render.without_invalid
+    monkeypatch.setattr(render, "without_invalid", lambda scene: checked.append(scene) or check(scene))
     render_scene(ball_of_gaussians(), tiny_cameras(3, 8, 8))
     assert len(checked) == 1

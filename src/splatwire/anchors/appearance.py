@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import singledispatch
 
 import numpy as np
+from jaxtyping import Float64
 
 from splatwire.anchors.compiled_heads import SpawnedGaussians, drawn_gaussians, drawn_with_anchors
 from splatwire.bitstream import SceneStream
@@ -20,6 +21,7 @@ from splatwire.types.received_scene import ReceivedScene
 from splatwire.types.scene import Scene
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
+from splatwire.types.validity import validity_of_splats
 
 
 def scene_of(loaded: Scene | ReceivedScene) -> Scene:
@@ -159,3 +161,52 @@ def explicit_gaussians(scene: Scene) -> Splats | None:
 @explicit_gaussians.register
 def _(scene: SplatScene) -> Splats | None:
     return scene.drawn()
+
+
+@singledispatch
+def largest_sizes(scene: Scene) -> Float64[np.ndarray, "N"]:
+    """Returns the largest size of each element, world units; of an anchor, that of its Gaussians and offsets."""
+    return np.exp(to_numpy(scene.elements.log_sizes).astype(np.float64))
+
+
+@largest_sizes.register
+def _(scene: SplatScene) -> Float64[np.ndarray, "N"]:
+    return scene.splats.scales.max(axis=1).astype(np.float64)
+
+
+@largest_sizes.register
+def _(scene: AnchorScene) -> Float64[np.ndarray, "N"]:
+    return to_numpy(scene.anchors.scalings).max(axis=1).astype(np.float64)
+
+
+@singledispatch
+def without_invalid(scene: Scene) -> Scene:
+    """Returns a scene without Gaussians that cannot be drawn, such as those with an opacity above 1; warns of them.
+
+    Decoded scenes are returned unchanged, because their Gaussians are valid. Scenes of anchors are returned unchanged.
+    """
+    return scene
+
+
+@without_invalid.register
+def _(scene: SplatScene) -> SplatScene:
+    if scene.coding is not None or scene.hints is not None or _is_surely_valid(scene.splats):
+        return scene
+    rows = validity_of_splats(scene.splats)
+    rows.log_removed("rendering", scene.ELEMENTS)
+    return scene.select(rows.kept) if rows.num_invalid else scene
+
+
+def _is_surely_valid(splats: Splats) -> bool:
+    """True if a quick check shows that all Gaussians are valid; False if the check is inconclusive.
+
+    After False, `validity_of_splats` finds the invalid Gaussians.
+    """
+    if not splats.num_gaussians:
+        return True
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = (splats.means, splats.quats, splats.scales, splats.opacities, splats.sh)
+        total = sum(float(value.sum(dtype=np.float32)) for value in values)
+    if not (np.isfinite(total) and splats.opacities.max() <= 1 and splats.scales.min() > 0):
+        return False
+    return bool(splats.quats.any(axis=1).all())

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import Scene, largest_sizes, origin_of
 from splatwire.ops.arrays import to_numpy
-from splatwire.types import Cameras, SplatScene
-from splatwire.types.anchor_scene import AnchorScene
+from splatwire.types import Cameras
 
 LOG = logging.getLogger(__name__)
 _MOST_POSITIONS, _MOST_VIEWS = 50_000, 16
@@ -30,7 +29,7 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
     """
     cameras = cameras.relative_to(origin_of(scene))
     cameras = cameras.select(slice(None, None, max(-(-cameras.num_views // _MOST_VIEWS), 1)))
-    positions, sizes = to_numpy(scene.positions), _sizes(scene)
+    positions, sizes = to_numpy(scene.positions), largest_sizes(scene)
     step = -(-max(scene.num_elements, 1) // _MOST_POSITIONS)
     places, reach = _finite(positions[::step], sizes[::step])
     if not cameras.num_views or not len(places):
@@ -104,15 +103,6 @@ class _View:
             and radii[inside].max() <= _DOT_PX
         )
         return _View(depths, inside, reaches_in, is_dot)
-
-
-def _sizes(scene: Scene) -> Float64[np.ndarray, "N"]:
-    """Returns the largest size of each element, world units; of an anchor, that of its Gaussians and offsets."""
-    if isinstance(scene, SplatScene):
-        return scene.splats.scales.max(axis=1).astype(np.float64)
-    if isinstance(scene, AnchorScene):
-        return to_numpy(scene.anchors.scalings).max(axis=1).astype(np.float64)
-    return np.exp(to_numpy(scene.elements.log_sizes).astype(np.float64))
 
 
 def _finite(places: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

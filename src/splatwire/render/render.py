@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of
+from splatwire.anchors.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of, without_invalid
 from splatwire.arguments import array_of, checked_except
 from splatwire.data.camera_file import load_cameras
 from splatwire.errors import InvalidValueError, check_kind, check_progress, shown
@@ -20,9 +20,7 @@ from splatwire.render.pictures import Pictures
 from splatwire.reprs import summarize
 from splatwire.types import Cameras
 from splatwire.types.received_scene import ReceivedScene
-from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
-from splatwire.types.validity import validity_of_splats
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished views and the total number of views."""
@@ -68,35 +66,6 @@ def _drawn_views(
         raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {shown(draw)}")
     behind = _color(scene.background if background is None else background)
     return _views(scene, cameras.relative_to(origin_of(scene)), draw, behind)
-
-
-def without_invalid(scene: Scene) -> Scene:
-    """Returns a scene without Gaussians that cannot be drawn, such as those with an opacity above 1; warns of them.
-
-    Decoded scenes are returned unchanged, because their Gaussians are valid.
-    """
-    if not isinstance(scene, SplatScene) or scene.coding is not None or scene.hints is not None:
-        return scene
-    if _is_surely_valid(scene.splats):
-        return scene
-    rows = validity_of_splats(scene.splats)
-    rows.log_removed("rendering", scene.ELEMENTS)
-    return scene.select(rows.kept) if rows.num_invalid else scene
-
-
-def _is_surely_valid(splats: Splats) -> bool:
-    """True if a quick check shows that all Gaussians are valid; False if the check is inconclusive.
-
-    After False, `validity_of_splats` finds the invalid Gaussians.
-    """
-    if not splats.num_gaussians:
-        return True
-    with np.errstate(over="ignore", invalid="ignore"):
-        values = (splats.means, splats.quats, splats.scales, splats.opacities, splats.sh)
-        total = sum(float(value.sum(dtype=np.float32)) for value in values)
-    if not (np.isfinite(total) and splats.opacities.max() <= 1 and splats.scales.min() > 0):
-        return False
-    return bool(splats.quats.any(axis=1).all())
 
 
 def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
