@@ -63,6 +63,23 @@ class PrintableStream:
         return getattr(self.target, name)
 
 
+class _ErrorStream(PrintableStream):
+    """Standard error: if its reader has exited, texts are discarded, and the command goes on to its exit status."""
+
+    def write(self, text: str) -> int:
+        try:
+            return super().write(text)
+        except BrokenPipeError:
+            discard_stderr()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self.target.flush()
+        except BrokenPipeError:
+            discard_stderr()
+
+
 @contextlib.contextmanager
 def printable_streams() -> Iterator[None]:
     """Makes standard output and standard error escape control characters."""
@@ -70,7 +87,7 @@ def printable_streams() -> Iterator[None]:
         if sys.stdout is not None:
             stack.enter_context(contextlib.redirect_stdout(PrintableStream(sys.stdout)))
         if sys.stderr is not None:
-            stack.enter_context(contextlib.redirect_stderr(PrintableStream(sys.stderr)))
+            stack.enter_context(contextlib.redirect_stderr(_ErrorStream(sys.stderr)))
         yield
 
 

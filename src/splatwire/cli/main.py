@@ -144,10 +144,10 @@ def _run(arguments: list[str]) -> int:
             print(importlib.import_module("splatwire.cli._manual").manual_page(), end="")  # imports tyro
             return 0
         verb = _parse(arguments)
-        if warning := address_space_warning():
-            print(f"splatwire: warning: {warning}", file=sys.stderr)
         waits = startup_messages(arguments[0])
         with printable_streams(), waits, input_warnings() as warnings:
+            if warning := address_space_warning():
+                print(f"splatwire: warning: {warning}", file=sys.stderr)
             try:
                 _execute(arguments[0], verb)
             except BrokenPipeError:  # the reader of the output has exited; damaged input still fails
