@@ -56,7 +56,9 @@ def test_bad_input_fails_even_if_nobody_reads_the_errors(journey, tmp_path, name
 
 
 def test_commands_go_on_if_nobody_reads_their_progress(journey, tmp_path):
-    line = f"{sys.executable} -m splatwire convert {journey / 'tiny.swz'} -o copy.swz 2>&1 | true; exit ${{PIPESTATUS[0]}}"
+    line = (
+        f"{sys.executable} -m splatwire convert {journey / 'tiny.swz'} -o copy.swz 2>&1 | true; exit ${{PIPESTATUS[0]}}"
+    )
     assert subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, check=False).returncode == 0
     assert (tmp_path / "copy.swz").exists()
 
