@@ -250,7 +250,7 @@ export class Clip extends EventTarget {
         return;
       case "failed":
         return this.#fail(message.text);
-      case "facts": // of another stream, whose frames have another size and rate
+      case "facts": // of another stream: frames have another size and rate
         this.close();
         return this.#fail("the file was replaced: open it again");
     }

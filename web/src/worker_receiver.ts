@@ -96,7 +96,7 @@ export class WorkerReceiver implements Receiver {
   /** Packets that are not decoded yet, and the running decoding loop. */
   readonly #waiting: { readonly bytes: Uint8Array; readonly of: DecodedStream }[] = [];
   #working: Promise<void> | null = null;
-  /** Helper threads, and the batches that they decode, in order of arrival. */
+  /** Helper threads; `#batches` are the batches in decoding, in order of arrival. */
   #pool: PacketPool | null = null;
   readonly #batches: Batch[] = [];
   /** Complete scene to which updates are applied; null until updates are requested. */

@@ -199,7 +199,7 @@ class TrainingServer:
         """Encodes waiting scenes; runs in a thread of its own."""
         try:
             self._encode_until_closed()
-        finally:  # nobody waits for a thread that has ended
+        finally:  # no call waits for a thread that has ended
             with self._condition:
                 self._closed = True
                 self._condition.notify_all()

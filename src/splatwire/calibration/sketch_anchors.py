@@ -145,7 +145,7 @@ def _sensitivity(
         show: Called with the name of the current task and its completed share, 0 to 1.
     """
     # With `SketchConfig.quick`, the measurement uses pictures of half the width and height, and only the most
-    # important anchors, whose number follows from `max_bytes`.
+    # important anchors. Their number follows from `max_bytes`.
 
     def progress(share: float) -> None:
         show("measuring importance", share)

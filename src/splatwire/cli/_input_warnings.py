@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from splatwire.cli._terminal import discard_stderr, one_line
+from splatwire.cli._terminal import one_line
 from splatwire.files.atomic_write import with_final_names
 
 DAMAGED = 3
@@ -74,10 +74,7 @@ class InputWarnings(logging.Handler):
         line = f"splatwire: {kind}{one_line(with_final_names(text))}"
         if line not in self._said:
             self._said.add(line)
-            try:
-                print(line, file=sys.stderr, flush=True)
-            except BrokenPipeError:  # the exit status still tells of damage
-                discard_stderr()
+            print(line, file=sys.stderr, flush=True)
 
 
 @dataclass

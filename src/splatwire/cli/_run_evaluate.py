@@ -68,10 +68,8 @@ def _evaluate_sequence(command: Evaluate, stream: SceneStream) -> None:
         raise InvalidValueError("a clip is compared with its source frames: give --reference FOLDER")
     for concealer in command.conceal:
         temporal_concealer(concealer)
-    name, rows = (
-        _title(command),
-        sequence_rows(stream, command.conceal, command.loss, command.seeds),
-    )
+    name = _title(command)
+    rows = sequence_rows(stream, command.conceal, command.loss, command.seeds)
     with progress_bars() as show:
         content = evaluate_sequence(
             stream, command.reference, rows, cameras=command.cameras, views=command.views, renderer=command.renderer,

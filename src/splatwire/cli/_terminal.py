@@ -92,7 +92,7 @@ def printable_streams() -> Iterator[None]:
 
 
 def print_failure(text: str) -> None:
-    """Prints an error on standard error, or nothing if its reader has exited, so that the exit status still tells."""
+    """Prints an error on standard error, or nothing if its reader has exited; never fails."""
     try:
         print(f"splatwire: error: {text}", file=sys.stderr)
     except BrokenPipeError:

@@ -240,8 +240,10 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns 1.5 times the median of some distances, by which they are divided for comparison; always above 0."""
-    # Above 0 even if all distances are 0, because they are divided by it.
+    """Returns the divisor that makes distances comparable: 1.5 times their median.
+
+    The divisor is above 0 even if all distances are 0.
+    """
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 

@@ -14,10 +14,9 @@ OBJECT_BYTES = 512
 class WaitingEvents:
     """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
-    It contains packets and manifests with side information, because the decoder uses no other events. If it is full,
-    packets are dropped. A new manifest
-    replaces the manifest of the same stream that it would directly follow in the queue. In a full queue, it replaces
-    that of another stream, too.
+    The queue contains packets and manifests with side information, because the decoder uses no other events. A full
+    queue drops new packets. A new manifest replaces the last event of the queue if that is a manifest of the same
+    stream; in a full queue, also if it is a manifest of another stream.
     """
 
     def __init__(self) -> None:

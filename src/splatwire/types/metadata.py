@@ -81,7 +81,7 @@ class SceneMetadata:
         return replace(self, view=replace(self.view, eye=eye, target=target))
 
     def over(self, other: "SceneMetadata") -> "SceneMetadata":
-        """Returns metadata whose empty fields are taken from `other`."""
+        """Returns this metadata, with empty fields filled from `other`."""
         known = self.known()
         return SceneMetadata(**{f.name: getattr(self if f.name in known else other, f.name) for f in fields(self)})
 

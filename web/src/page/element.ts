@@ -245,7 +245,7 @@ export class SplatWire extends Base {
    */
   async flyTo(viewpoint: string, seconds = 1): Promise<boolean> {
     const found = viewpointOf(viewpoint);
-    if (!found) throw new Error(`a viewpoint is nine numbers (eye, another target, up), not ${viewpoint}`);
+    if (!found) throw new Error(`a viewpoint is nine numbers (eye, target other than eye, up), not ${viewpoint}`);
     return this.#running.stage.fly(found, seconds);
   }
 

@@ -67,7 +67,7 @@ export class SessionStatus {
     for (const resolve of this.#digestWaiters.splice(0)) resolve(same);
     if (!status.complete || status.verified !== null) return;
     status.verified = same;
-    if (!same) this.fail("All packets arrived, but their digest is wrong: the stream was altered.");
+    if (!same) this.fail("All packets arrived, but their digest is wrong: the stream is altered or damaged.");
     else if (!status.failed) this.panel.setMessage("Complete and verified.", "done");
     this.dispatch("load", { complete: true, verified: same });
   }

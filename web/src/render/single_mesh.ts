@@ -6,7 +6,7 @@ import { GpuGaussians } from "./gpu_gaussians.ts";
 import type { Packed } from "./packed.ts";
 
 const MIN_CAPACITY = 4096;
-/** Maximum number of Gaussians for which memory is reserved before they arrive. */
+/** Memory is reserved for at most this number of Gaussians before they arrive. */
 const MAX_RESERVED = 1 << 18;
 
 export class SingleMesh {

@@ -122,7 +122,7 @@ export interface Report {
   readonly symbolsMissing: number;
   /** Indices of missing packets to send again. */
   readonly lost: readonly number[];
-  /** Sequence numbers of lost datagrams whose packets are to be sent again. */
+  /** Sequence numbers of lost datagrams; their packets are to be sent again. */
   readonly lostSequences: readonly number[];
 }
 

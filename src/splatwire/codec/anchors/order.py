@@ -227,7 +227,7 @@ class AnchorDecoder:
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates arrays for all anchors, and predicts every anchor from the side information."""
-        # Anchors whose packets are lost keep the predicted values.
+        # If the packets of an anchor are lost, the predicted values remain.
         self.allocate()
 
         def predict(start: int) -> int:

@@ -122,8 +122,8 @@ def _neighbour_weights(positions, i, neighbours, squared_distances, num_neighbou
     """
     for m in range(num_neighbours):
         weights[m] = (ONE << WEIGHT_BITS) // num_neighbours
-    # A plane fitted to the neighbours' values by least squares, evaluated at the track's position. All values stay
-    # below 2**53, so that they are exact in float64.
+    # A plane fitted to the neighbours' values by least squares, evaluated at the track's position. All values are
+    # below 2**53 and therefore exact in float64.
     if num_neighbours >= 4:
         radius = ONE
         for m in range(num_neighbours):

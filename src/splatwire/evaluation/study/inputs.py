@@ -88,8 +88,8 @@ class PreparedScene:
 
     def _why_unfit(self, row: Row) -> str:
         """Returns why a method cannot be applied to the scene's stream, or an empty text."""
-        # Its concealer may need data that the stream lacks, or it loses single attributes of elements (`Row.erode`),
-        # which only anchors have in packets of their own.
+        # Its concealer may need data that the stream lacks, or it loses single attributes of elements (`Row.erode`).
+        # Only streams of anchors have a packet for each attribute.
         name = row.conceal.partition(":")[0]
         if self.references.frames:
             if row.erode is not None:

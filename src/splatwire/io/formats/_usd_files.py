@@ -87,7 +87,7 @@ def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
     for key, value in clips.items():
         if isinstance(value, dict):
             yield from _clip_files(layer, value)
-        elif key == _TEMPLATE and value:  # such as ./clip.###.usd, whose numbers may have more digits
+        elif key == _TEMPLATE and value:  # such as ./clip.###.usd; numbers may have more digits
             pattern = Path(layer.ComputeAbsolutePath(str(value)))
             yield str(pattern.parent)
             yield from glob(re.sub("#+", "*", escape(str(pattern))))

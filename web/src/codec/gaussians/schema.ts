@@ -88,7 +88,7 @@ export class GaussianSchema implements Schema<GaussianPart> {
     return this.accept(packet, { symbols, splats });
   }
 
-  /** Decodes a packet to arrays of its own. */
+  /** Decodes a packet to new arrays. */
   decode(packet: Packet): DecodedPacket {
     const symbols = this.#decode(packet),
       splats = toSplats(symbols, this.info, packet.block, emptySplats(packet.count, this.degree));

@@ -35,8 +35,8 @@ export class UpdatedScene {
   #changed = false;
 
   /**
-   * `digest` is the SHA-256 of the scene's manifest, hexadecimal, `header` the header of its side information, and
-   * `parts` its Gaussians in the order in which they are drawn.
+   * `digest` is the SHA-256 of the scene's manifest, hexadecimal. `header` is the header of the side information, and
+   * `parts` are the Gaussians in drawing order.
    */
   constructor(
     public digest: string,
