@@ -134,7 +134,11 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 
 
 def photo_source(*, masked: bool) -> str:
-    """Returns the description of photos as reference images, for reports."""
+    """Returns the text by which reports name photos as the reference images.
+
+    Args:
+        masked: True if only the pixels inside masks are evaluated.
+    """
     return "photos inside their masks" if masked else "photos"
 
 

@@ -198,9 +198,15 @@ def file_kind(path: Path) -> Kind:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Path]:
-    """Opens a file once for format detection and for the readers that follow.
+    """Context manager that opens a file and detects its format, so that all later readers use the same open file.
 
-    Yields the path of the file. Never raises and does not block. A path that cannot be opened is yielded too.
+    Never raises and does not block. A path that cannot be opened is yielded unopened.
+
+    Args:
+        path: File or folder.
+
+    Yields:
+        The path, as an `OpenedFile`.
     """
     if isinstance(path, OpenedFile) and path.kind is not None:
         yield path
@@ -348,8 +354,10 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
     """Returns the format of a file that an installed package recognises; otherwise the built-in result.
 
+    Packages are consulted only if no built-in format was found and the file is not empty.
+
     Args:
-        kind: Result of the built-in detection. Packages are asked only if its `use` is empty and the file is not.
+        kind: Result of the built-in detection; its `use` is empty if splatwire cannot read the file.
         head: First bytes of the file.
         suffix: Suffix of the file name.
     """

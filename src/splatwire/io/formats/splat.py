@@ -42,9 +42,14 @@ def read_splat(path: Path) -> Splats:
 
 
 def write_splat(parts: Iterable[Splats], path: Path) -> int:
-    """Writes a `.splat` file batch by batch: position and scale as float32, colour with opacity and rotation as bytes.
+    """Writes a `.splat` file batch by batch; returns the number of Gaussians.
 
-    Only the constant of the spherical harmonics is stored.
+    Positions and scales are stored as float32; colours, opacities and rotations as bytes. The format has one colour for
+    all directions, so that only spherical harmonics of degree 0 are stored.
+
+    Args:
+        parts: Batches of Gaussians, all of one degree of spherical harmonics.
+        path: Path of the file, written atomically.
     """
     count, degree, colours = 0, 0, []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:
