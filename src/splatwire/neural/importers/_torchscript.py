@@ -126,7 +126,16 @@ def _key(argument: Any) -> int:
 
 
 def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
-    """Executes one instruction of the pickle, which builds a tuple, list, dictionary, module or tensor on the stack."""
+    """Executes a pickle instruction that builds a tuple, list, dictionary, module or tensor, without calling any code.
+
+    Args:
+        name: Name of the instruction.
+        stack: Stack of the pickle machine; changed in place.
+        tensors: Reader of the archive's tensors.
+
+    Raises:
+        ValueError: If the instruction is unknown, or builds anything else.
+    """
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
     elif name == "TUPLE":

@@ -71,7 +71,7 @@ class Milestones:
 
     Attributes:
         iterations: Total number of iterations.
-        noise_start: Start of uniform noise on the attributes, as wide as fixed quantisation steps.
+        noise_start: Start of uniform noise, which simulates the quantisation of attributes with fixed steps.
         growth_pause_end: End of a pause in which no anchors are added or removed; the pause begins at `noise_start`.
         context_start: Start of the context phase: the context model determines the quantisation steps, and the loss
             includes the rate.
@@ -114,8 +114,9 @@ class GrowthRules:
     """Rules for adding and removing anchors.
 
     Attributes:
-        gradient_threshold: An anchor is added near a Gaussian if the mean gradient of its 2D centre is longer than
-            this, in coordinates relative to half of the image size; doubled for each finer grid.
+        gradient_threshold: An anchor is added near a Gaussian if the gradient of the loss with respect to its 2D centre
+            is longer than this on average. Unit: 1 / half of the image size. The threshold doubles from each grid to
+            the next finer one.
         seen_share: Number of iterations in which an anchor must have been visible before it may be removed, as a share
             of `Milestones.growth_interval`. Iterations before the last round of growth count, too.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged

@@ -172,11 +172,11 @@ class GaussianConfig:
         return rules.start <= share <= rules.end and iteration % self.change_interval == 0
 
     def wanted(self, iteration: int, count: int) -> int:
-        """Returns the number of Gaussians after a change of the set of Gaussians.
+        """Returns the number of Gaussians that the scene should have after Gaussians are added in an iteration.
 
         Args:
-            iteration: Iteration of the change, the first is 1.
-            count: Number of Gaussians before the change, at least 1.
+            iteration: The iteration, the first is 1.
+            count: Number of Gaussians before, at least 1.
         """
         left = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1
         factor = max((self.gaussians / count) ** (1 / left), 1 + self.relocation.growth)

@@ -47,7 +47,7 @@ class GaussianResult:
 
 
 class _StoppedError(Exception):
-    """Raised in the final fine-tuning of a training to end it if the caller's `listener` requests a stop."""
+    """Raised during the final fine-tuning if the caller's `listener` requests to stop the training."""
 
 
 @checked
