@@ -48,15 +48,16 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Pairs of a weight and a set of views with pictures of the complete scene. Empty for large scenes (more
-            than `PART` Gaussians) without given cameras; their parts are measured one after another.
+        sets: Sets of views with pictures of the complete scene, each with a weight. Empty for scenes of more than
+            `PART` Gaussians without given cameras. The parts of such a scene are measured separately, each in its own
+            views.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
 
     @staticmethod
     def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
-        """Chooses the views of `measure_gaussians`.
+        """Chooses the views for measuring removals, which are the same as those of `measure_gaussians`.
 
         Args:
             source: The complete scene.

@@ -60,9 +60,13 @@ class CalibrationResult:
 
 
 def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
-    """Simulates packet losses and yields, for each one, the graph from lost to received anchors.
+    """Simulates packet losses, and yields for each of them the graph that connects lost anchors to received anchors.
 
-    Losses for training come first, then those that are held out for validation.
+    The graphs for training come first, then those for validation.
+
+    Args:
+        data: The complete scene and its packets.
+        config: Number of losses, loss rate and seed.
     """
     rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
     for known in data.pseudo_losses(rates, config.seed):
@@ -215,7 +219,11 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """True if all iterations of the calibration have been performed."""
+        """Returns True if the calibration has ended, either after the last step or by early stopping.
+
+        Training stops early after `CalibrationConfig.patience` validations without improvement. If weights are to be
+        quantised, it then continues with quantised weights from the best network so far, and the result is False.
+        """
         # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
         # `CalibrationConfig.patience` validations without improvement. If weights are quantised
         # (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
