@@ -68,7 +68,8 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Updates of the streams by name; None for an update that does not exist yet.
+            updates: Changes of these scenes since their stream was encoded, as prepared streams by name. None for an
+                update that does not exist yet.
         """
         self.server.core.replace(streams, updates)
         if self.page is not None and isinstance(self.page.content, PageContent):

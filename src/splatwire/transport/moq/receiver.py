@@ -50,7 +50,7 @@ class BrokenOffError(BitstreamError):
 
 
 def _records(data: bytes) -> Iterator[bytes]:
-    """Yields the records in data that contain the size of each record before the record; skips a truncated last one."""
+    """Splits bytes into records, each of which follows its size; an incomplete last record is skipped."""
     at = 0
     while at + RECORD_PREFIX.size <= len(data):
         (size,) = RECORD_PREFIX.unpack_from(data, at)
@@ -73,7 +73,7 @@ class _Counts:
 
 
 class RelayReceiver:
-    """Receiver of a stream from a relay, with results like those of `Receiver`.
+    """Receiver of a stream from a relay; has the same attributes for results as `Receiver`.
 
     Args:
         options: Options of the receiver.

@@ -74,6 +74,8 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
 def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> Network:
     """Returns the network that should lose a connection when the server is full.
 
+    Chooses the widest IP prefix with the most connections, then the largest one within it, down to a network.
+
     Args:
         connections: Number of connections per network, each above 0.
         prefix: Prefixes that the network must start with; empty for any network.
@@ -95,7 +97,7 @@ def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) ->
     Args:
         held: Number of connections per network.
         within: Prefixes that a network must start with to be counted.
-        depth: Number of nested prefixes by which networks are grouped.
+        depth: Number of nested IP prefixes that identify a group of networks; their connections are added up.
     """
     counts: Counter[Network] = Counter()
     for network, count in held.items():
@@ -195,7 +197,12 @@ class StartRateLimiter:
         return sum(len(starts.recent) for starts in self._networks.values())
 
     def seen(self, network: Network, nonce: int) -> bool:
-        """True if the network has recently started a transfer with this random connection id (nonce)."""
+        """True if the network has recently started a transfer with this nonce, so that the request is a repetition.
+
+        Args:
+            network: Network of the client.
+            nonce: Random number that identifies the client's connection attempt.
+        """
         return network in self._networks and nonce in self._networks[network].counts
 
     def allowed(self, network: Network, now: float) -> bool:

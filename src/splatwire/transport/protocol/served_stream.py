@@ -151,7 +151,7 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of FEC symbols of each segment that every client gets without asking."""
+        """Number of FEC symbols of each segment of the init segment that are sent to every client without a NACK."""
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.
         return min(counts.values())
@@ -176,7 +176,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a queued datagram should still be sent after a live stream has grown.
+        """True if a datagram that was queued before a live stream has grown is still useful.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
