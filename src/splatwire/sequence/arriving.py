@@ -252,7 +252,7 @@ class Patience:
 
 
 class Backlog:
-    """Policy of a live encoder for dropping waiting frames, which limits the delay of the stream.
+    """Policy of a live encoder for dropping frames that wait too long, which limits the delay of the stream.
 
     Args:
         rate: Frames per second.

@@ -161,7 +161,10 @@ class SequenceEncoder:
         return []
 
     def _warn_of_other_frame(self, frame: Frame, *, moved: bool) -> None:
-        """Logs a warning, once, if a frame is too far from the first one, or differs from it in antialiasing.
+        """Logs a warning if a frame does not fit the first one; each of two warnings is logged once per sequence.
+
+        Either its Gaussians are too far from the origin of the sequence for precise positions, or its antialiasing
+        differs.
 
         Args:
             frame: The frame, relative to the origin of the sequence.
@@ -242,15 +245,16 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes the buffered frames at the start of a sequence, and all later frames, as groups of one frame.
-
-        The caller has found that many of the buffered frames are scene cuts.
+        """Switches to groups of one frame, for a sequence with many scene cuts, and encodes the first frames.
 
         Args:
-            group: Tracks of the buffered frames.
-            frames: The buffered frames at the start of the sequence.
-            scenes: Indices of the buffered frames in which a new scene begins (scene cuts).
+            group: Tracks of the first frames.
+            frames: The first frames of the sequence, which were to become one group.
+            scenes: Indices of those frames in which a new scene begins (scene cuts).
             classes: Precision class of each track (its set of quantisation steps), (n).
+
+        Returns:
+            Packets of the first frames.
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
@@ -265,7 +269,7 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses the precision class (set of quantisation steps) of each track in a group of pictures.
+        """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
         Tracks that begin at or after a scene cut are measured by rendering. In the first group, classes that are
         already known are used instead if they cover most tracks.
@@ -276,7 +280,7 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track; None without a scene cut, and in later groups of a live sequence.
+            Precision class of each track. None without a scene cut, and in all groups of a live sequence but the first.
         """
         if not scenes or (self._live and self._groups):  # too slow for a live sequence
             return None

@@ -31,7 +31,8 @@ class GroupBuilder:
 
     Args:
         frames: Maximum number of frames of the group.
-        smooth: True if Gaussians moved like their neighbours in the previous group.
+        smooth: True if most tracks of the previous group moved like their neighbours. Neighbours are then searched
+            while frames arrive, which saves time at the end of the group.
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:

@@ -40,11 +40,13 @@ class GaussianHeads(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class HashGrid(CheckedFields):
-    """Values -1 or 1 of the binary hash grid; the table entries of all levels are concatenated (HAC++).
+    """Values of the binary hash grid (HAC++): a 3D table and three tables of planes.
+
+    The entries of all levels of a table are concatenated. D is the number of features per entry.
 
     Attributes:
-        volume: The 3D table, values -1 or +1.
-        planes: The tables of xy, xz and yz, values -1 or +1.
+        volume: The 3D table, values -1 or 1.
+        planes: The tables of the xy, xz and yz planes, values -1 or 1.
         bounds_min: Lower corner of the box that maps to [0, 1], world units.
         bounds_max: Upper corner.
     """
@@ -98,7 +100,7 @@ class AnchorScene:
 
     Attributes:
         anchors: The anchors.
-        heads: The networks that draw them.
+        heads: The networks that compute the Gaussians of the anchors.
         coding: Parameters of the codec, specific to its schema (`hacpp` or `causal`).
         hints: Size and opacity factors and hidden anchors, set by loss concealment; None if no losses were concealed.
         background: RGB of the background that the scene was trained with.

@@ -21,9 +21,9 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Typing protocol (structural type) for values predicted by the side information.
+    """Typing protocol (structural type) for predicted values of all elements (Gaussians or anchors), such as `Prior`.
 
-    They are predicted for all elements (Gaussians or anchors).
+    The values are predicted from the side information, without any packet.
     """
 
     @property
@@ -54,7 +54,7 @@ class ExpectedPlaces(CheckedFields):
 class TierSizes(CheckedFields):
     """Approximate size of every element (Gaussian or anchor), received or lost, for the concealment of losses.
 
-    The encoder sends one typical size for each importance tier, a group of elements of similar importance.
+    An importance tier is a group of elements of similar importance. The encoder sends one typical size for each tier.
 
     Attributes:
         sizes: Typical size in the tier of each element, above 0, in an arbitrary unit.
@@ -72,9 +72,8 @@ class Copies(CheckedFields):
     Attributes:
         indices: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Three strengths, chosen by the sender, with which lost Gaussians without a copy are concealed:
-            enlargement of their neighbours; increase of the opacity of these neighbours; and correction by the network
-            of the concealer `scene_free`.
+        growth: Strengths of concealing lost Gaussians that have no copy, chosen by the sender: size increase of the
+            neighbours; opacity increase of the neighbours; and correction by the network of the concealer `scene_free`.
     """
 
     indices: Int64[np.ndarray, "C"]

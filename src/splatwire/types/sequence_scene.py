@@ -117,12 +117,12 @@ class SequenceScene:
     Attributes:
         timeline: Frame rate, number of frames, and groups of pictures.
         tracks: The keyframe Gaussians.
-        motion: Function that decodes the received motion of a group, given the index of the group and the mask of
-            received keyframe Gaussians, bool (T).
+        motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
+            mask of received keyframe Gaussians, bool (T).
         count: Number of elements, N: the keyframe Gaussians, and for each group the tracks whose motion is coded.
         background: RGB of the background.
-        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
-            that it widens to a pixel (Mip-Splatting).
+        antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
+            opacity of Gaussians that they widen to a pixel.
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """

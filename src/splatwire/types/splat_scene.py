@@ -23,14 +23,13 @@ Own = TypeVar("Own", bound="SplatScene")
 
 @dataclass(frozen=True, eq=False)
 class SplatCoding(CheckedFields):
-    """Quantisation parameters of decoded Gaussians, with which encoding the Gaussians again is lossless.
+    """Quantisation parameters of decoded Gaussians. Encoding them again with these parameters is lossless.
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Resolution of decoded positions: positions are multiples of `2 ** -unit` times the scene's size.
-        coarsest: log2 of the largest quantisation step of positions; the step is measured in multiples of the
-            resolution `unit`.
-        bases: `-log2` of the quantisation step of each attribute in the least precise class.
+        unit: Resolution of decoded positions, which are multiples of `2 ** -unit` times the scene's size.
+        coarsest: log2 of the largest quantisation step of positions, in multiples of that resolution.
+        bases: `-log2` of the quantisation step of each attribute in class 0.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.
     """
@@ -62,8 +61,8 @@ class SplatScene:
         hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None if no losses were concealed.
         background: RGB of the background.
         coding: Quantisation steps with which the scene was decoded; None if it was not decoded.
-        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
-            that it widens to a pixel (Mip-Splatting).
+        antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
+            opacity of Gaussians that they widen to a pixel.
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """
