@@ -169,14 +169,14 @@ def check_folder(path: Path) -> None:
 
 
 def check_folder_name(name: str, instead: str) -> None:
-    """Checks that the name of an output folder does not end like that of a file.
+    """Checks that the name of an output folder does not have the suffix of a file format.
 
     Args:
         name: Output path given by the user.
         instead: Hint for users who want a file.
 
     Raises:
-        InvalidValueError: If its suffix is that of a file format.
+        InvalidValueError: If the name has such a suffix.
     """
     if Path(name).suffix.lower() in _FORMATS:
         raise InvalidValueError(f"{name}: a clip is written to a folder, whose name has no such suffix; {instead}")

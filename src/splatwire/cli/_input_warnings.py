@@ -82,8 +82,8 @@ class _Repeated:
     """A warning about several files of a folder.
 
     Attributes:
-        first: The file with which the warning was printed.
-        kind: Start of the printed line: `warning: `, or empty for a message that is no warning.
+        first: The file that the printed warning names.
+        kind: Start of the printed line: `warning: `; empty for messages of a lower log level.
         reason: Text of the warning after the name of the file.
         others: Names of other files with the same warning.
     """

@@ -91,10 +91,10 @@ def run(command: Receive) -> None:
 
 
 def _follow(command: Receive, address: Address, options: ReceiverOptions) -> None:
-    """Receives a scene and its updates until interrupted by the user, and writes each state of the scene.
+    """Receives a scene and its updates until the user interrupts, and writes each new version of the scene.
 
     Raises:
-        InvalidValueError: If an option does not fit, or the scene does not arrive as a whole at first.
+        InvalidValueError: If an option cannot be combined with `--follow`, or the first transfer is incomplete.
     """
     if command.deadline or command.partial or command.camera or command.pcap or address.scheme == "moq":
         raise InvalidValueError("--follow is for udp:// and quic://, without --deadline, --partial, --camera, --pcap")
