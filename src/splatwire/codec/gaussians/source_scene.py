@@ -391,7 +391,7 @@ def _quantised_positions(
         own = classes[begin : begin + len(some)].astype(np.int64)
         kernels.position_shifts(to_logs(part, size_log), own, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means
-        check_reach(sources.move_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
+        check_reach(sources.snap_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
 
     share(find, range(0, len(centres), ROWS))
     return centres
