@@ -82,9 +82,9 @@ def _discard_stdout() -> None:
 
 @contextmanager
 def _standard_streams() -> Iterator[None]:
-    """Redirects a closed standard error to the null device, and escapes characters that standard output cannot encode.
+    """Context that makes printing safe: characters that standard output cannot encode are escaped.
 
-    `print` would use standard output instead of a closed standard error.
+    A closed standard error is replaced by the null device; `print` would otherwise write errors to standard output.
     """
     if getattr(sys.stdout, "errors", None) == "strict" and hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="backslashreplace")  # e.g. in a terminal with Latin-1
@@ -174,9 +174,10 @@ def _run(arguments: list[str]) -> int:
 
 
 def _print_damage(verb: Any) -> int:
-    """Returns the exit status of a subcommand whose input was damaged.
+    """Prints an error about damaged input, unless `--accept-damage` is set; returns the exit status.
 
-    Without the option `--accept-damage`, also prints an error; with this option, the status is 0.
+    Args:
+        verb: Options of the subcommand.
     """
     if getattr(verb, "accept_damage", False):
         return 0
@@ -186,7 +187,7 @@ def _print_damage(verb: Any) -> int:
 
 
 def _signal_status(error: BaseException) -> int | None:
-    """Returns the exit status for an error that a signal caused, or None."""
+    """Returns the exit status if a signal such as Ctrl-C caused an error; None for all other errors."""
     # Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
     cause: BaseException | None = error
     while cause is not None:

@@ -236,16 +236,16 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Returns the views of a split of a dataset with `transforms.json`.
-
-    Also returns the file that lists the views, and the point cloud that this file names. The point cloud is None if the
-    file names none.
+    """Reads the views of a split of a dataset with a BungeeNeRF, Blender or nerfstudio layout.
 
     Args:
         path: Folder of the dataset.
         split: `train`, `test` or `all`.
         images: Image folder to use instead of `images`, or None.
         test_views: Rule that selects the test views; None for the default rule of the layout.
+
+    Returns:
+        The views; the file that lists them; and the point cloud that this file names, or None.
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
@@ -325,10 +325,12 @@ def _warn_of_copies(
 
 
 def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: str) -> None:
-    """Checks that no photo is listed in both the training and the test file.
+    """Checks that no photo is listed in both `transforms_train.json` and `transforms_test.json`.
+
+    Logs a warning if a test photo is a copy of a training photo, unless the training split is opened.
 
     Args:
-        halves: Transforms file of each split (`train`, `test`), by its name.
+        halves: Path of the transforms file of each split, with the keys `train` and `test`.
         images: Image folder that replaces `images`, or None.
         split: Name of the split that is opened.
 
@@ -379,7 +381,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by name without suffix; each file has two keys, one of them in lower case."""
+    """Returns the files of a folder by name without suffix, and also by this name in lower case."""
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 
@@ -387,7 +389,7 @@ def _by_stem(folder: Path) -> dict[str, Path]:
 def _masks(
     views: Sequence[ColmapView | TransformsView], image_paths: list[Path], upright: bool
 ) -> tuple[Path | None, ...]:
-    """Returns the mask file of each view, after checking that it has the size of the photo.
+    """Returns the mask file of each view, None for a view without mask; an empty tuple if no view has a mask.
 
     Args:
         views: The views.
@@ -395,7 +397,7 @@ def _masks(
         upright: True if photos are rotated by their EXIF orientation.
 
     Raises:
-        DatasetError: If sizes differ.
+        DatasetError: If a mask and its photo have different sizes.
     """
     masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):

@@ -139,9 +139,9 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Name, for use in file names, of the variant of the scene's stream that this row uses.
+        """Name of the stream that this method uses, also for file names.
 
-        Variants differ in packetization and in the additional side information. Rows with equal names share a stream.
+        It follows from the packetization and the additional side information. Rows with equal names share a stream.
         """
         if self.decoded:
             return f"decoded-{self.key}"
@@ -285,7 +285,13 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Names a packetization by a preset and the parameters that differ from the preset."""
+    """Describes a packetization by the name of a preset and the parameters that differ from the preset.
+
+    Args:
+        preset: The preset.
+        other: The packetization.
+        name: Name of the preset.
+    """
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
 

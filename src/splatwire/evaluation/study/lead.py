@@ -83,7 +83,8 @@ def make_lead(
         worst: Images at the highest loss rate, shown instead of `pictures`; may be empty.
 
     Returns:
-        The first part; None if the evaluation has several scenes or losses, or if no PSNR is finite.
+        The first part. None if the evaluation has several scenes or several losses, or if a PSNR in the summary is not
+        finite.
     """
     if len(result.scenes) > 1 or len(result.study.losses) > 1:
         return None
@@ -215,7 +216,7 @@ def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str
 
 
 def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
-    """Returns the explanations of the terms that occur in tables, by term.
+    """Returns the technical terms that occur in tables of the report, each with its explanation.
 
     Args:
         tables: Tables of the report.
