@@ -112,7 +112,7 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Returns how many importance tiers the planner may bundle in the init segment.
+    """Lists the numbers of importance tiers that the planner may bundle in the init segment.
 
     The init segment has all packets of the bundled tiers, which are the most important ones.
 

@@ -154,7 +154,7 @@ class PruningCurve:
         return float(np.interp(share, self.shares, self.errors))
 
     def share(self, error: float) -> float:
-        """Returns the smallest share of Gaussians with which pictures have at most a given mean squared error."""
+        """Returns the smallest share of Gaussians for which pictures have at most a given mean squared error."""
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))
 

@@ -93,7 +93,18 @@ def _collect(root: Any) -> dict[str, Tensor]:
 
 
 def _follow(tensors: "_Tensors", description: bytes) -> Any:
-    """Interprets a pickle that describes a tree of modules and their tensors; returns the root module."""
+    """Parses a pickle that describes a tree of modules and their tensors; no code of the pickle is executed.
+
+    Args:
+        tensors: Reader of the archive's tensors.
+        description: The pickle.
+
+    Returns:
+        The root module.
+
+    Raises:
+        ValueError: If the pickle contains anything else.
+    """
     # `data.pkl` is a program for a stack machine. Only the few instructions that describe tensors and names are
     # interpreted; others are errors.
     stack: list[Any] = []

@@ -123,10 +123,9 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
 
 
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the quantisation steps of each attribute value of an anchor.
+    """Returns the quantisation step of each attribute value of an anchor.
 
-    Attributes are features, offsets of the Gaussians' centres, one scale of these offsets, and three sizes of the
-    Gaussians.
+    The attributes are features, logarithms of one offset scale and three sizes, and offsets of the Gaussians' centres.
 
     Args:
         logs: Logarithms of the trained quantisation steps: one per feature group, then one each for the offset scale,
@@ -134,8 +133,7 @@ def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tenso
         config: Shapes of anchors and networks.
 
     Returns:
-        Steps of the feature channels (F), of the logarithms of the offset scale and the three sizes (4), and of the
-        offsets.
+        Steps of the F feature channels, (F); of the four logarithms, (4); and of the offsets, a single number.
     """
     steps, groups = logs.exp(), config.layout.feature_groups
     repeats = torch.tensor(groups, device=logs.device)
@@ -198,7 +196,7 @@ def anchor_bits(
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_numbers`).
         steps: Quantisation steps of these values (`channel_steps`).
-        masks: Straight-through masks of offsets and of anchors.
+        masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
     """
     logs = values[1] - state.parameters["centres"].detach()
     numbers = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]

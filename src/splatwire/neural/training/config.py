@@ -175,12 +175,14 @@ class LossWeights:
 class RefineConfig:
     """Settings for refining the context model after training, with fixed anchors.
 
+    The entries of the binary hash grid are trained as real numbers, of which only the signs are used.
+
     Attributes:
         steps: Number of Adam steps; 0 disables the refinement.
         batch: Number of anchors per Adam step.
         network_rate: Initial learning rate of the networks.
-        grid_rate: Initial learning rate of the real numbers whose signs are the entries of the hash grid.
-        latent: Initial magnitude of these real numbers.
+        grid_rate: Initial learning rate of the hash grid.
+        latent: Initial magnitude of the hash grid's real numbers.
         step_weight: Penalty in bits per squared change of a quantisation step's logit.
         grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors.
         seed: Seed of the random choice of anchors.
@@ -212,7 +214,8 @@ class LossTraining:
 
     Attributes:
         models: Loss models in the syntax of `splatwire.channel.parse_loss`, chosen at random; empty for no packet loss.
-        first: Shares of received anchors, 0 to 1, for simulating that only the most important anchors arrive.
+        first: Simulated receptions of only the most important anchors: the received share of the anchors, 0 to 1, for
+            each.
         packets: Names of packetizations (`packetization_named`), chosen at random.
         share: Share of the iterations with packet loss in the last phase of the training.
     """

@@ -146,7 +146,12 @@ class TrainedContext:
         return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: the mean bits per attribute value, times their weight lambda."""
+        """Returns the rate term of the loss: lambda times the mean bits per attribute value.
+
+        Args:
+            state: State of the training.
+            rate: Estimated bits of a sample of anchors.
+        """
         return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:

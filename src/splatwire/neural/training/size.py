@@ -90,7 +90,12 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns the number of measurements of the stream's size from the start of the training up to an iteration."""
+    """Returns the number of measurements of the stream's size from the start of the training up to an iteration.
+
+    Args:
+        milestones: Schedule of the training.
+        iteration: The iteration.
+    """
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 

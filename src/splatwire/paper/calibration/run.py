@@ -264,7 +264,7 @@ class CalibrationRun:
 
 
 def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: RepairGraph) -> None:
-    """Sets the constants that normalise the network's inputs."""
+    """Sets the constants that normalise the network's inputs: mean and deviation of each input in a graph."""
     # Mean and standard deviation of each input in a graph.
     known = graph.index.unique()
     for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
@@ -275,14 +275,17 @@ def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: Repa
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Selects random lost anchors (queries) for a training step, and returns their indices, ascending.
+    """Selects random lost anchors (queries) for a training step.
 
-    Each random choice selects a range of consecutive queries, which are close to each other in space.
+    The selection consists of ranges of consecutive queries, which are close to each other in space.
 
     Args:
         count: Number of all lost anchors.
         size: Approximate number of queries to draw.
         rng: Random generator.
+
+    Returns:
+        Indices of the queries, ascending.
     """
     # Consecutive queries are close to each other, because a stream sorts anchors by position. The smoothness term
     # of the loss needs such neighbours.

@@ -85,7 +85,8 @@ class PageContent:
             directly.
         attributes: Further HTML attributes of the page's viewer element (`docs/browser.md`).
         access: Access rules for the scenes; None if all are public.
-        updates: Updates of the streams by name; not in lists of scenes.
+        updates: Later changes of the scenes, as streams by name, which clients request separately. They are not in
+            lists of scenes.
         downloads: Converter of the streams to other file formats; None for no such downloads.
     """
 

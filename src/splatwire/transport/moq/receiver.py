@@ -181,9 +181,13 @@ class RelayReceiver:
         return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
-        """Returns the indices of the MoQ tracks with packets that are to be received, most important first.
+        """Returns the indices of the MoQ tracks to receive, most important first.
 
-        The track `part/N` has index N.
+        The track `part/N` has the index N. With a viewpoint, only the tracks of visible tiles are received.
+
+        Args:
+            manifest: Manifest of the stream.
+            tiles: Tiles of the stream, one for each track; None for a stream without levels of detail.
         """
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(parts_of(manifest, tiles))))

@@ -153,7 +153,7 @@ def read_init_segment(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, t
         Manifest, side information, and the packets bundled in the init segment.
 
     Raises:
-        BitstreamError: If init segment and declaration contradict each other, or the manifest is invalid.
+        BitstreamError: If the init segment contradicts the server's response, or the manifest is invalid.
     """
     manifest, side_info, bundled = split_init_segment(data)
     check_side_info(manifest, side_info, "the side information that was sent")
@@ -188,7 +188,7 @@ class PacketCollector:
         self.highest = -1
 
     def update(self, welcome: Welcome) -> None:
-        """Prepares for more packets after a live stream has grown, and keeps all received packets.
+        """Prepares for more packets after a live stream has grown; received packets are kept.
 
         Args:
             welcome: Server's response with the new sizes of the stream, already checked.

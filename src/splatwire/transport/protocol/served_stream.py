@@ -273,7 +273,17 @@ def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
 def _packets_in_order(
     stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
 ) -> tuple[list[Packet], tuple[ParityRange, ...]]:
-    """Sorts the packets of a stream into sending order, and computes their parity."""
+    """Sorts the packets of a stream into sending order, and determines the parity of ranges of packets.
+
+    Args:
+        stream: Complete stream.
+        protection: Redundancy.
+        importance: Cost of losing each motion packet of a sequence, by packet id; None for equal costs.
+
+    Raises:
+        InvalidValueError: If parity for motion is combined with parity for importance tiers, or the stream is no
+            sequence.
+    """
     ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
     if not protection.motion:
         return ordered, protected_tiers([plan.tier_of(packet.id.block) for packet in ordered], protection)

@@ -309,13 +309,13 @@ class ServerTransfer:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns additional init segment symbols for a client that lacks symbols.
+        """Chooses further symbols of the init segment for a client that cannot decode it yet.
 
         Args:
             missing: Number of symbols that the client still needs.
 
         Returns:
-            The symbols, as in `SendSchedule.datagrams`.
+            The symbols, as in `SendSchedule.datagrams`; more than are missing, because some will be lost.
         """
         head = self.stream.head
         longest = max(map(len, head))
