@@ -134,10 +134,10 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 
 
 def photo_source(*, masked: bool) -> str:
-    """Returns the text by which reports name photos as the reference images.
+    """Returns the name of photos as reference images, for reports.
 
     Args:
-        masked: True if only the pixels inside masks are evaluated.
+        masked: True if only the pixels inside masks are evaluated, which the name then states.
     """
     return "photos inside their masks" if masked else "photos"
 

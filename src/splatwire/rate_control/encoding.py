@@ -581,10 +581,10 @@ class _Trials:
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: Measured value of an encoded scene, and this scene; the search starts from its share and keeps its
-                level.
-            slope: Expected increase of the measured value per quantisation level, from which the increase per share is
-                estimated.
+            known: Measured value of an encoded scene, and this scene. Its quantisation level is used, and its share is
+                the first to be changed.
+            slope: Expected increase of the measured value per quantisation level. The increase per share is estimated
+                from it.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known

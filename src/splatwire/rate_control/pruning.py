@@ -159,7 +159,7 @@ class PruningCurve:
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, quality_level: float) -> float:
-        """Returns the best share of Gaussians to keep at a quantisation level.
+        """Returns the share of Gaussians to keep that balances pruning and quantisation at a quantisation level.
 
         With this share, saving a byte by pruning costs the same error as saving it by coarser quantisation.
 

@@ -225,8 +225,8 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
     Args:
         path: The file, for the message.
         scales: Standard deviations, (N, 3).
-        low: Smallest logarithm of a scale that the format can represent.
-        high: Largest logarithm of a scale that the format can represent.
+        low: Natural logarithm of the smallest scale that the format can represent.
+        high: Natural logarithm of the largest scale that the format can represent.
     """
     least, most = np.exp((low, high))
     largest = scales.max(axis=1)

@@ -94,7 +94,7 @@ class Milestones:
 
     @property
     def fine_tuning_start(self) -> int:
-        """Last iteration before the fine-tuning; the last iteration of the training if `tuning` is 0."""
+        """Number of iterations before the fine-tuning; all iterations of the training if `tuning` is 0."""
         return self.iterations - self.tuning
 
     def is_fine_tuning(self, iteration: int) -> bool:

@@ -92,12 +92,12 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Returns the IP prefix with the most connections, and their number; None if there are no such connections.
+    """Returns the IP prefix from which most connections come, and their number; None without any connection.
 
     Args:
-        held: Number of connections per network.
-        within: Prefixes that a network must start with to be counted.
-        depth: Number of nested IP prefixes that identify a group of networks; their connections are added up.
+        held: Number of connections per network, which is given by nested IP prefixes.
+        within: Prefixes that a network must start with; other networks are ignored.
+        depth: Number of prefixes to compare: networks that share them are counted together.
     """
     counts: Counter[Network] = Counter()
     for network, count in held.items():

@@ -64,10 +64,13 @@ class GaussianRates:
 class RelocationRules:
     """Rules for moving, adding and disturbing Gaussians (3DGS-MCMC).
 
+    Gaussians are moved and added at regular intervals, between the times `start` and `end`. A time is given as a share
+    of the iterations of the training.
+
     Attributes:
-        start: Gaussians are moved and added after this share of the iterations.
-        growth_end: Share of the iterations at which the number of Gaussians reaches the budget at the latest.
-        end: After this share of the iterations, no Gaussians are moved or added.
+        start: Earliest time of a change of the set of Gaussians.
+        growth_end: Time at which the number of Gaussians reaches the budget at the latest.
+        end: Latest time of a change.
         interval: Number of iterations between two changes of the set of Gaussians.
         changes: Minimum number of changes in a training; a short training has shorter intervals.
         growth: Relative increase of the number of Gaussians per change.
