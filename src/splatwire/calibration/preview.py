@@ -130,7 +130,7 @@ def preview_for_scene(
 
 
 class _Fit:
-    """Gradient descent on the Gaussians of a preview."""
+    """Optimiser of a preview's Gaussians, by gradient descent."""
 
     # The parameters are the ten numbers of each Gaussian (`PreviewFrame.values`), divided by their learning rates,
     # so that the Adam optimiser needs only one learning rate.

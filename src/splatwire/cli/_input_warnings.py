@@ -108,7 +108,7 @@ class _Repeated:
 
 @contextmanager
 def input_warnings() -> Iterator[InputWarnings]:
-    """Context that prints warnings about inputs."""
+    """Context that prints warnings about input files, each only once."""
     handler, loggers = InputWarnings(), [logging.getLogger(name) for name in _TELLING]
     before = [logger.level for logger in loggers]
     for logger in loggers:

@@ -80,7 +80,7 @@ def _run(command: Encode, source: Path) -> None:
 
 
 def _check(command: Encode) -> None:
-    """Checks the values and the combination of the options before the scene is read."""
+    """Checks the values of the options of `encode`, and that they can be combined, before the scene is read."""
     if command.no_sketch and not _needs_copies(command):
         raise InvalidValueError("--no-sketch needs --preset datagram and no levels: only then `encode` adds a sketch")
     packetization_of(command, UNNAMED_SCHEMA, 1)

@@ -70,8 +70,8 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
     """Encodes and serves the frames of a clip, until SIGINT or SIGTERM or until the last frame.
 
     Returns:
-        None if the encoder has ended. Otherwise the exit status with which the process should end at once, because the
-        encoder still runs after the signal.
+        None if the encoder has ended. Otherwise an exit status: the encoder still runs after the signal, and the
+        process should exit at once.
     """
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:

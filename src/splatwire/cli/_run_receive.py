@@ -224,7 +224,7 @@ def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
 
 
 class TransferTimes:
-    """Times of the first events of a transfer, in seconds since the start of the transfer."""
+    """Measures when the first events of a transfer happen, in seconds since its start."""
 
     def __init__(self) -> None:
         self._began = time.perf_counter()

@@ -180,7 +180,7 @@ def _access(command: Serve) -> Access | None:
     """Returns the rules for access to private and unlisted scenes, with the token check; None if all are public.
 
     Raises:
-        InvalidValueError: If an option is missing, a name is no served scene, or the key is invalid.
+        InvalidValueError: If an option is missing, a name is not that of a served scene, or the key is invalid.
     """
     if not command.private and not command.unlisted:
         if command.token_key is not None:

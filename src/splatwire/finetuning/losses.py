@@ -55,11 +55,11 @@ class Reception:
         return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
 
     def gradients(self, splats: Splats, drawn_gradients: Gradients) -> Gradients:
-        """Converts gradients with respect to the drawn Gaussians to gradients of all Gaussians; 0 for lost ones.
+        """Back-propagates gradients from the drawn Gaussians to all Gaussians; gradients of lost Gaussians are 0.
 
         Args:
             splats: All Gaussians, including those lost with packets.
-            drawn_gradients: Gradients with respect to the drawn Gaussians.
+            drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `shown`.
         """
         clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)

@@ -16,12 +16,12 @@ def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = 
     """Sorts elements by integer codes; elements with equal codes keep their order.
 
     Args:
-        codes: Function that returns the codes, below `1 << bits`, of elements given by index; called several times for
-            each.
+        codes: Function that returns the codes of the elements with given indices, below `1 << bits`. It is called
+            several times for each element, to save memory.
         count: Number of elements N, at most 2**32.
         bits: Number of bits of a code.
-        groups: Primary sort key of each element, 0 to 2**16 - 1, (N); codes order elements with equal primary keys.
-            None to sort by the codes alone.
+        groups: Primary sort key of each element, 0 to 2**16 - 1, (N). Elements with equal primary keys are sorted by
+            code. None to sort by the codes alone.
 
     Returns:
         Indices of the elements in sorted order, uint32 (N).

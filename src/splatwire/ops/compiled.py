@@ -229,10 +229,9 @@ def _sources_digest(module: str) -> str:
 
 
 def _collect_constants(module: str, constants_by_module: dict[str, list[str]]) -> None:
-    """Collects the constants of a module and of the modules it imports.
+    """Collects the constants that may be compiled into the kernels of a module: its own, and those of imported modules.
 
-    Compiled kernels of the module can contain copies of these constants, so that machine code is valid only for the
-    same constants.
+    Cached machine code is valid only as long as these constants are the same.
 
     Args:
         module: Full name of the module.
@@ -303,8 +302,9 @@ class _Compilations(event.Listener):
     """Listener that logs each compilation of a kernel, and counts the compilations that are running.
 
     Attributes:
-        depth: Number of running compilations in the current thread, one inside another.
-        num_running: Number of running compilations in all threads, and of waits for those of other processes.
+        depth: Number of running compilations in the current thread; one compilation can start another.
+        num_running: Number of compilations running in this process, and of threads that wait for one in another
+            process.
     """
 
     def __init__(self) -> None:

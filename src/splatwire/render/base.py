@@ -44,7 +44,7 @@ class Drawing:
 
     @property
     def d_centers(self) -> Float[Any, "G 2"] | None:
-        """Gradient with respect to the 2D centres, per pixel; None if not requested, or before `backward`."""
+        """Gradient with respect to the 2D centres in pixels; None if not requested, or before `backward`."""
         return None if self.centers is None or self.centers.grad is None else self.centers.grad[0]
 
 

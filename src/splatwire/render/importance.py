@@ -52,7 +52,7 @@ views around a scene."""
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around a scene without cameras, for measurements of the scene's appearance.
+    """Places cameras around a scene that has no cameras of its own, to measure how the scene looks.
 
     Args:
         scene: The scene.

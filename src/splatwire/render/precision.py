@@ -99,7 +99,7 @@ def scene_precision_classes(
 def precision_classes(
     splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, part: int = PART,
 ) -> np.ndarray:  # fmt: skip
-    """Computes the precision class of each Gaussian from the sensitivity of images to its attributes.
+    """Computes the precision class (set of quantisation steps) of each Gaussian from its effect on images.
 
     Args:
         splats: The Gaussians.
@@ -109,7 +109,8 @@ def precision_classes(
         part: Maximum number of Gaussians that are measured together, if no cameras are given.
 
     Returns:
-        Class of each Gaussian, int8 (N). The quantisation steps double with each class below 0.
+        Class of each Gaussian, int8 (N). The quantisation steps of class c - 1 are twice as large as those of class c.
+        Nearly all classes are 0 or negative.
     """
     # The sensitivity is estimated from gradients of sums of pixels with random signs (see
     # `splatwire.render.pruning`). Without cameras there are 12 views around the Gaussians or, with several parts, 6
@@ -173,7 +174,7 @@ def measure_gaussians(
 
 
 def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
-    """Returns the estimated mean squared error of the pictures if one Gaussian is removed, for each Gaussian.
+    """Estimates the mean squared error of the pictures if a Gaussian is removed, for each Gaussian.
 
     Args:
         found: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.

@@ -54,8 +54,9 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        classes: Function that returns the precision class of each new Gaussian; None to measure classes by rendering.
-        live: True for low latency, at a higher total cost.
+        classes: Function that returns the precision class (set of quantisation steps) of each new Gaussian; None to
+            measure classes by rendering.
+        live: True to encode with less delay, at a higher total processing cost.
     """
 
     @checked
@@ -201,7 +202,11 @@ class SequenceEncoder:
         return self._writer.finish({**self._stated, **where})
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
-        """Returns manifest and side information of the groups of pictures encoded so far."""
+        """Returns manifest and side information of the groups of pictures encoded so far.
+
+        Args:
+            stream_id: Id of the stream, for the manifest.
+        """
         return self._writer.so_far(self._stated, stream_id)
 
     @property

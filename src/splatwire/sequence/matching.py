@@ -180,14 +180,14 @@ def _match_one_to_one(
     candidates: int,
     weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Matches the Gaussians of two frames one to one, by expected position and appearance.
+    """Matches the Gaussians of two frames one to one, by position and appearance.
 
     Args:
-        expected: Positions of the previous frame's Gaussians, moved to the current frame.
-        now: Positions of the current frame's Gaussians.
-        appearance: Features of the previous frame's Gaussians.
-        appearance_now: Features of the current frame's Gaussians.
-        candidates: Number of nearest candidates per Gaussian.
+        expected: For the previous frame's Gaussians, their predicted positions in the current frame, (N, 3).
+        now: Positions of the current frame's Gaussians, (M, 3).
+        appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
+        appearance_now: Appearance of the current frame's Gaussians.
+        candidates: Number of nearest previous Gaussians that are compared with each current one.
         weight: Weight of the distance relative to the appearance.
 
     Returns:

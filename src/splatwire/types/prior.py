@@ -82,14 +82,14 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Raises estimated scalings of lost anchors to at least the minimum of the received scalings, per component.
+    """Raises estimated scalings to at least the minimum over the received anchors, for each of the six components.
 
     If no scaling was received, the minimum is 0.
 
     Args:
-        anchors: The received anchors.
+        anchors: All anchors.
         loss_mask: Mask of received attributes.
-        scalings: Estimates for M lost anchors.
+        scalings: Estimated scalings of M anchors.
     """
     received = anchors.scalings[loss_mask.column(Attribute.SCALING)]
     if not len(received):

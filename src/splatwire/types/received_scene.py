@@ -31,7 +31,7 @@ class Expectation(Protocol):
         """Number of elements, N."""
 
     def expected_log_sizes(self) -> Float[np.ndarray, "N"]:
-        """Returns the expected logarithm of the size of each element."""
+        """Returns the predicted logarithm of the size of each element."""
 
     def filled(self, elements: Any, loss_mask: LossMask) -> Any:
         """Returns the elements with missing attribute values replaced by predicted ones."""
@@ -39,10 +39,10 @@ class Expectation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPlaces(CheckedFields):
-    """Expected positions of elements, for streams that code positions inside packets.
+    """Predicted positions of elements, for streams in which exact positions can be lost with their packets.
 
     Attributes:
-        positions: Expected positions of all elements, world coordinates; lost elements are placed at these positions.
+        positions: Predicted positions of all elements, world coordinates. Lost elements are placed there.
     """
 
     positions: Float[Any, "N 3"]
@@ -85,7 +85,7 @@ class Copies(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class ReceivedScene(Generic[S]):
-    """A received scene with possibly lost elements (Gaussians or anchors), and its side information.
+    """A decoded scene with possibly lost elements (Gaussians or anchors), and its side information.
 
     Attributes:
         scene: The scene; lost elements have placeholder values.
@@ -197,10 +197,7 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the set of the element counts in records of side information.
-
-    The set has one entry if all records agree.
-    """
+    """Returns the distinct numbers of elements in records of side information; more than one if records disagree."""
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

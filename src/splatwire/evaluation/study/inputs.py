@@ -147,7 +147,7 @@ class Source:
 
     @property
     def received(self) -> Scene:
-        """Scene without the elements of lost packets."""
+        """The scene, without the elements of packets that are missing in the user's stream."""
         loaded = self.files.scene_file(self.entry.source).loaded if self.stream is None else decode_stream(self.stream)
         return concealed(loaded, create_concealer("drop"))
 

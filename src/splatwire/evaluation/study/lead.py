@@ -200,6 +200,8 @@ def fold(table: Table, hidden: set[str]) -> tuple[Table, Table | None]:
 def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str]:
     """Returns the labels of methods that are worse than the baseline on every scene and under every loss.
 
+    Methods with another packetization than the baseline are not compared.
+
     Args:
         result: Results of the evaluation.
         summaries: Statistics of the results, with differences to the baseline.
