@@ -92,7 +92,9 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the Lagrange multiplier (squared error per bit) with which about `count` anchors get a copy.
+        """Returns the price of a bit at which about `count` anchors are worth a copy.
+
+        The price is a squared error in the pictures: the Lagrange multiplier for `fit_sketch`.
 
         Args:
             count: Number of anchors to copy.

@@ -38,7 +38,7 @@ def check_look(options: LookFrom) -> None:
 
 
 def views_of(options: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
-    """Returns the views in which a calibration compares pictures, and their description for messages.
+    """Returns the views for comparing pictures in a calibration, and their description for messages.
 
     Args:
         options: Command-line options that select the reference pictures.
@@ -108,7 +108,7 @@ def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Report
 
     Args:
         stream: The complete stream.
-        cameras: Views in which importance is measured; None for views around the scene.
+        cameras: Views for measuring importance; None for views around the scene.
         show: Called with the name of the current task and its finished share, 0 to 1.
     """
     complete = decode_stream(stream)

@@ -155,7 +155,7 @@ def output_folder(name: str) -> Iterator[Path]:
 
 
 def check_folder(path: Path) -> None:
-    """Checks, before the work, that an output folder can be created.
+    """Checks that an output folder can be created, before the work starts.
 
     Raises:
         InvalidValueError: If the path exists and is not a folder, its parent folder does not exist or is not writable,

@@ -72,7 +72,7 @@ def relay_trust(trusted: TrustOptions) -> RelayTrust:
 
     Raises:
         InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.
-        OSError: If the authority's file cannot be read.
+        OSError: If the file of the certificate authority cannot be read.
     """
     trust = _quic_functions().trust_of(trusted)
     return RelayTrust(trusted.authority, trust.fingerprint, trust.insecure)

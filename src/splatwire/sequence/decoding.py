@@ -244,7 +244,7 @@ def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tup
 
     Args:
         splats: All T Gaussians.
-        index: Indices of the Gaussians that the complete picture contains, ascending, int64.
+        index: Indices of the Gaussians that would be visible without losses, ascending, int64.
         known: Mask of received Gaussians, bool (T).
 
     Returns:

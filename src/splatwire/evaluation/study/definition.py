@@ -280,7 +280,7 @@ class Study:
         return tuple(row for row in self.rows if not row.lossless)
 
     def row(self, key: str) -> Row:
-        """Returns the method with the given key."""
+        """Returns the method (row of the result table) with the given key."""
         return next(row for row in self.rows if row.key == key)
 
 

@@ -270,7 +270,7 @@ def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], dige
 
 
 def _background(first: PreparedStream, store: Store) -> Background:
-    """Returns the background colour of a scene, read from its first stream or scene file."""
+    """Returns the background colour of a scene, read from one of its streams or from its scene file."""
     path = store.root / first.path
     if first.num_packets:
         return BACKGROUND.of_stream(store.files.stream(path))
