@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import type { Viewpoint } from "../src/codec/decoder.ts";
 import { emptySplats } from "../src/codec/splats.ts";
 import { Stage } from "../src/page/stage.ts";
 import { type Packed, pack } from "../src/render/packed.ts";
@@ -60,4 +61,28 @@ test("a viewpoint far from 0 is kept if the first frame is empty", () => {
   assert.equal(stage.orbit.placed, true);
   const { eye } = stage.viewpoint;
   assert.ok(Math.hypot(eye[0], eye[1], eye[2] - 5003) < 1e-3, String(eye));
+});
+
+test("the automatic rotation continues when the scene is framed again", () => {
+  const stage = stageOf(),
+    { orbit } = stage;
+  stage.add(line(0), true);
+  const { yaw } = orbit;
+  for (let n = 0; n < 5; n++) orbit.drift(0.2);
+  assert.ok(Math.abs(orbit.yaw - yaw - 1) < 1e-6);
+  const framed = orbit.state;
+  stage.resize();
+  assert.ok(Math.abs(orbit.yaw - framed.yaw) < 1e-6);
+  stage.pointCameraAt([0, 0, 0], 1);
+  stage.add(line(0));
+  stage.setLimits(null);
+  assert.ok(Math.abs(orbit.yaw - framed.yaw) < 1e-6);
+  orbit.reset();
+  assert.equal(orbit.yaw, yaw);
+  const viewpoint: Viewpoint = { eye: [0, 0, 3], target: [0, 0, 0], up: [0, 1, 0] };
+  Object.assign(orbit, { touched: false });
+  stage.setViewpoint(viewpoint);
+  assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
+  stage.resize();
+  assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
 });
