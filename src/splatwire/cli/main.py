@@ -17,6 +17,7 @@ from typing import Any
 import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
+from splatwire.cli._signals import status_of
 from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
@@ -31,7 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits the process.
 
     The exit status is 0 on success, 2 for a user error, 3 for a damaged input or an incomplete transfer, 130 after
-    Ctrl-C, and 143 after SIGTERM. `splatwire receive` exits with 130 after SIGTERM too.
+    SIGINT (Ctrl-C), and 143 after SIGTERM. Commands that run until they are stopped exit with 0 after both signals:
+    `serve`, `live`, `view`, and `receive --follow` once a scene has arrived.
 
     Args:
         arguments: Command-line arguments after the program name; None for those of this process.
@@ -192,7 +194,7 @@ def _signal_status(error: BaseException) -> int | None:
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
-            return 130
+            return status_of(cause)
         if isinstance(cause, SystemExit) and isinstance(error, SystemError) and isinstance(cause.code, int):
             return cause.code
         cause = cause.__cause__ or cause.__context__
