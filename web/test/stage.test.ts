@@ -87,7 +87,7 @@ test("the automatic rotation continues when the scene is framed again", () => {
   assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
 });
 
-test("a WebGL context that is lost repeatedly is requested with growing pauses, then given up with one error", async () => {
+test("a context that is lost repeatedly is requested with growing pauses, then given up with one error", async () => {
   mock.timers.enable({ apis: ["setTimeout"] });
   const errors: Error[] = [],
     lost: (() => void)[] = [],
