@@ -5,6 +5,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -30,6 +31,7 @@ from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, is_
 from splatwire.files.names import path_of
 from splatwire.types import Cameras
 from splatwire.types.background import BLACK, Background
+from splatwire.types.shapes import indices_of
 
 LOG = logging.getLogger(__name__)
 SPLITS = ("test", "train", "all")
@@ -93,8 +95,13 @@ class Dataset(CheckedFields):
             raise DatasetError(f"{path}: the mask of view '{name}' leaves nothing of its photo: remove the view")
         return mask
 
-    def select(self, views: list[int]) -> "Dataset":
-        """Returns a dataset with the views at the given indices, in that order."""
+    def select(self, views: Any) -> "Dataset":
+        """Returns a dataset with the views at the given indices (integers, a mask or a slice), in that order.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
+        """
+        views = indices_of(views, self.cameras.num_views).tolist()
         paths = tuple(self.image_paths[view] for view in views)
         masks = tuple(self.mask_paths[view] for view in views) if self.mask_paths else ()
         bent = tuple(self.undistortions[view] for view in views) if self.undistortions else ()

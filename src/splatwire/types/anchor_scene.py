@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Int8
 
-from splatwire.arguments import CheckedFields, check_fields
+from splatwire.arguments import CheckedFields, check_fields, checked
 from splatwire.reprs import summary_repr
 from splatwire.types.anchor_config import ModelConfig
 from splatwire.types.anchors import Anchors
@@ -15,6 +15,7 @@ from splatwire.types.causal_coding import CausalCoding
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.networks import Mlp
 from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.shapes import check_hints
 from splatwire.types.validity import ElementValidity, validity_of_anchors
 
 
@@ -123,6 +124,7 @@ class AnchorScene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "background", check_background(self.background))
         check_fields(self)
+        check_hints(self.hints, self.num_elements)
 
     @property
     def elements(self) -> Anchors:
@@ -143,9 +145,13 @@ class AnchorScene:
         """Returns the scene with only the anchors at `index` (integers or mask).
 
         Removes `hints`, the results of loss concealment.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
         """
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
+    @checked
     def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":
         """Returns the scene with its anchors replaced.
 

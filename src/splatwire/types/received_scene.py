@@ -7,7 +7,7 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from splatwire.arguments import CheckedFields, check_fields
+from splatwire.arguments import CheckedFields, array_of, check_fields, checked
 from splatwire.errors import InvalidValueError, shown
 from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
@@ -113,6 +113,7 @@ class ReceivedScene(Generic[S]):
         if len(rows) != 1:
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
+    @checked
     def get(self, kind: type[Record]) -> Record | None:
         """Returns the side information of a given type, such as `TierSizes`, or None if absent."""
         return next((record for record in self.records if isinstance(record, kind)), None)
@@ -189,7 +190,12 @@ class ReceivedScene(Generic[S]):
         return self.elements if expected is None else expected.filled(self.elements, self.loss_mask)
 
     def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
-        """Simulates losses: returns a copy in which only the elements of the mask `known` count as received."""
+        """Simulates losses: returns a copy in which only the elements of the mask `known` count as received.
+
+        Raises:
+            InvalidValueError: If `known` is not a boolean for each element.
+        """
+        known = array_of(known, "known", (self.scene.num_elements,), "b")
         there = self.scene.elements.with_losses(known, self.positions)
         return replace(
             self, scene=self.scene.with_elements(there, self.scene.hints), loss_mask=LossMask.of_anchors(known)

@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
 from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background
@@ -196,6 +197,7 @@ class SequenceScene:
         # Motion refers to tracks by index.
         return self
 
+    @checked
     def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "SequenceScene":
         """Returns the sequence with its keyframe Gaussians replaced.
 

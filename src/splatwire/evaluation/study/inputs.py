@@ -46,6 +46,8 @@ from splatwire.types import Anchors
 from splatwire.types.background import Background
 
 LOG = logging.getLogger(__name__)
+_LARGE_BYTES = 64 << 20
+"""Size of a reference, bytes, above which it is opened before it is hashed."""
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
 
@@ -198,6 +200,8 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
+    if entry.reference is not None and not source.timed and entry.reference.stat().st_size > _LARGE_BYTES:
+        drawn()  # refuses a file that is no scene before gigabytes are hashed
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
     if entry.reference is not None and not source.timed and entry.kind != "model":
         _warn_of_another_scene(source, drawn, digest_of(first.digest, stamp, CODE), store)
