@@ -5,12 +5,15 @@ Runs as a program: the suite's own checks of annotations would come before those
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from explicit import ball_of_gaussians
 from scenes import tiny_cameras, tiny_scene
+from splatwire.channel import parse_loss
+from splatwire.data.dataset import Dataset
 from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.scene import RenderHints
 
@@ -47,6 +50,11 @@ MESSAGES = {
     "estimates": "loss_mask: expected LossMask",
     "empty": "count",
     "coding": "coding is for 200 Gaussians",
+    "select long integer": "index: expected whole numbers .* not an integer of 16610 bits",
+    "column array": "attribute: expected an Attribute .FEATURE",
+    "received": "rng: expected Generator",
+    "over": "other: expected SceneMetadata",
+    "image": "view",
     "anchors lost": r"positions: expected a float32 array \(20, 3\)",
     "estimates of others": "proposed: Gaussians with",
     "anchor estimates": "proposed: arrays of shapes",
@@ -87,6 +95,11 @@ def calls() -> dict[str, Callable[[], Any]]:
         "column number": lambda: received.loss_mask.column(4),
         "column text": lambda: received.loss_mask.column("FEATURE"),
         "of_anchors": lambda: LossMask.of_anchors("a"),
+        "select long integer": lambda: splats.select(10**5000),
+        "column array": lambda: received.loss_mask.column(np.zeros(2)),
+        "received": lambda: parse_loss("bernoulli:0.2").received(3, None),
+        "over": lambda: scene.metadata.over({}),
+        "image": lambda: Dataset(cameras, (Path("a.png"), Path("b.png"))).image(2),
         "masked length": lambda: received.masked(np.ones(3, np.bool_)),
         "masked type": lambda: received.masked(np.ones(200)),
         "masked loss": lambda: received.masked(received.loss_mask),

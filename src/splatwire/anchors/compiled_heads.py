@@ -69,8 +69,6 @@ def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object,
     pose = to_numpy(cameras.viewmats[view]).astype(np.float64)
     center = to_numpy(cameras.centers[view]).astype(np.float32)
     camera = (pose, intrinsics, center, cameras.width, cameras.height, float(cameras.near_depth))
-    if any(t.shape[0] not in (0, anchors.num_anchors) for t in gains):
-        raise ValueError(f"hints of {[t.shape[0] for t in gains]} anchors, the scene has {anchors.num_anchors}")
     heads = _packed(to_arrays(scene.heads), anchors.features.shape[1] + 4, anchors.mask.shape[1])
     return _arrays(fields), _arrays(gains), camera, *heads
 

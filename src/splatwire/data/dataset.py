@@ -26,7 +26,7 @@ from splatwire.data.orientation import shape_fits, views_are_upright
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
 from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
-from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError
+from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError, whole_number
 from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, is_not
 from splatwire.files.names import path_of
 from splatwire.types import Cameras
@@ -72,7 +72,9 @@ class Dataset(CheckedFields):
 
         Raises:
             DatasetError: If the file is missing or damaged.
+            InvalidValueError: If there is no such view.
         """
+        view = whole_number(view, "view", 0, self.num_views - 1)
         size = (self.cameras.width, self.cameras.height)
         photo = load_photo(self.image_paths[view], size, self.background, upright=self.upright)
         bent = self.undistortions[view] if self.undistortions else None
@@ -83,7 +85,9 @@ class Dataset(CheckedFields):
 
         Raises:
             DatasetError: If the file is missing or damaged, or the mask is empty.
+            InvalidValueError: If there is no such view.
         """
+        view = whole_number(view, "view", 0, self.num_views - 1)
         path = self.mask_paths[view] if self.mask_paths else None
         if path is None:
             return None

@@ -20,9 +20,13 @@ def num_functions(degree: int) -> int:
     Raises:
         InvalidValueError: If the degree is not 0 to 3.
     """
-    if isinstance(degree, bool) or not hasattr(degree, "__index__") or not 0 <= operator.index(degree) <= MAX_DEGREE:
+    try:
+        number = -1 if isinstance(degree, bool) else operator.index(degree)
+    except TypeError:
+        number = -1
+    if not 0 <= number <= MAX_DEGREE:
         raise InvalidValueError(f"spherical harmonics of degree 0 to {MAX_DEGREE} are supported, not {shown(degree)}")
-    return (operator.index(degree) + 1) ** 2
+    return (number + 1) ** 2
 
 
 def degree_of(functions: int) -> int:

@@ -98,7 +98,7 @@ class Cameras:
             return self.select(list(range(len(self)))[views])
         view = whole_number(views, "the index of a camera", -len(self))
         if view >= len(self):
-            raise IndexError(f"there is no camera {view}: there are {len(self)}, counted from 0")
+            raise IndexError(f"there is no camera {shown(view)}: there are {len(self)}, counted from 0")
         return self.select([view])
 
     @property

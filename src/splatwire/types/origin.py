@@ -41,7 +41,12 @@ def check_origin(values: object) -> Origin:
     if (
         not isinstance(values, Sequence)
         or len(values) != 3
-        or not all(type(value) in (int, float) and abs(value) <= _MAX_COORDINATE for value in values)
+        or not all(
+            isinstance(value, int | float | np.integer | np.floating)
+            and not isinstance(value, bool)
+            and abs(value) <= _MAX_COORDINATE
+            for value in values
+        )
     ):
         raise InvalidValueError(f"an origin is three numbers within {_MAX_COORDINATE:g}, not {shown(values)}")
     x, y, z = (float(value) + 0.0 for value in values)  # no -0

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.arguments import CheckedFields
+from splatwire.arguments import CheckedFields, checked
 from splatwire.ops.arrays import to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import Anchors, mean_log_size
@@ -64,6 +64,7 @@ class Prior(CheckedFields):
         """
         return mean_log_size(self.scaling.mean)
 
+    @checked
     def filled(self, elements: Anchors, loss_mask: LossMask) -> Anchors:
         """Returns the anchors with every missing attribute replaced by its predicted mean."""
         missing = ~loss_mask.received
