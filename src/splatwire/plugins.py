@@ -61,10 +61,7 @@ class Registry(Generic[Entry]):
         self._entries[name], self._sources[name] = entry, source
 
     def check_free(self, name: str, other: str, source: str) -> None:
-        """Checks that a new entry may use a name that another entry already has.
-
-        It may if both have the same source, or if the new entry is part of splatwire and the old one is not. The latter
-        is logged as a warning.
+        """Checks that a name is free, or that its entry may be replaced by a new one.
 
         Args:
             name: The name.
@@ -72,7 +69,7 @@ class Registry(Generic[Entry]):
             source: Source of the new entry, a full dotted name.
 
         Raises:
-            InvalidValueError: If the new entry may not use the name.
+            InvalidValueError: If both have different sources, unless only the new one is part of splatwire.
         """
         if other == source:
             return
@@ -139,9 +136,9 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns the words ` of PACKAGE` for messages about an entry that the installed package PACKAGE registered.
+        """Returns the words ` of PACKAGE` for messages about an entry; empty for an entry of splatwire.
 
-        The text is empty for an entry of splatwire.
+        PACKAGE is the installed package that registered the entry.
 
         Args:
             name: Name of the entry.
@@ -179,11 +176,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the registered entry of that name comes from the package that declares the entry point.
-
-        Args:
-            point: The entry point, with the name of the entry.
-        """
+        """True if the registered entry with an entry point's name comes from the package of this entry point."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

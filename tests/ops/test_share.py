@@ -7,7 +7,7 @@ import time
 import pytest
 
 from splatwire.ops import threads
-from splatwire.ops.threads import allowed_threads, share
+from splatwire.ops.threads import allowed_threads, limit_threads, share
 
 
 @pytest.mark.parametrize("num", [0, 1, 2, 1000])
@@ -31,6 +31,19 @@ def test_work_is_shared_with_another_thread():
 def test_single_thread_runs_in_the_caller():
     threads._LIMIT.set()
     try:
+        assert set(share(lambda _: threading.get_ident(), range(50))) == {threading.get_ident()}
+    finally:
+        threads._LIMIT.clear()
+
+
+def test_the_number_of_threads_is_limited_within_its_context():
+    with limit_threads(1):
+        assert set(share(lambda _: threading.get_ident(), range(50))) == {threading.get_ident()}
+    threads._LIMIT.set()
+    both = threading.Barrier(2)
+    try:
+        with limit_threads(2):  # an explicit number precedes the default
+            assert len(set(share(lambda _: (both.wait(20), threading.get_ident())[1], range(2)))) == 2
         assert set(share(lambda _: threading.get_ident(), range(50))) == {threading.get_ident()}
     finally:
         threads._LIMIT.clear()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatwire.codec.gaussians.attributes import LUMA_CHROMA, matrices_of
-from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_OPACITY, MIN_OPACITY
+from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_OPACITY, MIN_OPACITY, SLOT_BITS
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
 
@@ -40,3 +40,26 @@ def reference_centres(means: np.ndarray, shifts: np.ndarray, unit: int, size_log
 def fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:
     """Rounds numbers to fixed point with `BITS` fractional bits, within limits, int64."""
     return np.clip(np.rint(values * (1 << BITS)), low, high).astype(np.int64)
+
+
+def reference_means(splats: Splats, size_log: int) -> np.ndarray:
+    """Mean opacity, scales and colour of a block in the form of the bitstream, float64 (7), in fixed point."""
+    logs = reference_logs(splats, size_log)
+    thin = (1 - np.exp2((logs[:, 3] - logs[:, 2]) / (1 << BITS))) / np.log(2) * (1 << BITS)
+    values = [logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin, *reference_colours(splats).T]
+    return np.array([column.mean() for column in values])
+
+
+def reference_arrangement(codes: np.ndarray, contiguous: bool) -> np.ndarray:
+    """Indices of a block's Gaussians in the order in which packets are filled, from the codes of their cells."""
+    slots = np.zeros_like(codes)
+    for bit in range(0 if contiguous else SLOT_BITS):
+        slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)
+    return np.lexsort((codes, slots))
+
+
+def reference_extent(positions: np.ndarray) -> int:
+    """Largest extent of positions along an axis; 2 % of outliers at either end count for at most half of it."""
+    omitted = (len(positions) - 1) // 50
+    inside = np.sort(positions, axis=0)[omitted : len(positions) - omitted]
+    return int(np.minimum(np.ptp(positions, axis=0), 2 * np.ptp(inside, axis=0)).max())

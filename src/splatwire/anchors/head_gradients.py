@@ -63,11 +63,11 @@ class AnchorGradients:
 
 
 class Spawning:
-    """Gaussians generated from anchors for one view, with back-propagation to the anchors (NumPy).
+    """Numpy implementation of the generation of Gaussians from anchors in one view, with back-propagation.
 
     Args:
         anchors: The anchors, none of which may be at the camera centre.
-        heads: The networks that predict the Gaussians.
+        heads: The networks.
         camera_center: Camera centre, world units.
 
     Attributes:

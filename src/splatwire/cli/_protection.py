@@ -10,11 +10,7 @@ from splatwire.transport import Protection
 
 
 def plan_of_file(path: Path) -> tuple[Protection, int]:
-    """Reads a plan for redundancy written by `splatwire plan`.
-
-    Returns:
-        The redundancy, and the id of the stream for which it was planned.
-    """
+    """Reads a plan written by `splatwire plan`."""
     with path.open("rb") as file:
         return read_plan(file.read(MOST_BYTES + 1), str(path))
 

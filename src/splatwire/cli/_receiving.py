@@ -24,13 +24,13 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
         address: Address of the server or relay.
 
     Returns:
-        The function, with these arguments: options of the receiver; function that is called with each event, or None;
-        and two optional keyword arguments, `tap` (function that is called with each datagram) and `stop` (future that
-        ends the transfer).
+        The function. Its first argument are the options of the receiver. Its second argument is a function that is
+        called with each event, or None. Two keyword arguments are optional: `tap`, a function that is called with each
+        datagram, and `stop`, a future that ends the transfer.
 
     Raises:
-        InvalidValueError: If certificate options are set for UDP, which has no certificates, or are invalid.
-        OSError: If the file of the certificate authority cannot be read.
+        InvalidValueError: If these options are set for an address without certificates, or the options are invalid.
+        OSError: If the authority's file cannot be read.
     """
     if address.scheme == "udp":
         if trusted.given:
@@ -72,7 +72,7 @@ def relay_trust(trusted: TrustOptions) -> RelayTrust:
 
     Raises:
         InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.
-        OSError: If the file of the certificate authority cannot be read.
+        OSError: If the authority's file cannot be read.
     """
     trust = _quic_functions().trust_of(trusted)
     return RelayTrust(trusted.authority, trust.fingerprint, trust.insecure)

@@ -29,43 +29,46 @@ from splatwire.entropy.normal_kernels import (
     encode_escape,
     encode_symbol,
 )
-from splatwire.entropy.range_kernels import (
-    ONE,
-    ZERO,
-    decode_target,
-    encode_below,
-    encode_bit,
-    encode_bits,
-    encode_interval,
-    encode_raw,
-)
+from splatwire.entropy.range_kernels import ONE, ZERO, decode_target
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
-from splatwire.entropy.word_kernels import adaptive_bit, advance, escaped, flag, number_below, raw_bits
+from splatwire.entropy.word_kernels import (
+    adaptive_bit,
+    advance,
+    escaped,
+    flag,
+    number_below,
+    raw_bits,
+    write_below,
+    write_bit,
+    write_interval,
+    write_raw,
+)
 from splatwire.ops.compiled import njit
 
 DECODING, ENCODING = np.bool_(True), np.bool_(False)
 
 
 class Coder(NamedTuple):
-    """Entropy coder of one packet: range coder, adaptive models, and the probability tables of the stream.
+    """State of one packet's entropy coder, and probability tables of the stream.
 
-    A prediction residual is coded with the probability distribution of its context. A context has three indices: kind
-    of value, class of the deviation of neighbouring values, and class of the magnitude of earlier residuals (see
-    `code_value`).
+    The context of a prediction residual is a combination of three indices: kind of value (`stream`), difference between
+    the neighbours (`spread`), and quantisation step or preceding residuals (`second`).
 
     Attributes:
         decoding: True when decoding, False when encoding.
-        data: Bytes of the packet, or the output buffer, uint8.
-        words: Bytes of the packet as the decoder reads them, from `words_of`, int64.
-        state: State of the range coder, int64 (3).
-        models: Adaptive bit models of this packet, int64 (contexts, 2).
-        bits: Number of zeros and ones coded per context, int64 (contexts, 2).
-        scales: Index of the distribution of each residual context, uint16 (contexts).
-        windows: Positions of each distribution in `bounds` and `guesses`, and its range of residuals, int64
-            (distributions, 6); see `residual_windows`.
-        bounds: Starts of the probability intervals of residuals, int32.
-        guesses: Interval at which a decoder starts its search, uint16.
-        residuals: Number of residuals coded per context, and sum of their magnitudes (last axis), int64.
+        data: uint8, bytes of the packet, or the output buffer.
+        words: int64, the bytes of the packet in the form that the decoder reads, from `words_of`.
+        state: int64 (3), state of the range coder.
+        models: int64 (contexts, 2), adaptive models of this packet.
+        bits: int64 (contexts, 2), number of zeros and ones coded per context.
+        scales: uint16, one entry per context (combination of `stream`, `spread` and `second`): index of its
+            distribution.
+        windows: int64 (scales, 6), range of residuals of each distribution, and its place in the tables `bounds` and
+            `guesses`.
+        bounds: int32, starts of the probability intervals.
+        guesses: uint16, index in `bounds` at which a decoder starts its search.
+        residuals: int64, by `stream`, `spread` and `second`: number of residuals in the context, and sum of their
+            magnitudes (last axis).
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
         normal: Table of the normal cumulative distribution function.
@@ -115,7 +118,7 @@ def code_bit(coder, context, bit):
     """Encodes or decodes a bit with the adaptive model of a context."""
     if coder.decoding:
         return adaptive_bit(coder.words, coder.state, coder.models, context)
-    encode_bit(coder.data, coder.state, coder.models, context, bit)
+    write_bit(coder.data, coder.state, coder.models, context, bit)
     coder.bits[context, bit] += 1
     return bit
 
@@ -126,7 +129,7 @@ def code_flag(coder, bit):
     """Encodes or decodes a bit with equal probabilities for 0 and 1."""
     if coder.decoding:
         return flag(coder.words, coder.state)
-    encode_raw(coder.data, coder.state, bit)
+    write_interval(coder.data, coder.state, bit, ONE, ONE)
     return bit
 
 
@@ -136,7 +139,7 @@ def code_raw(coder, value, bits):
     """Encodes or decodes up to 63 bits with equal probabilities."""
     if coder.decoding:
         return raw_bits(coder.words, coder.state, bits)
-    encode_bits(coder.data, coder.state, value, bits)
+    write_raw(coder.data, coder.state, value, bits)
     return value & ((ONE << bits) - ONE)
 
 
@@ -146,7 +149,7 @@ def code_below(coder, value, count):
     """Encodes or decodes a number from 0 to `count - 1` with equal probabilities; `count` is at most 2**16."""
     if coder.decoding:
         return number_below(coder.words, coder.state, count)
-    encode_below(coder.data, coder.state, value, count)
+    write_below(coder.data, coder.state, value, count)
     return value
 
 
@@ -167,10 +170,11 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
 
     Args:
         coder: Entropy coder.
-        kind: Kind of value; selects the context.
-        deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
-        magnitude_class: Class of the mean magnitude of earlier residuals; selects the context. For opacity and the
-            largest scale, log2 of the quantisation step instead.
+        kind: Kind of value, part of the context.
+        deviation_class: Part of the context: class of the deviation of values of nearby coded Gaussians from their
+            mean.
+        magnitude_class: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For
+            other kinds of value: class of the mean magnitude of the preceding residuals.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -195,15 +199,17 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
-    """Encodes or decodes a prediction residual, in quantisation steps.
+    """Encodes or decodes a residual, in quantisation steps, with the probability distribution of its context.
 
     Args:
         coder: Entropy coder.
-        kind: Kind of value; selects the context.
-        deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
-        magnitude_class: Class of the mean magnitude of earlier residuals; selects the context (see `code_value`).
+        kind: Kind of value, part of the context.
+        deviation_class: Part of the context: class of the deviation of values of nearby coded Gaussians from their
+            mean.
+        magnitude_class: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For
+            other kinds of value: class of the mean magnitude of the preceding residuals.
         q: The residual; only used by an encoder.
-        eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
+        eighths: Mean of the distribution, in eighths of a step, -4 to 3.
 
     Returns:
         The residual.
@@ -214,7 +220,7 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
     if coder.decoding:
         target = decode_target(coder.state, SYMBOL_BITS)
         if target >= TOTAL - ESCAPE:
-            q = _decode_escape(coder.words, coder.state, half)
+            q = _decode_outside(coder.words, coder.state, half)
         else:
             bits = window[GUESS_BITS]
             guess = window[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
@@ -224,14 +230,14 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
                 index += 1
                 start, after = after, np.int64(coder.bounds[index + 1])
             if window[SHIFT]:
-                q = _decode_wide(coder, scale, index - first, start, after, target, eighths)
+                q = _decode_between(coder, scale, index - first, start, after, target, eighths)
             else:
                 advance(coder.words, coder.state, start, after - start, SYMBOL_BITS)
                 q = index - first - half
     elif window[SHIFT] == 0 and -half <= q <= half:
         start = np.int64(coder.bounds[first + half + q])
         size = np.int64(coder.bounds[first + half + q + 1]) - start
-        encode_interval(coder.data, coder.state, start, size, SYMBOL_BITS)
+        write_interval(coder.data, coder.state, start, size, SYMBOL_BITS)
     else:
         q = _encode_wide(coder, scale, q, eighths)
     if not coder.decoding:
@@ -242,13 +248,13 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_escape(words, state, half):
-    """Decodes a residual with an escape code: its magnitude is too large for the probability tables.
+def _decode_outside(words, state, half):
+    """Decodes a residual whose magnitude is too large for the probability tables.
 
     Args:
         words: The bytes of the packet, from `words_of`.
         state: State of the range decoder, changed in place.
-        half: Largest magnitude in the probability tables.
+        half: Largest magnitude in the probability tables: they contain the residuals from `-half` to `half`.
 
     Returns:
         The residual in quantisation steps.
@@ -262,16 +268,16 @@ def _decode_escape(words, state, half):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_wide(coder, scale, index, start, after, target, eighths):
-    """Decodes a residual of a wide distribution, whose probability table contains only every 2^k-th interval start.
+def _decode_between(coder, scale, index, start, after, target, eighths):
+    """Decodes a residual from a wide distribution, whose table has only every 2^k-th interval start.
 
     Args:
         coder: Entropy coder.
-        scale: Index of the distribution.
-        index: Index of the table entry at or directly below `target`.
-        start: Value of this entry.
-        after: Value of the next entry.
-        target: Position read by the range decoder, from `start` to `after` (exclusive).
+        scale: Index of the probability distribution.
+        index: Index of the last tabulated start that is at most `target`.
+        start: This tabulated start.
+        after: The next tabulated start.
+        target: Value read by the range decoder, from `start` to `after` (exclusive).
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -283,28 +289,28 @@ def _decode_wide(coder, scale, index, start, after, target, eighths):
     narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
     symbol = (index << shift) + steps - half
-    low = _interval_start(coder, symbol, half, mean, narrow, wide)
+    low = _bound(coder, symbol, half, mean, narrow, wide)
     while low > target:
         symbol -= 1
-        low = _interval_start(coder, symbol, half, mean, narrow, wide)
-    high = _interval_start(coder, symbol + 1, half, mean, narrow, wide)
+        low = _bound(coder, symbol, half, mean, narrow, wide)
+    high = _bound(coder, symbol + 1, half, mean, narrow, wide)
     while high <= target:
         symbol, low = symbol + 1, high
-        high = _interval_start(coder, symbol + 1, half, mean, narrow, wide)
+        high = _bound(coder, symbol + 1, half, mean, narrow, wide)
     advance(coder.words, coder.state, low, high - low, SYMBOL_BITS)
     return symbol
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _interval_start(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval, for distributions whose table does not contain it.
+def _bound(coder, symbol, half, mean, narrow, wide):
+    """Computes the start of a residual's probability interval, for a residual whose start is not tabulated.
 
     Args:
         coder: Entropy coder.
         symbol: The residual, from `-half` to `half`; `half + 1` for the end of the last interval.
         half: Largest magnitude of a residual with a probability interval.
-        mean: Mean of the distribution, `MEAN_BITS` fractional bits. The distribution is a mixture of two normals.
+        mean: Common mean of the mixture's two normals, `MEAN_BITS` fractional bits.
         narrow: Reciprocal of the smaller of the two standard deviations.
         wide: Reciprocal of the larger of the two standard deviations.
     """
@@ -315,13 +321,13 @@ def _interval_start(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual whose probability interval is not tabulated: a very large one, or one of a wide distribution.
+    """Encodes a residual outside of the tabulated range, with a probability interval computed from the distribution.
 
     Args:
         coder: Entropy coder.
-        scale: Index of the distribution.
+        scale: Index of the residual's distribution.
         q: The residual in quantisation steps.
-        eighths: Mean of the distribution, in eighths of a step.
+        eighths: Mean of the mixture, in eighths of a step.
 
     Returns:
         The residual, limited to the coder's range.

@@ -22,6 +22,7 @@ from splatwire.codec.registry import schema_named, schema_of
 from splatwire.codec.schema import Options, Prepared, Schema
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError, check_progress, shown
+from splatwire.ops.threads import limit_threads, one_blas_thread
 from splatwire.types.received_scene import ReceivedScene
 from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
@@ -73,7 +74,8 @@ def encode_scene(
     scene = as_scene(scene)
     check_progress(progress)
     check_threads(threads)
-    schema, rows = schema_of(scene), scene.validity()
+    with limit_threads(threads):
+        schema, rows = schema_of(scene), scene.validity()
     rows.log_removed("encoding", scene.ELEMENTS)
     if isinstance(packetization, str):
         packetization = packetization_named(packetization, schema.name, int(rows.kept.sum()))
@@ -90,7 +92,9 @@ def encode_scene(
         kept, scene = rows.kept, scene.select(rows.kept)
         per_element = {name: None if values is None else values[kept] for name, values in per_element.items()}
     options = Options(packetization, quality=quality, noise=noise, threads=threads, **per_element)
-    return encode_prepared(schema, schema.prepare(scene, options), threads, progress)
+    with limit_threads(threads), one_blas_thread():
+        prepared = schema.prepare(scene, options)
+    return encode_prepared(schema, prepared, threads, progress)
 
 
 @checked

@@ -145,14 +145,11 @@ def _are_alike(one: ColmapView, other: ColmapView) -> bool:
 
 
 def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
-    """Reads the views of a reconstruction from binary or text files, whichever exist.
+    """Reads the views of a reconstruction in the most preferred format for which there are files.
 
     Args:
         folder: Folder of the reconstruction.
-        suffixes: File name suffixes, preferred ones first.
-
-    Raises:
-        DatasetError: If a file is missing or damaged, or the reconstruction has no images.
+        suffixes: Suffixes of the formats, preferred ones first.
     """
     cameras = _read(folder, "cameras", suffixes)
     images = _read(folder, "images", suffixes)

@@ -1,13 +1,22 @@
-"""Numba kernels of a range decoder that reads several bytes at once."""
-# They read the array from `words_of`. The decoder of `range_kernels` reads byte by byte and is the plain reference:
-# both decode the same numbers. No kernel branches on the number of bytes of a symbol, because processors predict such
-# branches badly.
+"""Numba kernels of a range coder that reads or writes several bytes at once."""
+# The decoder reads the array from `words_of`. The coder of `range_kernels` reads and writes byte by byte and is the
+# plain reference: both read and write the same bytes. No kernel branches on the number of bytes of a symbol, because
+# processors predict such branches badly.
 
 from typing import no_type_check
 
 import numpy as np
 
-from splatwire.entropy.range_kernels import ADAPTIVE_BITS, BOTTOM, ONE, RAW_BITS, ZERO, adaptive_size, adaptive_update
+from splatwire.entropy.range_kernels import (
+    ADAPTIVE_BITS,
+    BOTTOM,
+    ONE,
+    RAW_BITS,
+    TOP,
+    ZERO,
+    adaptive_size,
+    adaptive_update,
+)
 from splatwire.entropy.range_kernels import decode_target as target_of
 from splatwire.ops.compiled import njit
 
@@ -108,7 +117,7 @@ def number_below(words, state, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def escaped(words, state):
-    """Decodes a non-negative integer in Elias gamma code, written by `normal_kernels.encode_escape`."""
+    """Decodes the escape code of a number that is too large to have a probability interval of its own."""
     length = 0
     while length < 32 and flag(words, state):
         length += 1
@@ -116,3 +125,62 @@ def escaped(words, state):
     for _ in range(length):
         value = (value << 1) | flag(words, state)
     return value - 1
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def write_interval(buffer, state, start, size, total_bits):
+    """Encodes a symbol, given its probability interval `[start, start + size)` in units of `2**-total_bits`.
+
+    Up to three bytes beyond the encoded ones are overwritten.
+    """
+    unit = state[1] >> total_bits
+    low = state[0] + unit * start
+    span = unit * size
+    position = state[2]
+    if low >> TOP:
+        low &= (1 << TOP) - 1
+        back = position - 1
+        while buffer[back] == 255:
+            buffer[back] = 0
+            back -= 1
+        buffer[back] += 1
+    # A symbol has at most 24 bits, so that it completes at most three bytes.
+    count = np.int64(span < BOTTOM) + np.int64(span < BOTTOM >> 8) + np.int64(span < BOTTOM >> 16)
+    buffer[position] = low >> 40
+    buffer[position + 1] = low >> 32
+    buffer[position + 2] = low >> 24
+    bits = count << 3
+    state[0] = (low << bits) & ((1 << TOP) - 1)
+    state[1] = span << bits
+    state[2] = position + count
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def write_bit(buffer, state, models, context, bit):
+    """Encodes a bit with the adaptive model of a context, and updates the model."""
+    zero = adaptive_size(models, context)
+    write_interval(buffer, state, zero if bit else ZERO, 65536 - zero if bit else zero, ADAPTIVE_BITS)
+    adaptive_update(models, context, bit)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def write_raw(buffer, state, value, bits):
+    """Encodes the low `bits` bits (at most 63) of a number with equal probabilities."""
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        write_interval(buffer, state, (value >> bits) & ((ONE << some) - ONE), ONE, some)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def write_below(buffer, state, value, count):
+    """Encodes a number from 0 to `count - 1` with equal probabilities; `count` is at most 2**16."""
+    # Quotients of numbers below 2**53 are exact in float64 when rounded down, and faster than those of integers.
+    size = np.float64(count)
+    start = np.int64(np.float64(value << RAW_BITS) / size)
+    after = np.int64(np.float64((value + ONE) << RAW_BITS) / size)
+    write_interval(buffer, state, start, after - start, RAW_BITS)

@@ -134,11 +134,7 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 
 
 def photo_source(*, masked: bool) -> str:
-    """Returns the name of photos as reference images, for reports.
-
-    Args:
-        masked: True if only the pixels inside masks are evaluated, which the name then states.
-    """
+    """Returns the description of photos as reference images, for reports."""
     return "photos inside their masks" if masked else "photos"
 
 

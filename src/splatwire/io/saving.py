@@ -86,10 +86,9 @@ def save_scene(
 
 
 def _saved_as_own_type(scene: Scene, target: Path) -> bool:
-    """Writes a scene in a plug-in's file format, if the file name has the suffix of a format for this type of scene.
+    """Writes a scene in a file format that is registered for the type of the scene.
 
-    Returns:
-        True if the scene was written; False if no such format has the suffix.
+    Returns False if no such format has the file's suffix.
 
     Raises:
         InvalidValueError: If the format is for scenes of another type.

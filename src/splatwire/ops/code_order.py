@@ -1,95 +1,71 @@
-"""Sorting of elements by integer codes that need not fit in memory."""
+"""Sorting of elements by integer codes, in little memory beside the codes and the result."""
 
 import itertools
-from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from splatwire.ops._order_kernels import scatter, sort_buckets
+from splatwire.ops.threads import share
+
 SOME = 1 << 16
-"""Number of elements per batch."""
+"""Maximum number of elements of a bucket that is sorted by comparisons."""
 DIGIT_BITS = 16
-Codes = Callable[[np.ndarray], np.ndarray]
-"""Function from element indices to their codes, non-negative int64."""
 
 
-def code_order(codes: Codes, count: int, bits: int, groups: np.ndarray | None = None) -> np.ndarray:
+def code_order(codes: np.ndarray, bits: int, groups: np.ndarray | None = None) -> np.ndarray:
     """Sorts elements by integer codes; elements with equal codes keep their order.
 
     Args:
-        codes: Function that returns the codes of the elements with given indices, below `1 << bits`. It is called
-            several times for each element, to save memory.
-        count: Number of elements N, at most 2**32.
+        codes: Codes of at most 2**32 elements, non-negative int64 (N) below `1 << bits`.
         bits: Number of bits of a code.
-        groups: Primary sort key of each element, 0 to 2**16 - 1, (N). Elements with equal primary keys are sorted by
-            code. None to sort by the codes alone.
+        groups: Primary sort key of each element, 0 to 2**16 - 1, (N); codes order elements with equal primary keys.
+            None to sort by the codes alone.
 
     Returns:
         Indices of the elements in sorted order, uint32 (N).
     """
-    order = np.empty(count, np.uint32)
+    order, all_elements = np.empty(len(codes), np.uint32), np.empty(0, np.uint32)
     if groups is None:
-        _sort(codes, order, bits, range(count))
+        _sort(codes, order, bits, all_elements)
         return order
-    edges = _scatter(lambda some: groups[some], order, range(count))
+    edges = _scatter(np.asarray(groups, np.int64), order, 0, all_elements)
     for begin, end in itertools.pairwise(np.unique(edges).tolist()):
         _sort(codes, order[begin:end], bits, order[begin:end].copy())
     return order
 
 
-def _sort(codes: Codes, order: np.ndarray, bits: int, indices: np.ndarray | range) -> None:
+def _sort(codes: np.ndarray, order: np.ndarray, bits: int, indices: np.ndarray) -> None:
     """Sorts a subset of the elements by code: one level of a radix sort.
 
     Args:
-        codes: Function that returns the codes of the elements with given indices.
+        codes: Codes of all elements, int64 (N).
         order: Output: the indices in sorted order.
         bits: Number of low bits to sort by; all higher bits of these elements are equal.
-        indices: Indices of the elements to sort.
+        indices: Indices of the elements to sort, uint32; empty for all elements.
     """
     shift = max(bits - DIGIT_BITS, 0)
-    edges = _scatter(lambda some: codes(some) >> shift & (1 << DIGIT_BITS) - 1, order, indices)
+    edges = _scatter(codes, order, shift, indices)
     if not shift:
         return
-    begin, total = 0, len(order)
-    while begin < total:
-        end = int(edges[np.searchsorted(edges, begin + SOME, side="right") - 1])
-        if end > begin:
-            here = order[begin:end]
-            here[:] = here[np.argsort(codes(here), kind="stable")]
-        else:
-            end = int(edges[np.searchsorted(edges, begin, side="right")])
-            _sort(codes, order[begin:end], shift, order[begin:end].copy())
-        begin = end
+    parts = np.searchsorted(edges, np.arange(0, len(order) + SOME, SOME))
+    share(lambda ends: sort_buckets(codes, order, edges[ends[0] : ends[1] + 1], SOME), list(itertools.pairwise(parts)))
+    for digit in np.flatnonzero(np.diff(edges) > SOME).tolist():
+        here = order[edges[digit] : edges[digit + 1]]
+        _sort(codes, here, shift, here.copy())
 
 
-def _scatter(digits: Codes, order: np.ndarray, indices: np.ndarray | range) -> np.ndarray:
+def _scatter(codes: np.ndarray, order: np.ndarray, shift: int, indices: np.ndarray) -> np.ndarray:
     """Sorts elements by one digit (`DIGIT_BITS` bits) of their codes, stably; one pass of a radix sort.
 
     Args:
-        digits: Function that returns the digit of elements given by index.
+        codes: Codes of all elements, int64 (N).
         order: Output: the indices in sorted order.
-        indices: Indices of the elements to sort.
+        shift: Number of bits below the digit.
+        indices: Indices of the elements to sort, uint32; empty for all elements.
 
     Returns:
         Position in `order` of the first element with each digit, and the number of elements, int64.
     """
     edges = np.zeros((1 << DIGIT_BITS) + 1, np.int64)
-    for some in _pieces(indices):
-        edges[1:] += np.bincount(digits(some), minlength=1 << DIGIT_BITS)
-    np.cumsum(edges, out=edges)
-    free = edges[:-1].copy()
-    for some in _pieces(indices):
-        # numpy sorts 16-bit integers with a radix sort.
-        found = digits(some).astype(np.uint16)
-        by = np.argsort(found, kind="stable")
-        found = found[by]
-        first = np.flatnonzero(np.diff(found, prepend=-1))
-        sizes = np.diff(first, append=len(found))
-        order[np.arange(len(found)) + np.repeat(free[found[first]] - first, sizes)] = some[by]
-        free[found[first]] += sizes
+    scatter(codes, indices, shift, np.empty(1 << DIGIT_BITS, np.int64), edges, order)
     return edges
-
-
-def _pieces(members: np.ndarray | range) -> Iterator[np.ndarray]:
-    for begin in range(0, len(members), SOME):
-        some = members[begin : begin + SOME]
-        yield np.arange(some.start, some.stop, dtype=np.uint32) if isinstance(some, range) else some

@@ -4,7 +4,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-DIGIT_BITS = 16
+from splatwire.ops._order_kernels import count_digits
+
+DIGIT_BITS = 11
 Pieces = Callable[[], Iterable[np.ndarray]]
 """Function that starts a new pass over the numbers: yields one-dimensional arrays, float32 or float64, without NaN."""
 
@@ -19,22 +21,20 @@ def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
     Returns:
         The number at each position, float64.
     """
-    found, left, bits = [0] * len(ranks), list(ranks), 0
+    found, left = [0] * len(ranks), list(ranks)
     shift = size = 8 * next(iter(pieces())).dtype.itemsize
     while shift:
-        shift -= DIGIT_BITS
-        counts = {prefix: np.zeros(1 << DIGIT_BITS, np.int64) for prefix in found}
+        bits = min(DIGIT_BITS, shift)
+        shift -= bits
+        prefixes = np.unique(np.array(found, dtype=f"u{size // 8}"))
+        counts = np.zeros((len(prefixes), 1 << bits), np.int64)
         for piece in pieces():
-            keys = _keys(piece)
-            for prefix, count in counts.items():
-                here = keys[keys >> (shift + DIGIT_BITS) == prefix] if bits else keys
-                count += np.bincount((here >> shift).astype(np.uint16), minlength=1 << DIGIT_BITS)
-        bits += DIGIT_BITS
+            count_digits(np.ascontiguousarray(piece).view(prefixes.dtype), prefixes, shift, bits, counts)
         for i, prefix in enumerate(found):
-            upto = np.cumsum(counts[prefix])
+            upto = np.cumsum(counts[np.searchsorted(prefixes, prefix)])
             digit = int(np.searchsorted(upto, left[i], side="right"))
             left[i] -= int(upto[digit - 1]) if digit else 0
-            found[i] = prefix << DIGIT_BITS | digit
+            found[i] = prefix << bits | digit
     return _numbers(np.array(found, dtype=f"u{size // 8}"))
 
 
@@ -61,15 +61,7 @@ def quantiles(pieces: Pieces, count: int, probabilities: Sequence[float]) -> np.
     return np.where(t < 0.5, a + (b - a) * t, b - (b - a) * (1 - t))
 
 
-def _keys(values: np.ndarray) -> np.ndarray:
-    """Maps floats to unsigned integers that sort in the same order."""
-    # Of positive floats the sign bit is inverted, of negative floats all bits.
-    bits = np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
-    top = bits.dtype.type(1 << (8 * values.dtype.itemsize - 1))
-    return np.where(bits & top, ~bits, bits | top)
-
-
 def _numbers(keys: np.ndarray) -> np.ndarray:
-    """Converts sortable integers, the results of `_keys`, back to the floating-point numbers they encode, float64."""
+    """Converts sortable integers, as in `count_digits`, back to the floating-point numbers they encode, float64."""
     top = keys.dtype.type(1 << (8 * keys.dtype.itemsize - 1))
     return np.where(keys & top, keys ^ top, ~keys).view(f"f{keys.dtype.itemsize}").astype(np.float64)

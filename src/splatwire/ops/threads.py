@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -69,6 +70,24 @@ def use_single_thread() -> None:
     _LIMIT.set()
 
 
+_CHOSEN: ContextVar[int | None] = ContextVar("threads", default=None)
+"""Number of threads on which `share` distributes work; None for `allowed_threads`."""
+
+
+@contextmanager
+def limit_threads(threads: int | None) -> Iterator[None]:
+    """Context manager that sets the number of threads on which `share` distributes the calling thread's work.
+
+    Args:
+        threads: The number, at least 1; None for `allowed_threads`.
+    """
+    before = _CHOSEN.set(threads)
+    try:
+        yield
+    finally:
+        _CHOSEN.reset(before)
+
+
 def allowed_threads() -> int:
     """Returns the maximum number of threads on which `share` distributes work."""
     from numba import config
@@ -101,7 +120,7 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
         The results in the order of the items.
     """
     turns = _WorkQueue(work, collections.deque(enumerate(items)), {})
-    wanted = min(allowed_threads(), len(items)) - 1
+    wanted = min(_CHOSEN.get() or allowed_threads(), len(items)) - 1
     helpers = [_helper_pool().submit(turns.take) for _ in range(wanted)]
     try:
         turns.take()

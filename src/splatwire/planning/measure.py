@@ -47,8 +47,7 @@ class LossyPictures:
         cameras: Views to render.
         concealer: Name of the concealer.
         photos: Photos of the views; None to compare with the complete scene.
-        base_mse: Assumed mean squared error of the complete scene against photos, added to all errors if there are no
-            photos.
+        base_mse: Without photos: mean squared error that is assumed for the complete scene itself.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.
@@ -230,9 +229,9 @@ def measured_variant(
 
 @checked
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
-    """Returns the indices of the elements in each packet; packets are in sending order.
+    """Returns the indices of the elements in each packet.
 
-    An index is the position of an element in the coding order.
+    Packets are in sending order. An index is the element's position in the coding order.
     """
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]

@@ -220,12 +220,11 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates the ratio of changes in the reported PSNR to changes in the PSNR that the search measures, 0.5 to 2.
-
-    The search measures the PSNR in other views than those of the reported PSNR.
+    """Estimates how much the reported PSNR grows if the PSNR that the search measures grows by one decibel.
 
     Args:
-        pairs: PSNR in the views of the search, and PSNR in the held-out views, for each stream so far, decibels.
+        pairs: PSNR in the views used for the search, and reported PSNR (in held-out views), for each stream so far,
+            decibels.
     """
     # The estimate is limited to the range from 0.5 to 2.
     if len(pairs) < 2:
@@ -310,13 +309,13 @@ class _Plan:
         return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns this plan with a precision of each attribute that suits fine-tuning.
+        """Returns this plan with the precision of each attribute that suits fine-tuning.
 
-        This precision is halfway between that of `quality` and that of this plan. The latter was measured as the best
-        one without fine-tuning.
+        It is the mean of two precisions: that of this plan, which was measured as the best one without fine-tuning, and
+        that of `quality`, from which the measurement started.
 
         Args:
-            quality: Quality setting with the precision from which the measurement started.
+            quality: Quality setting from which the precision was measured.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -512,7 +511,7 @@ class _Trials:
         """Encodes the scene so that the PSNR in the held-out views is as close as possible to `psnr` decibels.
 
         Raises:
-            InvalidValueError: If no view shows any difference between the streams and the source.
+            InvalidValueError: If all views of the search equal those of the source at every level.
         """
         # The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the
         # held-out views then differs from `psnr`, the level is chosen again with a corrected target.
@@ -546,8 +545,6 @@ class _Trials:
     ) -> bool:
         """Tries quantisation levels until the stream has a wanted size or PSNR.
 
-        If no level gives an accepted value, also tries to keep fewer Gaussians at the next finer level.
-
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
@@ -555,7 +552,8 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if different shares of kept Gaussians were tried, too.
+            True if no quantisation level gave an accepted value, so that different shares of kept Gaussians were tried,
+            too; else False.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -576,15 +574,14 @@ class _Trials:
         known: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
-        """Tries shares of Gaussians to keep, at a fixed quantisation level, until the stream has a wanted size or PSNR.
+        """Tries shares of Gaussians to keep until the stream has a wanted size or PSNR.
 
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: Measured value of an encoded scene, and this scene. Its quantisation level is used, and its share is
-                the first to be changed.
-            slope: Expected increase of the measured value per quantisation level. The increase per share is estimated
-                from it.
+            known: Pair of the measured value of a stream, and this stream, from which the search starts.
+            slope: Expected increase of the measured value if the quantisation level increases by 1. The function
+                derives the increase per share from it.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known

@@ -10,14 +10,15 @@ import numpy as np
 from jaxtyping import Bool
 
 from splatwire.ops.arrays import to_numpy
+from splatwire.ops.threads import one_blas_thread, share
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import Anchors
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 """Logger of removed Gaussians and anchors: level info for invisible ones, level warning for invalid ones."""
-ROWS = 1 << 16
-"""Number of Gaussians checked at a time; limits the extra memory for scenes of millions of Gaussians."""
+ROWS = 1 << 13
+"""Number of elements checked at a time, whose intermediate results fit into the processor's caches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,10 @@ class ElementValidity:
 
 def validity_of_splats(splats: Splats) -> ElementValidity:
     """Classifies Gaussians as drawable, invisible (opacity 0) or invalid."""
-    found = [_valid_and_visible(splats.run(begin, begin + ROWS)) for begin in range(0, splats.num_gaussians, ROWS)]
+    with one_blas_thread():
+        found = share(
+            lambda begin: _valid_and_visible(splats.run(begin, begin + ROWS)), range(0, splats.num_gaussians, ROWS)
+        )
     return _rows([good & drawn for good, drawn in found], [good for good, _ in found])
 
 
@@ -81,7 +85,7 @@ def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _largest_colours(splats: Splats) -> np.ndarray:
-    """Returns an upper bound of each Gaussian's colour components in any viewing direction, (N)."""
+    """Returns an upper bound of each Gaussian's colour in any viewing direction, (N)."""
     return 2 * (np.abs(splats.sh).reshape(len(splats.sh), -1) @ np.ones(3 * splats.sh.shape[1], np.float32))
 
 

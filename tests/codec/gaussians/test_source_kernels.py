@@ -1,13 +1,31 @@
 """The kernels that prepare the encoder's input equal their references of whole arrays."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numba import njit
 
-from reference.gaussian_sources import reference_axes, reference_centres, reference_colours, reference_logs
+from reference.gaussian_sources import (
+    reference_arrangement,
+    reference_axes,
+    reference_centres,
+    reference_colours,
+    reference_extent,
+    reference_logs,
+    reference_means,
+)
+from splatwire.bitstream import PRESETS, PacketPlan
 from splatwire.codec.gaussians import _source_kernels as kernels
-from splatwire.codec.gaussians.attributes import to_sources
+from splatwire.codec.gaussians.attributes import LUMA_CHROMA, to_harmonics, to_sources, transformed
 from splatwire.codec.gaussians.blocks import block_codes, to_lattice
+from splatwire.codec.gaussians.encoder import fit_side_info
+from splatwire.codec.gaussians.layout import MAX_COLOUR, S_HARMONICS
+from splatwire.codec.gaussians.quality import QUALITIES, Quality
+from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT
+from splatwire.codec.gaussians.source_scene import SourceScene
 from splatwire.ops.morton import morton_encode
+from splatwire.ops.prefetch import prefetch
 from splatwire.types.splats import Splats
 
 
@@ -65,5 +83,97 @@ def test_codes_refuse_positions_outside_the_box() -> None:
 def test_centres_of_cells_equal_their_reference() -> None:
     means, shifts = gaussians(500).means, np.random.default_rng(1).integers(0, 20, 500)
     found = means.copy()
-    kernels.snap_to_cells(found, shifts, 2.0**20, 2.0**-21)
+    kernels.move_to_cells(found, shifts, 2.0**20, 2.0**-21)
     np.testing.assert_array_equal(found, reference_centres(means, shifts, 22, 2))
+
+
+@pytest.mark.parametrize("contiguous", [False, True])
+@pytest.mark.parametrize("bits", [0, 3, 8, 22, 63])
+def test_the_order_of_cells_equals_its_reference(bits: int, contiguous: bool) -> None:
+    rng = np.random.default_rng(bits)
+    codes = rng.integers(0, 1 << bits, 700) if bits < 63 else rng.integers(0, np.iinfo(np.int64).max, 700)
+    codes[100:300] = codes[:200]  # equal codes keep their order
+    for shift in (0, 3):
+        found = kernels.sort_cells(codes, shift, contiguous)
+        np.testing.assert_array_equal(found, reference_arrangement(codes >> shift, contiguous))
+
+
+def test_extents_of_groups_equal_their_reference() -> None:
+    rng = np.random.default_rng(3)
+    sizes = [1, 2, 49, 50, 51, 52, 700, 700]
+    edges = np.cumsum([0, *sizes])
+    positions = (rng.normal(size=(edges[-1], 3)) * 2.0 ** rng.integers(0, 38, (edges[-1], 1))).astype(np.int64)
+    positions[-700:] = 5
+    expected = [reference_extent(part) for part in np.split(positions, edges[1:-1])]
+    np.testing.assert_array_equal(kernels.extents(positions, edges), expected)
+
+
+def test_harmonics_equal_their_reference() -> None:
+    splats = gaussians(300)
+    expected = np.clip(splats.sh[:, 1:].astype(np.float64) @ (LUMA_CHROMA.T * 4096), -MAX_COLOUR, MAX_COLOUR)
+    for some in (splats, read_only(splats)):
+        np.testing.assert_allclose(to_harmonics(some), expected, rtol=1e-12, atol=1e-9)
+
+
+def scene_of(splats: Splats, quality: Quality) -> SourceScene:
+    classes = np.random.default_rng(1).integers(-5, 1, splats.num_gaussians)
+    return SourceScene.of(splats, PacketPlan(PRESETS["datagram"], splats.num_gaussians), classes, None, quality)
+
+
+@pytest.mark.parametrize("layout", [lambda splats: splats, read_only], ids=["rows", "columns"])
+def test_summaries_of_blocks_equal_their_reference(layout: Callable[[Splats], Splats]) -> None:
+    splats = gaussians(5000)
+    scene = scene_of(layout(splats), QUALITIES["default"])
+    assert scene.num_blocks > 1
+    for block in range(scene.num_blocks):
+        members, (ends, means) = scene.order[scene.members(block)], scene.summary(block)
+        places = to_lattice(scene.centres[members].astype(np.float64), scene.unit, scene.size_log)
+        np.testing.assert_array_equal(ends, [places.min(axis=0), places.max(axis=0)])
+        expected = reference_means(scene.splats.select(members), scene.size_log) / (1 << DEFAULT_SHIFT)
+        assert np.abs(means - expected).max() <= 0.5 + 1e-3
+
+
+@pytest.mark.parametrize("layout", [lambda splats: splats, read_only], ids=["rows", "columns"])
+@pytest.mark.parametrize("level", [2.0, 8.0, 20.0])
+def test_arranged_gaussians_equal_their_reference(level: float, layout: Callable[[Splats], Splats]) -> None:
+    splats = gaussians(700, seed=2)
+    splats.sh[::5] *= 1e-3
+    quality = Quality(level=level)
+    scene = scene_of(layout(splats), quality)
+    info = fit_side_info(scene, {}, None, None, 1)
+    found = scene.arranged(0, info)
+    positions = to_lattice(scene.centres.astype(np.float64), scene.unit, scene.size_log)[scene.order]
+    positions -= info.boxes.corners[0]
+    bits = int(info.boxes.bits[0])
+    codes = block_codes(positions, bits)
+    by = reference_arrangement(codes >> 3 * (int(found.cells_at) - max(bits - 21, 0)), contiguous=False)
+    np.testing.assert_array_equal(found.positions, positions[by])
+    np.testing.assert_array_equal(found.codes, codes[by])
+    members = scene.order[by]
+    np.testing.assert_array_equal(found.classes, scene.classes[members])
+    expected = to_sources(scene.splats.select(members), scene.size_log)
+    for name, values in vars(expected).items():
+        np.testing.assert_array_equal(getattr(found, name), values)
+    harmonics = transformed(scene.splats.select(members), info.transform)
+    exponents = (info.bases[S_HARMONICS] + 64 * found.classes + 32) >> 6
+    shifts = np.clip(12 - exponents, 0, 10)[:, None]
+    rounded = [(values + ((1 << shifts) >> 1)) >> shifts for values in (harmonics.astype(np.int64), found.harmonics)]
+    assert np.abs(rounded[0] - rounded[1]).max() <= 1
+    assert (rounded[0] == rounded[1]).mean() > 0.999
+    left_out = (found.harmonics == 0).all(axis=1) & (harmonics != 0).any(axis=1)  # those far below a step
+    assert left_out.any() == (level < 20)
+
+
+def test_prefetching_changes_nothing() -> None:
+    values = np.arange(12.0).reshape(4, 3)
+    assert prefetch(values, np.int64(0), np.int64(0)) is None
+
+    @njit
+    def total(array: np.ndarray) -> float:
+        result = 0.0
+        for row in range(len(array)):
+            prefetch(array, np.int64(min(row + 2, 3)), np.int64(0))
+            result += array[row, 0]
+        return result
+
+    assert total(values) == values[:, 0].sum()

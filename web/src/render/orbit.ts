@@ -90,8 +90,6 @@ export class Orbit {
   touched = false;
   /** Initial state. */
   #initial: OrbitState = this.state;
-  /** Angle of the automatic rotation since the viewpoint was set, radians. */
-  #drifted = 0;
   #limits = NO_LIMITS;
   /** Point that the camera zooms towards, its smallest distance, and its window position. */
   #zoomTarget: { readonly point: Vec3; readonly near: number; readonly at: string } | null = null;
@@ -106,12 +104,11 @@ export class Orbit {
     readonly pick: (at: WindowPosition | null) => Vec3 | null = () => null,
   ) {}
 
-  /** Sets the initial state: a target, a distance, and an angle to which that of the automatic rotation is added. */
-  begin(target: readonly number[], distance: number, yaw = this.yaw - this.#drifted): void {
+  /** Sets the initial state: a target and a distance. */
+  begin(target: readonly number[], distance: number, yaw = this.yaw): void {
     this.target = new Vec3(...target);
     Object.assign(this, { distance, yaw });
     this.#storeInitial();
-    this.yaw += this.#drifted;
   }
 
   /** Sets the initial state: an eye position, a target and an up vector. */
@@ -119,7 +116,6 @@ export class Orbit {
     this.upRotation.setFromDirections(Vec3.UP, up.clone().normalize());
     this.#restore(this.stateOf(eye, target, false));
     this.placed = true;
-    this.#drifted = 0;
     this.#storeInitial();
   }
 
@@ -205,10 +201,9 @@ export class Orbit {
 
   /** Rotates without input of the visitor, by an angle in radians. */
   drift(yaw: number): void {
-    const { touched, yaw: before } = this;
+    const { touched } = this;
     this.rotate(yaw, 0);
     this.touched = touched;
-    this.#drifted += this.yaw - before;
   }
 
   /** Returns the eye, the target and the up axis. */

@@ -35,7 +35,6 @@ export class TiledMeshes {
     readonly app: AppBase,
     readonly gpu: GpuFence,
     readonly changed: () => void,
-    readonly failed: (error: Error) => void,
   ) {
     this.#slices = new UploadSlices(gpu, () => this.#destroyed);
   }
@@ -73,20 +72,16 @@ export class TiledMeshes {
     let shown = performance.now();
     this.#slices.begin();
     for (let next = this.#queue.shift(); next; next = this.#queue.shift()) {
-      try {
-        if ("come" in next) await this.#swap(next.gone, next.come);
-        else {
-          this.#show();
-          await this.#applyGains(next.gains);
-        }
-        if (!this.#destroyed && (!this.#queue.length || performance.now() - shown > SHOW_INTERVAL_MS)) {
-          this.#show();
-          shown = performance.now();
-        }
-      } catch (error) {
-        this.failed(error as Error); // such as too little memory
+      if ("come" in next) await this.#swap(next.gone, next.come);
+      else {
+        this.#show();
+        await this.#applyGains(next.gains);
+        next.done();
       }
-      if ("done" in next) next.done();
+      if (!this.#destroyed && (!this.#queue.length || performance.now() - shown > SHOW_INTERVAL_MS)) {
+        this.#show();
+        shown = performance.now();
+      }
     }
   }
 

@@ -2,13 +2,30 @@
 
 The functions of numpy that these kernels replace are in `tests/reference/gaussian_sources.py`.
 """
+# Kernels read the scene's arrays by index, because copies of the Gaussians of a block would cost another pass.
 
 from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_OPACITY, MIN_OPACITY
+from splatwire.codec.gaussians.layout import BITS, MAX_COLOUR, MAX_LOG, MAX_OPACITY, MIN_OPACITY, SLOT_BITS
+from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
+from splatwire.ops.prefetch import LINE_BYTES, prefetch
+
+AHEAD = 8
+"""Number of Gaussians by which kernels prefetch rows of the scene's arrays."""
+OUTSIDE, MARGIN = 50, 2
+"""Parameters of the estimated extent of a packet's positions, which determines the cell size of its grid. One in
+`OUTSIDE` positions (2 %) at either end of each axis is ignored as an outlier; the extent with outliers is limited to
+`MARGIN` times the extent without them.
+"""
+BUCKET_BITS = 9
+"""log2 of the number of buckets into which values are divided, to find one by its rank."""
+DIGIT_BITS = 11
+"""Number of bits of a digit of the radix sort."""
+MAX_TRANSFORMED = 1 << 30
+"""Largest magnitude of a transformed harmonic before quantisation: the inverse of a damaged transform may be large."""
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
@@ -78,10 +95,17 @@ def write_colours(base, matrix, grey, colours):
         colours: Output, int64 (n, 3).
     """
     for i in range(len(base)):
-        r, g, b = np.float64(base[i, 0]), np.float64(base[i, 1]), np.float64(base[i, 2])
-        for c in range(3):
-            value = grey[c] + (r * matrix[c, 0] + g * matrix[c, 1] + b * matrix[c, 2])
-            colours[i, c] = _fixed(value, -MAX_COLOUR, MAX_COLOUR)
+        _write_colour(base[i], matrix, grey, colours[i])
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _write_colour(base, matrix, grey, colour):
+    """Converts the base colour of a Gaussian to Y Co Cg in fixed point; see `write_colours`."""
+    r, g, b = np.float64(base[0]), np.float64(base[1]), np.float64(base[2])
+    for c in range(3):
+        value = grey[c] + (r * matrix[c, 0] + g * matrix[c, 1] + b * matrix[c, 2])
+        colour[c] = _fixed(value, -MAX_COLOUR, MAX_COLOUR)
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
@@ -95,23 +119,30 @@ def write_axes(scales, quats, axes):
         axes: Output, float64 (n, 3, 3).
     """
     for i in range(len(axes)):
-        w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])
-        norm = np.sqrt(w * w + x * x + y * y + z * z)
-        w, x, y, z = w / norm, x / norm, y / norm, z / norm
-        one = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
-        two = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
-        three = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
-        first, second, _ = _largest_first(scales[i])
-        for a in range(3):
-            columns = one[a], two[a], three[a]
-            axes[i, a, 0], axes[i, a, 1] = columns[first], columns[second]
-            axes[i, a, 2] = columns[3 - first - second]
+        _write_axes(scales[i], quats[i], axes[i])
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _write_axes(scales, quat, axes):
+    """Writes the principal axes of a Gaussian as columns, in the order of decreasing scale, float64 (3, 3)."""
+    w, x, y, z = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    norm = np.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    one = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    two = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+    three = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
+    first, second, _ = _largest_first(scales)
+    for a in range(3):
+        columns = one[a], two[a], three[a]
+        axes[a, 0], axes[a, 1] = columns[first], columns[second]
+        axes[a, 2] = columns[3 - first - second]
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def write_places(means, factor, places):
-    """Converts positions to integer coordinates on a cubic lattice, rounded down.
+    """Converts positions to indices of points of a cubic lattice, rounded down.
 
     Args:
         means: Positions, float32 (n, 3).
@@ -119,7 +150,7 @@ def write_places(means, factor, places):
         places: Output, int64 (n, 3).
 
     Returns:
-        Largest magnitude of a coordinate.
+        Largest magnitude of an index.
     """
     most = 0.0
     for i in range(len(means)):
@@ -145,32 +176,36 @@ def write_codes(places, shift, codes):
     """
     used = np.int64(0)
     for i in range(len(codes)):
-        code = np.int64(0)
-        for a in range(3):
-            spread = places[i, a] >> shift
-            used |= spread
-            spread = (spread | (spread << 32)) & 0x1F00000000FFFF
-            spread = (spread | (spread << 16)) & 0x1F0000FF0000FF
-            spread = (spread | (spread << 8)) & 0x100F00F00F00F00F
-            spread = (spread | (spread << 4)) & 0x10C30C30C30C30C3
-            code |= ((spread | (spread << 2)) & 0x1249249249249249) << a
-        codes[i] = code
+        x, y, z = places[i, 0] >> shift, places[i, 1] >> shift, places[i, 2] >> shift
+        used |= x | y | z
+        codes[i] = _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
     return used
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _spread(bits):
+    """Moves bit i of a number to bit `3 * i`; higher bits than the 21 lowest are ignored."""
+    bits = (bits | (bits << 32)) & 0x1F00000000FFFF
+    bits = (bits | (bits << 16)) & 0x1F0000FF0000FF
+    bits = (bits | (bits << 8)) & 0x100F00F00F00F00F
+    bits = (bits | (bits << 4)) & 0x10C30C30C30C30C3
+    return (bits | (bits << 2)) & 0x1249249249249249
 
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def snap_to_cells(means, shifts, factor, half_unit):
-    """Moves each position to the centre of its grid cell. Every position has a cell size of its own.
+def move_to_cells(means, shifts, factor, half_unit):
+    """Moves positions to the centres of their cells, whose sizes are powers of two of the spacing of a lattice.
 
     Args:
         means: Positions, float32 (n, 3), changed in place.
-        shifts: log2 of the side of each position's cell, in lattice spacings, int64 (n).
+        shifts: log2 of the size of each position's cell, in lattice spacings, int64 (n).
         factor: Reciprocal of the spacing of the lattice, a power of two.
         half_unit: Half the spacing of the lattice.
 
     Returns:
-        Largest magnitude of a lattice coordinate.
+        Largest magnitude of an index of a lattice point.
     """
     most = 0.0
     for i in range(len(means)):
@@ -181,3 +216,285 @@ def snap_to_cells(means, shifts, factor, half_unit):
                 most = max(most, abs(value))
                 means[i, a] = np.float64((2 * (np.int64(value) >> shifts[i]) + 1) << shifts[i]) * half_unit
     return most
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def write_block_places(indices, centres, factor, corner, shift, places, codes):
+    """Computes lattice positions within the bounding box of a block, and their Morton codes; see `write_codes`.
+
+    Args:
+        indices: Indices of the block's Gaussians in `centres`, uint32 (n).
+        centres: Positions of all Gaussians, float32 (N, 3).
+        factor: Reciprocal of the spacing of the lattice, a power of two.
+        corner: Lower corner of the bounding box, in lattice spacings, int64 (3).
+        shift: Number of low bits of each coordinate that the codes omit.
+        places: Output: positions relative to the corner, int64 (n, 3).
+        codes: Output, int64 (n).
+
+    Returns:
+        Largest magnitude of a coordinate before the corner was subtracted, and the bitwise or of all coordinates
+        without their low bits.
+    """
+    most, used, last = 0.0, np.int64(0), len(indices) - 1
+    for i in range(len(indices)):
+        prefetch(centres, np.int64(indices[min(i + AHEAD, last)]), ZERO)
+        index = np.int64(indices[i])
+        for a in range(3):
+            value = np.floor(np.float64(centres[index, a]) * factor)
+            most = max(most, abs(value))
+            places[i, a] = np.int64(value) - corner[a]
+        x, y, z = places[i, 0] >> shift, places[i, 1] >> shift, places[i, 2] >> shift
+        used |= x | y | z
+        codes[i] = _spread(x) | (_spread(y) << 1) | (_spread(z) << 2)
+    return most, used
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def sort_cells(codes, shift, contiguous):
+    """Sorts the Gaussians of a block in the order in which packets are filled.
+
+    Args:
+        codes: Morton codes of the positions, int64 (n), not negative.
+        shift: Number of low bits of the codes to ignore; the other bits are the code of the grid cell.
+        contiguous: True to sort by the codes of the cells. False to sort first by the lowest `SLOT_BITS` bits of the
+            code in reversed order, so that each packet is spread over the block.
+
+    Returns:
+        Indices of the Gaussians in sorted order, int64 (n); equal Gaussians keep their order.
+    """
+    # Radix sort: by the digits of the code from the lowest one on, then by the reversed bits.
+    used, first = np.int64(0), shift
+    for code in codes:
+        used |= code >> shift
+    order, other = np.arange(len(codes)), np.empty(len(codes), np.int64)
+    edges = np.empty((1 << DIGIT_BITS) + 1, np.int64)
+    while used:
+        edges[:] = 0
+        for i in range(len(codes)):
+            edges[((codes[i] >> shift) & ((1 << DIGIT_BITS) - 1)) + 1] += 1
+        for digit in range(1 << DIGIT_BITS):
+            edges[digit + 1] += edges[digit]
+        for index in order:
+            digit = (codes[index] >> shift) & ((1 << DIGIT_BITS) - 1)
+            other[edges[digit]] = index
+            edges[digit] += 1
+        order, other = other, order
+        shift, used = shift + DIGIT_BITS, used >> DIGIT_BITS
+    if contiguous:
+        return order
+    slots = np.zeros(len(codes), np.uint8)
+    for bit in range(SLOT_BITS):
+        for i in range(len(codes)):
+            slots[i] |= ((codes[i] >> (first + bit)) & 1) << (SLOT_BITS - 1 - bit)
+    edges[: (1 << SLOT_BITS) + 1] = 0
+    for slot in slots:
+        edges[np.int64(slot) + 1] += 1
+    for slot in range(1 << SLOT_BITS):
+        edges[slot + 1] += edges[slot]
+    for index in order:
+        slot = np.int64(slots[index])
+        other[edges[slot]] = index
+        edges[slot] += 1
+    return other
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, matrix, grey, room, ends, means):
+    """Computes the bounding box of a block of Gaussians, and the means of their coded attributes.
+
+    Args:
+        indices: Indices of the block's Gaussians in the next four arrays, uint32 (n).
+        centres: Positions of all Gaussians, float32 (N, 3).
+        scales: Standard deviations, float32 (N, 3).
+        opacities: float32 (N).
+        sh: Spherical harmonics, float32 (N, K + 1, 3).
+        factor: Reciprocal of the spacing of the lattice of positions, a power of two.
+        size_log: log2 of the scene's size in world units.
+        matrix: Transform of base colours, see `write_colours`.
+        grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
+        room: Working array, int64 (2, 4).
+        ends: Output: smallest and largest coordinates in lattice spacings, int64 (2, 3).
+        means: Output, float64 (7): opacity, largest scale, its ratio to the second, companded ratio of the second to
+            the third, Y, Co and Cg, in fixed point.
+
+    Returns:
+        Largest magnitude of a coordinate, in lattice spacings.
+    """
+    most, logs, colour, last = 0.0, room[0], room[1], len(indices) - 1
+    for a in range(7):
+        means[a] = 0.0
+    for i in range(len(indices)):
+        index = np.int64(indices[min(i + AHEAD, last)])
+        prefetch(centres, index, ZERO)
+        prefetch(scales, index, ZERO)
+        prefetch(opacities, index, ZERO)
+        prefetch(sh, index, ZERO)
+        index = np.int64(indices[i])
+        for a in range(3):
+            value = np.floor(np.float64(centres[index, a]) * factor)
+            most = max(most, abs(value))
+            place = np.int64(value)
+            ends[0, a] = min(ends[0, a], place) if i else place
+            ends[1, a] = max(ends[1, a], place) if i else place
+        _write_logs(opacities[index], scales[index], size_log, logs)
+        _write_colour(sh[index, 0], matrix, grey, colour)
+        means[0] += logs[0]
+        means[1] += logs[1]
+        means[2] += logs[1] - logs[2]
+        means[3] += (1 - np.exp2((logs[3] - logs[2]) / (1 << BITS))) / np.log(2.0) * (1 << BITS)
+        for c in range(3):
+            means[4 + c] += colour[c]
+    for a in range(7):
+        means[a] /= len(indices)
+    return most
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _luma_chroma(harmonic, factors):
+    """Returns luma or one of the chroma components of a spherical harmonic in fixed point, within limits."""
+    value = np.float64(harmonic[0]) * factors[0] + np.float64(harmonic[1]) * factors[1]
+    value += np.float64(harmonic[2]) * factors[2]
+    return min(max(value, -np.float64(MAX_COLOUR)), np.float64(MAX_COLOUR))
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def write_harmonics(sh, luma_chroma, harmonics):
+    """Converts spherical harmonics above degree 0 to Y Co Cg in fixed point, not rounded.
+
+    Args:
+        sh: Spherical harmonics, float32 (n, K + 1, 3).
+        luma_chroma: Transform from RGB to Y Co Cg in fixed point, float64 (3, 3).
+        harmonics: Output, float64 (n, K, 3).
+    """
+    for i in range(len(harmonics)):
+        for k in range(harmonics.shape[1]):
+            for c in range(3):
+                harmonics[i, k, c] = _luma_chroma(sh[i, k + 1], luma_chroma[c])
+
+
+@njit(borrows=True, nogil=True, error_model="numpy")
+@no_type_check
+def gather_sources(
+    indices, quats, scales, opacities, sh, size_log, matrix, grey, luma_chroma, inverse, silent, room, classes, logs,
+    axes, colours, harmonics,
+):  # fmt: skip
+    """Converts Gaussians to the fixed-point input of the encoding kernels (fields of `BlockSource`).
+
+    Args:
+        indices: Indices of the Gaussians in the next four arrays, uint32 (n).
+        quats: Quaternions (w, x, y, z) of any length, float32 (N, 4).
+        scales: Standard deviations, float32 (N, 3).
+        opacities: float32 (N).
+        sh: Spherical harmonics, float32 (N, K + 1, 3).
+        size_log: log2 of the scene's size in world units.
+        matrix: Transform of base colours, see `write_colours`.
+        grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
+        luma_chroma: Transform of harmonics from RGB to Y Co Cg in fixed point, float64 (3, 3).
+        inverse: Inverse of the transform of harmonics, float64 (K, columns): column k is transformed harmonic k;
+            columns from K on are 0.
+        silent: Largest length of a Gaussian's harmonics, per colour component, for which quantisation makes all
+            transformed harmonics 0, by precision class, float64 (classes). The output is then 0.
+        room: Working array, float64 (6, columns).
+        classes: Precision classes, int64 (n).
+        logs: Output, int64 (n, 4), see `write_logs`.
+        axes: Output, float64 (n, 3, 3), see `write_axes`.
+        colours: Output, int64 (n, 3), see `write_colours`.
+        harmonics: Output, int32 (n, 3 K): Y, Co and Cg of the first transformed harmonic, then of the second, and so
+            on.
+    """
+    number, width, values, sums = len(inverse), inverse.shape[1], room[:3], room[3:]
+    last, lines = len(indices) - 1, (12 * number + 11) // LINE_BYTES + 1
+    for i in range(len(indices)):
+        index = np.int64(indices[min(i + AHEAD, last)])
+        prefetch(quats, index, ZERO)
+        prefetch(scales, index, ZERO)
+        prefetch(opacities, index, ZERO)
+        for line in range(lines):
+            prefetch(sh, index, line)
+        index = np.int64(indices[i])
+        _write_logs(opacities[index], scales[index], size_log, logs[i])
+        _write_axes(scales[index], quats[index], axes[i])
+        _write_colour(sh[index, 0], matrix, grey, colours[i])
+        length = 0.0
+        for c in range(3):
+            total = 0.0
+            for k in range(number):
+                values[c, k] = _luma_chroma(sh[index, k + 1], luma_chroma[c])
+                total += values[c, k] * values[c, k]
+            length = max(length, total)
+        if length < silent[classes[i]] * silent[classes[i]]:
+            for j in range(3 * number):
+                harmonics[i, j] = 0
+            continue
+        for c in range(3):
+            for b in range(width):
+                sums[c, b] = 0.0
+        for k in range(number):
+            y, co, cg = values[0, k], values[1, k], values[2, k]
+            for b in range(width):
+                sums[0, b] += y * inverse[k, b]
+                sums[1, b] += co * inverse[k, b]
+                sums[2, b] += cg * inverse[k, b]
+        for b in range(number):
+            for c in range(3):
+                harmonics[i, 3 * b + c] = np.int32(min(max(np.rint(sums[c, b]), -MAX_TRANSFORMED), MAX_TRANSFORMED))
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def _ranked(values, counts, least, shift, rank):
+    """Returns the value at a position of the sorted values, by sorting only the values of its bucket.
+
+    Args:
+        values: Integers, int64 (n).
+        counts: Number of values in each bucket, int64; the bucket of a value is `(value - least) >> shift`.
+        least: Smallest value.
+        shift: log2 of the size of a bucket.
+        rank: Position in the sorted values, from 0.
+    """
+    bucket = 0
+    while rank >= counts[bucket]:
+        rank -= counts[bucket]
+        bucket += 1
+    same, count = np.empty(counts[bucket], np.int64), 0
+    for value in values:
+        if (value - least) >> shift == bucket:
+            same[count] = value
+            count += 1
+    same.sort()
+    return same[rank]
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def extents(positions, edges):
+    """Estimates the extent of groups of positions, in which a few outliers have limited influence.
+
+    Args:
+        positions: Integer positions, group after group, int64 (n, 3).
+        edges: Start of each group in `positions`, and the end of the last, int64 (groups + 1); no group is empty.
+
+    Returns:
+        Largest extent of each group along an axis, int64 (groups).
+    """
+    found, counts = np.zeros(len(edges) - 1, np.int64), np.empty(1 << BUCKET_BITS, np.int64)
+    for group in range(len(edges) - 1):
+        begin, end = edges[group], edges[group + 1]
+        omitted = (end - begin - 1) // OUTSIDE
+        for a in range(3):
+            values = positions[begin:end, a].copy()
+            least, most, shift = values.min(), values.max(), 0
+            while (most - least) >> shift >> BUCKET_BITS:
+                shift += 1
+            counts[:] = 0
+            for value in values:
+                counts[(value - least) >> shift] += 1
+            inside = _ranked(values, counts, least, shift, end - begin - 1 - omitted)
+            inside -= _ranked(values, counts, least, shift, omitted)
+            found[group] = max(found[group], min(most - least, MARGIN * inside))
+    return found

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.codec.gaussians import _source_kernels as sources
-from splatwire.codec.gaussians.blocks import runs
+from splatwire.codec.gaussians.blocks import ROWS, runs
 from splatwire.codec.gaussians.layout import (
     BITS,
     COLUMNS,
@@ -15,17 +15,19 @@ from splatwire.codec.gaussians.layout import (
     TRANSFORM_UNIT,
 )
 from splatwire.codec.gaussians.tables import exponentials, thinness_table
+from splatwire.files.mmap_array import large_empty
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import DC
+from splatwire.ops.threads import share
 from splatwire.types.splats import Splats
 
 LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [2.0], [6.0]])
 """Orthonormal transform from RGB to brightness (row 0), orange-blue (row 1) and green-purple (row 2), called Y Co Cg in
 this package.
 """
-
-_MAX_TRANSFORMED = 1 << 30
+GREY = LUMA_CHROMA.sum(axis=1) / 2
+"""Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +49,21 @@ class Sources:
 def scene_middle(splats: Splats) -> np.ndarray:
     """Returns the centre of a scene, float64 (3): on each axis the median of the Gaussians' positions."""
     ranks = middle_ranks(splats.num_gaussians)
-    columns = splats.means.T
-    return np.array([order_statistics(functools.partial(runs, column), ranks).mean() for column in columns])
+    found = share(lambda column: order_statistics(functools.partial(runs, column), ranks).mean(), list(splats.means.T))
+    return np.array(found)
 
 
 def scene_log(splats: Splats) -> int:
     """Returns log2 of a scene's size, rounded down. The size is the median distance of Gaussians from the centre."""
-    means, ranks, middle = splats.means, middle_ranks(splats.num_gaussians), scene_middle(splats)
+    means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
-    def squares(positions: np.ndarray) -> np.ndarray:
+    def square(begin: int) -> None:
+        positions = means[begin : begin + ROWS]
         x, y, z = (column.astype(np.float64) - m for column, m in zip(positions.T, middle, strict=True))
-        return x * x + y * y + z * z
+        squares[begin : begin + ROWS] = x * x + y * y + z * z
 
-    distance = np.sqrt(order_statistics(lambda: map(squares, runs(means)), ranks)).mean()
+    share(square, range(0, len(squares), ROWS))
+    distance = np.sqrt(order_statistics(lambda: runs(squares), middle_ranks(len(squares)))).mean()
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 
 
@@ -110,17 +114,16 @@ def colours_of(base: np.ndarray) -> np.ndarray:
         base: float32 (n, 3).
     """
     colours = np.empty((len(base), 3), np.int64)
-    sources.write_colours(kernel_array(base), LUMA_CHROMA * DC, LUMA_CHROMA.sum(axis=1) / 2, colours)
+    sources.write_colours(kernel_array(base), LUMA_CHROMA * DC, GREY, colours)
     return colours
 
 
 def to_harmonics(splats: Splats) -> np.ndarray:
     """Converts spherical harmonics above degree 0 to the colour space Y Co Cg, times `2**BITS`, float64 (N, K, 3)."""
-    side = splats.sh[:, 1:].astype(np.float64).reshape(splats.num_gaussians, -1)
-    # One product with a large matrix is several times as fast as many with a 3 x 3 matrix.
-    flat = side @ np.kron(np.eye(side.shape[1] // 3), LUMA_CHROMA.T * (1 << BITS))
     # Not rounded, so that the transform maps the harmonics of a decoded scene to exactly the integers of its stream.
-    return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
+    harmonics = np.empty((splats.num_gaussians, splats.sh.shape[1] - 1, 3))
+    sources.write_harmonics(kernel_array(splats.sh), LUMA_CHROMA * (1 << BITS), harmonics)
+    return harmonics
 
 
 def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -163,8 +166,7 @@ def transformed(splats: Splats, transform: np.ndarray) -> np.ndarray:
         numbers = side.reshape(count, -1).astype(np.float64) @ np.kron(inverse, LUMA_CHROMA.T * (1 << BITS))
     else:
         numbers = to_harmonics(splats).reshape(count, -1) @ np.kron(inverse, np.eye(3))
-    # The inverse of a damaged transform may be large.
-    np.clip(np.rint(numbers, out=numbers), -_MAX_TRANSFORMED, _MAX_TRANSFORMED, out=numbers)
+    np.clip(np.rint(numbers, out=numbers), -sources.MAX_TRANSFORMED, sources.MAX_TRANSFORMED, out=numbers)
     return numbers.astype(np.int32)
 
 
@@ -212,7 +214,7 @@ def write_splats(
     # Contiguous arrays only, because a kernel is compiled again for each layout of its arguments.
     kernels.convert(
         np.ascontiguousarray(rows), indices, np.ascontiguousarray(origins), size_log, unit, thinness_table(),
-        exponentials(), LUMA_CHROMA / DC, LUMA_CHROMA.sum(axis=1) / 2, splats.means, splats.quats, splats.scales,
+        exponentials(), LUMA_CHROMA / DC, GREY, splats.means, splats.quats, splats.scales,
         splats.opacities, splats.sh, room,
     )  # fmt: skip
     if width:

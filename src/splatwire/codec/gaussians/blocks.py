@@ -11,7 +11,7 @@ import numpy as np
 
 from splatwire.bitstream import PacketPlan
 from splatwire.codec.gaussians import _source_kernels as kernels
-from splatwire.codec.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS, SLOT_BITS
+from splatwire.codec.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.code_order import code_order
@@ -19,12 +19,8 @@ from splatwire.ops.morton import MAX_AXIS_BITS
 from splatwire.ops.order_statistics import quantiles
 from splatwire.ops.threads import share
 
-ROWS = 1 << 16
-_OUTSIDE, _MARGIN = 50, 2
-"""Parameters of the estimated extent of a packet's positions, which determines the cell size of its grid. One in
-`_OUTSIDE` positions (2 %) at either end of each axis is ignored as an outlier; the extent with outliers is limited to
-`_MARGIN` times the extent without them.
-"""
+ROWS = 1 << 13
+"""Number of Gaussians converted at a time, whose intermediate results fit into the processor's caches."""
 TYPICAL_BLOCK, TYPICAL_SAMPLE = 3000, 1 << 14
 """Number of Gaussians of a typical block, and maximum number of Gaussians sampled to estimate the extent of such a
 block.
@@ -35,7 +31,7 @@ BOX_BITS = 8
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Bounding boxes of B blocks of Gaussians. The corners of each box lie on a grid with a power-of-two spacing.
+    """Bounding boxes of B blocks of Gaussians, whose corners lie on coarse grids.
 
     Attributes:
         shifts: int64 (B), log2 of the spacing of each box's grid, in spacings of the position lattice.
@@ -81,14 +77,17 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     Returns:
         Indices of the Gaussians in sorted order, uint32 (N).
     """
-    found = [quantiles(functools.partial(runs, column), len(means), (0.01, 0.99)) for column in means.T]
+    ends = (0.01, 0.99)
+    found = share(lambda column: quantiles(functools.partial(runs, column), len(means), ends), list(means.T))
     low, high = np.stack(found, axis=1)
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(positions: np.ndarray) -> np.ndarray:
-        """Compresses positions far from the centre (asinh), so that outliers do not make the Morton codes coarse."""
+        """Maps positions logarithmically, so that few distant Gaussians do not dominate the extent of the scene."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
-        return np.arcsinh((positions - middle) / spread * 2)
+        places = positions - middle
+        places /= spread / 2
+        return np.arcsinh(places, out=places)
 
     first, last = compressed(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
     size = max(float((last - first).max()), 1e-30)
@@ -97,13 +96,15 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
 
     def find(begin: int) -> None:
         places = compressed(means[begin : begin + ROWS].astype(np.float64))
-        points = np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64)
-        used = kernels.write_codes(points, 0, codes[begin : begin + ROWS])
+        places -= first
+        places /= size
+        places *= (1 << MAX_AXIS_BITS) - 1
+        used = kernels.write_codes(np.rint(places, out=places).astype(np.int64), 0, codes[begin : begin + ROWS])
         if used >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 
     share(find, range(0, len(means), ROWS))
-    return code_order(codes.take, len(means), 3 * MAX_AXIS_BITS, tiers)
+    return code_order(codes, 3 * MAX_AXIS_BITS, tiers)
 
 
 def block_sizes(plan: PacketPlan) -> np.ndarray:
@@ -112,46 +113,19 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(positions: np.ndarray, bits: int) -> int:
-    """Chooses the grid for coding a block's positions, and returns log2 of its cell size.
+    """Returns log2 of the cell size of the grid with which a block's positions are coded.
 
-    A position is coded as a grid cell, followed by raw bits within the cell.
+    A position is coded as a grid cell, and as bits within the cell.
 
     Args:
-        positions: int64 (n, 3), positions relative to the corner of the block's box, in lattice spacings.
+        positions: int64 (n, 3), positions relative to the corner of the block's box; the cell size is in the unit of
+            these positions.
         bits: Number of bits of a coordinate within the box.
-
-    Returns:
-        log2 of the cell size, in lattice spacings.
     """
     # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
     depth = 4 + (len(positions).bit_length() + 1) // 2
-    return max(_extent_bits(positions) - depth, bits - MAX_CELL_BITS, 0)
-
-
-def _extent_bits(positions: np.ndarray) -> int:
-    """Returns the number of bits per axis of positions within their bounding box."""
-    # A few positions far away from the others have limited influence.
-    ends = [(len(positions) - 1) // _OUTSIDE, len(positions) - 1 - (len(positions) - 1) // _OUTSIDE]
-    axes = np.ascontiguousarray(positions.T)
-    low, high = np.partition(axes, ends, axis=1)[:, ends].T
-    return int(np.minimum(np.ptp(axes, axis=1), _MARGIN * (high - low)).max()).bit_length()
-
-
-def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
-    """Sorts the Gaussians of a block in the order in which packets are filled; returns their indices.
-
-    Args:
-        codes: int64 (n), Morton codes of the grid cells of the block's Gaussians.
-        contiguous: True to fill packets with adjacent Gaussians. False to spread each packet evenly over the block, so
-            that a lost packet leaves no large hole.
-    """
-    if contiguous:
-        return np.argsort(codes, kind="stable")
-    slots = np.zeros_like(codes)
-    for bit in range(SLOT_BITS):
-        slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)
-    top = int(codes.max(initial=0)).bit_length()
-    return np.argsort(slots << top | codes, kind="stable") if top < 63 - SLOT_BITS else np.lexsort((codes, slots))
+    extent_bits = int(kernels.extents(positions, np.array([0, len(positions)]))[0]).bit_length()
+    return max(extent_bits - depth, bits - MAX_CELL_BITS, 0)
 
 
 def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
@@ -180,13 +154,25 @@ def block_codes(positions: np.ndarray, bits: int) -> np.ndarray:
     """
     codes = np.empty(len(positions), np.int64)
     used = kernels.write_codes(np.ascontiguousarray(positions), max(bits - MAX_CELL_BITS, 0), codes)
-    if used >> MAX_CELL_BITS:
-        raise ValueError(f"positions must be in [0, 2**{bits}) to have a code")
+    check_codes(used, bits)
     return codes
 
 
+def check_codes(used: int, bits: int) -> None:
+    """Raises ValueError if a position is outside of its bounding box.
+
+    Args:
+        used: Bitwise or of all coordinates, without the low bits that codes omit.
+        bits: Number of bits of a coordinate within the box.
+    """
+    if used >> MAX_CELL_BITS:
+        raise ValueError(f"positions must be in [0, 2**{bits}) to have a code")
+
+
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the cell size that `cell_shift` chooses for a typical block, from a sample of the scene's Gaussians.
+    """Estimates the typical cell size of a block's grid; positions are coded as a cell, then as finer bits.
+
+    The estimate uses a sample of the scene's Gaussians.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
@@ -197,16 +183,16 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
         log2 of the cell size, in lattice spacings.
     """
     some = means[:: -(-len(means) // TYPICAL_SAMPLE)]
-    order = gaussian_order(some, None)
-    parts = np.array_split(order, max(1, len(means) // TYPICAL_BLOCK))
-    positions = [to_lattice(some.take(part, axis=0).astype(np.float64), unit, size_log) for part in parts]
+    positions = to_lattice(some.take(gaussian_order(some, None), axis=0).astype(np.float64), unit, size_log)
+    parts = min(max(1, len(means) // TYPICAL_BLOCK), len(some))
+    edges = np.cumsum([0, *(len(part) for part in np.array_split(some[:, 0], parts))])
     depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
-    bits = [_extent_bits(place) for place in positions if len(place)]
+    bits = [int(extent).bit_length() for extent in kernels.extents(positions, edges)]
     return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
 
 
 def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
-    """Converts positions to integer coordinates on a cubic lattice, rounded down, int64 (N, 3).
+    """Converts positions to indices of points of a cubic lattice, rounded down, int64 (N, 3).
 
     Args:
         means: float64 (N, 3), positions.

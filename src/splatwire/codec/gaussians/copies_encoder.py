@@ -38,11 +38,12 @@ def write_copies(
     boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None], max(info.coarsest, 0)), len(indices)
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
     indices, classes = indices[order], np.broadcast_to(np.uint8(precision_class), splats.num_gaussians)
+    rows = indices.astype(np.uint32)
     scene = SourceScene(
-        splats, splats.means, indices, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
+        splats, splats.means, rows, np.array([0, count]), classes, info.size_log, info.unit, info.bases,
         info.coarsest, True,
     )  # fmt: skip
-    here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
+    here = replace(info, boxes=boxes, defaults=np.clip([scene.summary(0)[1]], -511, 511))
     payload = encode_block(scene.arranged(0, here), here, 0, np.array([count]), 0).payloads[0]
     head = write_head(growth, count, write_blocks(boxes, here.defaults))
     return head + write_indices(indices, splats.num_gaussians) + payload

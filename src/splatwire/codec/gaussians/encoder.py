@@ -11,10 +11,10 @@ from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.background import BACKGROUND
 from splatwire.codec.gaussians import _packet_kernels as kernels
-from splatwire.codec.gaussians.attributes import empty_rows, fit_transform, to_harmonics
+from splatwire.codec.gaussians.attributes import fit_transform, to_harmonics
 from splatwire.codec.gaussians.blocks import make_boxes
 from splatwire.codec.gaussians.fit import empty_statistics, first_scales, fit_bits, fit_scales
-from splatwire.codec.gaussians.layout import NUM_CONTEXTS
+from splatwire.codec.gaussians.layout import COLUMNS, NUM_CONTEXTS
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.codec.gaussians.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.codec.gaussians.source_scene import BlockSource, SourceScene
@@ -94,7 +94,7 @@ def fit_side_info(
             sample of the scene.
         threads: Number of threads; None for one per processor.
     """
-    found = ordered_map(lambda block: (scene.ends(block), scene.means(block)), range(scene.num_blocks), threads)
+    found = ordered_map(scene.summary, range(scene.num_blocks), threads)
     ends, means = (np.array(values) for values in zip(*found, strict=True))
     boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
@@ -172,7 +172,7 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     """
     bits = int(info.boxes.bits[block])
     count, width = len(source.codes), info.num_harmonics
-    rows, harmonics = empty_rows(count, width)
+    rows, harmonics = np.empty((count, COLUMNS), np.int64), np.empty((count, width), np.int32)
     buffer = np.empty(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
     statistics, defaults = empty_statistics(), info.block_defaults[block]
     stream = (info.kernel_tables, info.kernel_stream(), info.models(), statistics, bits, defaults, source)

@@ -14,14 +14,17 @@ from splatwire.codec.gaussians.blocks import BOX_BITS, Boxes
 from splatwire.codec.gaussians.layout import (
     BITS,
     FIRST_HARMONIC,
+    MAX_CLASSES,
     MAX_LATTICE_BITS,
     NUM_CONTEXTS,
+    S_HARMONICS,
     SCALE_UNIT,
     SECONDS,
     SPREADS,
     STEP_BITS,
     STEPS,
     STREAMS,
+    TRANSFORM_UNIT,
 )
 from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tables
@@ -49,17 +52,17 @@ class SideInfo:
     Attributes:
         degree: Degree of the spherical harmonics.
         size_log: log2 of the scene's size in world units.
-        unit: Resolution of positions, which lie on a lattice with a spacing of `2 ** (size_log - unit)` world units.
+        unit: Positions are multiples of a spacing of `2 ** (size_log - unit)` world units (lattice of positions).
         bases: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0
             (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of version 2.
-        transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
+        transform: int64 (K, K), transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
         bit_zero: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of 2**8.
-        scales: int64 (A, B, C) for three context indices (see `Coder`), standard deviation of each context's residuals,
-            as an index in the coder's table divided by `SCALE_UNIT`.
+        scales: int64 (streams, spreads, seconds), width of the residual distribution of each context, as index in the
+            entropy coder's scale table divided by `SCALE_UNIT`.
         sections: Named sections, content by name.
     """
 
@@ -86,12 +89,31 @@ class SideInfo:
         return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Returns the stream parameters of the numba kernels: `bases`, `unit`, `coarsest` and the thinness table."""
+        """Returns the parameters of the stream that the numba kernels need."""
         return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:
         """Returns the initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2)."""
         return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
+
+    @functools.cached_property
+    def harmonics_inverse(self) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters with which an encoder transforms spherical harmonics.
+
+        First: inverse of the transform, float64 (K, columns); column k gives transformed harmonic k, further columns
+        are 0, so that the number of columns suits vector instructions. Second: largest length of the K harmonics of a
+        colour component, in fixed point, for which quantisation makes all transformed harmonics 0, by precision class,
+        float64 (`MAX_CLASSES`).
+        """
+        number = len(self.transform)
+        inverse = np.zeros((number, -(-number // 8) * 8))
+        inverse[:, :number] = np.linalg.inv(self.transform / TRANSFORM_UNIT) if number else 0
+        longest = np.sqrt(np.square(inverse).sum(axis=0).max(initial=1e-30))
+        # A tolerance covers rounding errors of the product.
+        octaves = self.bases[S_HARMONICS] / (1 << STEP_BITS) + np.arange(MAX_CLASSES)
+        exponents = np.floor(octaves + 0.5)
+        steps = 2.0 ** np.clip(BITS - exponents, 0, BITS - 2)
+        return inverse, (np.maximum(steps / 2, 1.0) - 0.5001) / longest
 
     @functools.cached_property
     def block_defaults(self) -> np.ndarray:
@@ -158,7 +180,9 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     """Reads quantisation parameters serialised by `write_header`.
 
     Returns:
-        The fields `degree`, `size_log`, `unit`, `bases`, `coarsest` and `transform` of `SideInfo`.
+        Fields of `SideInfo`: degree of the spherical harmonics; `size_log` (scene's size); `unit` (resolution of
+        positions); `bases` (quantisation steps); `coarsest` (largest step of positions); and transform of the
+        harmonics.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote the header.

@@ -10,20 +10,12 @@ import numpy as np
 from splatwire.bitstream import PacketPlan
 from splatwire.codec.gaussians import _gaussian_kernels as kernels
 from splatwire.codec.gaussians import _source_kernels as sources
-from splatwire.codec.gaussians.attributes import (
-    colours_of,
-    logs_of,
-    scene_log,
-    to_logs,
-    to_sources,
-    transformed,
-)
+from splatwire.codec.gaussians.attributes import GREY, LUMA_CHROMA, kernel_array, scene_log, to_logs
 from splatwire.codec.gaussians.blocks import (
     ROWS,
-    arrange_block,
-    block_codes,
     block_sizes,
     cell_shift,
+    check_codes,
     check_reach,
     gaussian_order,
     runs,
@@ -46,6 +38,7 @@ from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
+from splatwire.ops.spherical_harmonics import DC
 from splatwire.ops.threads import share
 from splatwire.types import SplatCoding
 from splatwire.types.splats import Splats
@@ -99,7 +92,7 @@ class SourceScene:
     Attributes:
         splats: The N Gaussians in input order.
         centres: float32 (N, 3), positions as a decoder obtains them, in input order.
-        order: Integers (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
+        order: uint32 (N), indices in `splats` of the Gaussians of block 0, then of block 1, and so on.
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         classes: uint8 (N), precision classes in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
@@ -188,51 +181,83 @@ class SourceScene:
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, indices: slice | np.ndarray) -> Splats:
-        """Returns Gaussians of the scene, given their positions in the attribute `order` (the order of the blocks).
-
-        Args:
-            indices: Range of positions, or an array of them.
-        """
+        """Returns the Gaussians with the given indices in block order (see `order`)."""
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[indices])
 
     def classes_at(self, indices: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of Gaussians, given their positions in the attribute `order`, int64.
-
-        Args:
-            indices: Range of positions, or an array of them.
-        """
+        """Returns the precision classes of the Gaussians with the given indices in block order (see `order`), int64."""
         return self.classes[self.order[indices]].astype(np.int64)
 
-    def block_positions(self, block: int) -> np.ndarray:
-        """Returns the positions of a block's Gaussians as integers, int64 (n, 3), in coding order.
+    def summary(self, block: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the bounding box and the mean attributes of a block's Gaussians.
 
-        The unit is the spacing of the position lattice.
+        Args:
+            block: Index of the block.
+
+        Returns:
+            Smallest and largest coordinates in lattice spacings, int64 (2, 3); and means of opacity, scales and colour
+            in the form of the bitstream, int64 (7), 4 fractional bits.
         """
-        means = self.centres.take(self.order[self.members(block)], axis=0)
-        places = np.empty(means.shape, np.int64)
-        check_reach(sources.write_places(means, 2.0 ** (self.unit - self.size_log), places))
-        return places
+        members = self.order[self.members(block)]
+        scene, indices = self._kernel_splats(members)
+        ends, means = np.empty((2, 3), np.int64), np.empty(7)
+        centres = self.centres if indices is members else self.centres.take(members, axis=0)
+        check_reach(
+            sources.summarise_block(
+                indices, centres, scene.scales, scene.opacities, scene.sh, self._places_per_unit, self.size_log,
+                LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), ends, means,
+            )
+        )  # fmt: skip
+        return ends, np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
 
-    def ends(self, block: int) -> np.ndarray:
-        """Returns the smallest and largest coordinates of a block's Gaussians, int64 (2, 3).
+    @property
+    def _places_per_unit(self) -> float:
+        """Number of lattice spacings per world unit, a power of two."""
+        return 2.0 ** (self.unit - self.size_log)
 
-        The unit is the spacing of the position lattice.
+    def _kernel_splats(self, indices: np.ndarray) -> tuple[Splats, np.ndarray]:
+        """Returns arrays in the layout that kernels take, and the rows of some Gaussians in them.
+
+        Args:
+            indices: Indices of the Gaussians in `splats`.
+
+        Returns:
+            `splats` and `indices`; or a copy of these Gaussians and its rows, if the layout of `splats` is another.
         """
-        positions = self.block_positions(block)
-        return np.array([positions.min(axis=0), positions.max(axis=0)])
+        if self._kernels_read_splats:
+            return self.splats, indices
+        some = {name: kernel_array(values) for name, values in vars(self.splats.select(indices)).items()}
+        return Splats(**some), np.arange(len(indices), dtype=indices.dtype)
 
-    def means(self, block: int) -> np.ndarray:
-        """Returns mean opacity, scales and colour of a block's Gaussians, int64 (7), 4 fractional bits."""
-        here = self.order[self.members(block)]
-        logs = logs_of(self.splats.opacities.take(here), self.splats.scales.take(here, axis=0), self.size_log)
-        ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
-        thin = (1 - np.exp2(-ratio)) / np.log(2) * (1 << BITS)
-        # In the form of the bitstream: logarithm of the largest scale, logarithm of its ratio to the second scale, and
-        # companded ratio of the second to the third scale.
-        values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
-        means = np.concatenate([values.mean(axis=0), colours_of(self.splats.sh[here, 0]).mean(axis=0)])
-        return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
+    @functools.cached_property
+    def _kernels_read_splats(self) -> bool:
+        """True if the scene's arrays have the layout for which kernels are compiled (`kernel_array`)."""
+        arrays = (*vars(self.splats).values(), self.centres)
+        return all(a.dtype == np.float32 and a.flags.c_contiguous and a.flags.writeable for a in arrays)
+
+    def _arranged_places(self, block: int, info: SideInfo) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+        """Returns lattice positions of a block's Gaussians, and the order in which packets are filled.
+
+        Args:
+            block: Index of the block.
+            info: Side information with the bounding boxes of blocks.
+
+        Returns:
+            Positions relative to the corner of the bounding box, int64 (n, 3), and their Morton codes, int64 (n), both
+            as in `order`; log2 of the cell size of the coarse position grid, in lattice spacings; and the indices of
+            the Gaussians within the block in the order in which packets are filled, int64 (n).
+        """
+        members, bits = self.order[self.members(block)], int(info.boxes.bits[block])
+        places, codes = np.empty((len(members), 3), np.int64), np.empty(len(members), np.int64)
+        centres, dropped = kernel_array(self.centres), max(bits - MAX_CELL_BITS, 0)
+        most, used = sources.write_block_places(
+            members, centres, self._places_per_unit, info.boxes.corners[block], dropped, places, codes
+        )
+        check_reach(most)
+        check_codes(used, bits)
+        at = cell_shift(places, bits)
+        return places, codes, at, sources.sort_cells(codes, 3 * (at - dropped), self.contiguous)
 
     def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
         """Returns the coding order of a block's Gaussians, as indices in `splats`, int64 (n).
@@ -242,50 +267,37 @@ class SourceScene:
             info: Side information with the bounding boxes of blocks.
             sizes: Number of Gaussians in each packet of the block.
         """
-        bits = int(info.boxes.bits[block])
-        positions = self.block_positions(block) - info.boxes.corners[block]
-        codes, at = block_codes(positions, bits), cell_shift(positions, bits)
-        by = self._arrangement(codes, at, bits)
+        _, codes, _, by = self._arranged_places(block, info)
         # Within a packet Gaussians are sorted along the curve, as in the kernels.
         packet = np.repeat(np.arange(len(sizes)), sizes)
         return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
-
-    def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
-        """Returns the indices of a block's Gaussians in the order in which packets are filled.
-
-        Args:
-            codes: Morton codes of the positions in the bounding box, int64 (n).
-            at: log2 of the cell size of the coarse position grid, in lattice spacings.
-            bits: Number of bits of a coordinate within the bounding box.
-        """
-        return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
 
     def arranged(self, block: int, info: SideInfo, selection: slice | np.ndarray = slice(None)) -> BlockSource:
         """Returns a block's Gaussians as input of the encoding kernels, in the order in which packets are filled.
 
         Args:
             block: Index of the block.
-            info: Side information with the bounding boxes and the transform of spherical harmonics.
+            info: Side information with the bounding boxes, the transform of spherical harmonics and the quantisation
+                steps. Harmonics that these steps make 0 are 0 in the result.
             selection: Part of this order to return; by default all.
         """
-        bits = int(info.boxes.bits[block])
-        positions = self.block_positions(block) - info.boxes.corners[block]
-        codes, at = block_codes(positions, bits), cell_shift(positions, bits)
-        by = self._arrangement(codes, at, bits)[selection]
-        where = self.members(block).start + by
-        picked = self.pick(where)
-        s = to_sources(picked, self.size_log)
+        places, codes, at, by = self._arranged_places(block, info)
+        by = by[selection]
+        members = self.order[self.members(block)].take(by)
+        scene, indices = self._kernel_splats(members)
+        classes, count = self.classes.take(members).astype(np.int64), len(by)
+        logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)
+        harmonics = np.empty((count, info.num_harmonics), np.int32)
+        inverse, silent = info.harmonics_inverse
+        sources.gather_sources(
+            indices, scene.quats, scene.scales, scene.opacities, scene.sh, self.size_log, LUMA_CHROMA * DC, GREY,
+            LUMA_CHROMA * (1 << BITS), inverse, silent, np.empty((6, inverse.shape[1])), classes, logs, axes, colours,
+            harmonics,
+        )  # fmt: skip
         return BlockSource(
-            np.int64(at),
-            np.int64(not self.contiguous),
-            codes[by],
-            positions[by],
-            self.classes_at(where),
-            s.logs,
-            s.axes,
-            s.colours,
-            transformed(picked, info.transform),
-        )
+            np.int64(at), np.int64(not self.contiguous), codes.take(by), places.take(by, axis=0), classes, logs, axes,
+            colours, harmonics,
+        )  # fmt: skip
 
 
 def _input_order(count: int) -> np.ndarray:
@@ -391,7 +403,7 @@ def _quantised_positions(
         own = classes[begin : begin + len(some)].astype(np.int64)
         kernels.position_shifts(to_logs(part, size_log), own, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means
-        check_reach(sources.snap_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
+        check_reach(sources.move_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
 
     share(find, range(0, len(centres), ROWS))
     return centres

@@ -139,9 +139,9 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Name of the stream that this method uses, also for file names.
+        """Name, for use in file names, of the variant of the scene's stream that this row uses.
 
-        It follows from the packetization and the additional side information. Rows with equal names share a stream.
+        Variants differ in packetization and in the additional side information. Rows with equal names share a stream.
         """
         if self.decoded:
             return f"decoded-{self.key}"
@@ -280,18 +280,12 @@ class Study:
         return tuple(row for row in self.rows if not row.lossless)
 
     def row(self, key: str) -> Row:
-        """Returns the method (row of the result table) with the given key."""
+        """Returns the method with the given key."""
         return next(row for row in self.rows if row.key == key)
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Describes a packetization by the name of a preset and the parameters that differ from the preset.
-
-    Args:
-        preset: The preset.
-        other: The packetization.
-        name: Name of the preset.
-    """
+    """Names a packetization by a preset and the parameters that differ from the preset."""
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
 

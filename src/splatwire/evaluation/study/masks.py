@@ -13,7 +13,7 @@ from splatwire.evaluation.study.definition import Loss
 
 @dataclass(frozen=True)
 class PacketLossRates:
-    """Share of a stream's packets that is lost if datagrams are lost at a given rate.
+    """Loss of a stream's packets that results from a loss of datagrams.
 
     A packet is lost if any of its datagrams is lost.
 

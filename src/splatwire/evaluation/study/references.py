@@ -135,10 +135,9 @@ def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
-    """Renders the reference images into the store, unless they are already there.
+    """Renders the reference images that the store lacks.
 
-    Returns:
-        Digest of cameras, background and images.
+    Returns a digest of cameras, background and images.
     """
     about = store.root / folder / "views.json"
     if (known := read_json(about)) is None:

@@ -95,17 +95,12 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
         raise DatasetError(
             f"{path}: {scene.duration_sec:g} s are not 1 to {MAX_FRAMES:,} frames at {rate:g} per second"
         )
-    _warn_of_unapplied_settings(path, scene)
+    _warn_of_unused_statements(path, scene)
     return FourdgsFrames(path, count, rate, scene)
 
 
-def _warn_of_unapplied_settings(path: Path, scene: Any) -> None:
-    """Logs a warning if a `.4dgs` file declares axes, colours or coordinates that the reader does not apply.
-
-    Args:
-        path: The file, for messages.
-        scene: The file as the package fourdgs reads it.
-    """
+def _warn_of_unused_statements(path: Path, scene: Any) -> None:
+    """Logs a warning about coordinate systems and colour spaces of a scene that are not applied."""
     stated = scene.header.attributes
     if stated.get(_AXES, "") not in ("", _Y_UP, _Z_UP):
         LOG.warning("%s: %s %.60r is not known: positions are read as they are", path, _AXES, stated[_AXES])
@@ -166,10 +161,9 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _ConstantIntervals:
-    """Collects the frames of a sequence as Gaussians that are constant over a time interval, for a `.4dgs` file.
+    """Finds the time intervals in which each Gaussian of a sequence is constant, for writing a `.4dgs` file.
 
-    Consecutive frames with the same number of Gaussians have the same Gaussian in each row. An interval ends when a
-    value of the Gaussian changes.
+    Row i is the same Gaussian in consecutive frames with equally many Gaussians.
 
     Attributes:
         num_frames: Number of frames so far.
@@ -197,7 +191,7 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Ends all intervals after the last frame, and returns one Gaussian per interval.
+        """Ends all intervals of constant values after the last frame, and returns one Gaussian per interval.
 
         Returns:
             The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.

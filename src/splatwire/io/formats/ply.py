@@ -133,16 +133,7 @@ def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
 
 
 def _origin(vertices: PlyElement) -> Origin:
-    """Returns the origin for the positions of a PLY: the one in its comments, or one near the Gaussians.
-
-    An origin in the comments that is far from the Gaussians is ignored with a warning.
-
-    Args:
-        vertices: The vertices, in world coordinates.
-
-    Returns:
-        The origin; `NO_ORIGIN` if the comments have none and the Gaussians are near 0.
-    """
+    """Returns the origin that a comment states, else one near the Gaussians if these are far from 0."""
     some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
     means = some.select_wide(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
@@ -231,12 +222,7 @@ def write_ply(
 
 
 def _record_bytes(rows: np.ndarray, origin: Origin) -> bytes:
-    """Serialises Gaussians as the binary rows of a PLY: float32, or float64 for positions if the scene has an origin.
-
-    Args:
-        rows: Properties of the vertices in file order, (N, P); positions are relative to the origin.
-        origin: World coordinates of the origin, which are added to the positions.
-    """
+    """Serialises Gaussians as records of a PLY: float32, positions with an origin as float64 world coordinates."""
     if origin == NO_ORIGIN:
         return rows.astype("<f4").tobytes()
     records = np.empty(len(rows), [("means", "<f8", 3), ("rest", "<f4", rows.shape[1] - 3)])

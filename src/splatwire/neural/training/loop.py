@@ -139,7 +139,7 @@ class TrainingLoop:
             True if the listener stopped the training before its last iteration.
 
         Raises:
-            DatasetError: If the state was saved by a training with more views than this one.
+            DatasetError: If the state is of a training with more views.
             DivergedError: If the loss or a parameter is not finite.
             OSError: If a checkpoint cannot be written.
         """

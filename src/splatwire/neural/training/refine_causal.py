@@ -55,12 +55,12 @@ def refine_causal(
 
 
 def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
-    """Computes the data that stays constant while the networks of the context model are refined.
+    """Computes the data that stays constant while the networks of the context model are trained again.
 
     Args:
         scene: The scene.
         coding: Context model of the scene, whose networks are refined.
-        alive: Mask or indices of the anchors to use.
+        alive: Anchors to use.
 
     Returns:
         Inputs of the position network, attributes of the anchors in quantisation steps, and offset masks, 0 or 1.

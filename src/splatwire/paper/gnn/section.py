@@ -50,8 +50,7 @@ def write_section(weights: GnnWeights, bits: int) -> bytes:
         bits: Approximate bits per weight, 2 to 6.
 
     Raises:
-        InvalidValueError: If receivers would not use the network (all confidence thresholds are above 1), the network
-            is too large, or a weight is not finite.
+        InvalidValueError: If all thresholds are above 1, the network is too large, or a weight is not finite.
     """
     # The heads of attributes with a threshold above 1 are omitted, because a receiver does not use them.
     check_bits(bits)

@@ -130,11 +130,7 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Renames the attribute `data` of a scene's preview to `preview`, as the viewer element expects.
-
-    Args:
-        preview: HTML attributes from `preview_attributes`.
-    """
+    """Converts the HTML attributes of a preview to those of the viewer element: renames `data` to `preview`."""
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 

@@ -21,13 +21,7 @@ MOST_TOKEN_BYTES = 6000
 
 
 def token_problem(key: bytes, token: str, scene: str) -> str | None:
-    """Returns the reason why a token does not open a scene, or None for a valid token.
-
-    Args:
-        key: Secret key of the server, with which tokens are signed.
-        token: Token of a request.
-        scene: Name of the requested scene.
-    """
+    """Returns the reason why a token does not open a scene, or None for a valid token."""
     try:
         claims = jwt.decode(token, key, algorithms=[ALGORITHM], audience=AUDIENCE, options={"require": ["exp", "aud"]})
     except jwt.ExpiredSignatureError:

@@ -60,14 +60,11 @@ class FeedbackTracker:
         return grows and frame.received <= frame.largest + 1 and frame.largest < max(self.sequence, 1)
 
     def on_feedback(self, frame: Feedback, now: float) -> FeedbackSample | None:
-        """Returns delay and loss since the previous report.
+        """Returns delay and loss since the previous report, or None if unknown.
 
         Args:
             frame: Plausible report of the receiver.
             now: Time, seconds.
-
-        Returns:
-            The measurement; None if unknown, such as for the first report.
         """
         times, last = self._times, self._last
         if last is not None and frame.largest == last.largest:

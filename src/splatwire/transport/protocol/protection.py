@@ -117,14 +117,15 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[Parit
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Counts the packets of each importance tier that are not bundled in the init segment.
+    """Counts the packets that are not bundled in the init segment, by importance tier.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
         protection: Redundancy.
 
     Returns:
-        Number of packets of each tier. Without interleaving of tiers (`tier_spread` 0), only their sum.
+        Number of packets of each tier, if packets of different tiers are sent interleaved (`tier_spread`). Otherwise a
+        single number, the total of all tiers.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

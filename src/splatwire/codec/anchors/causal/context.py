@@ -32,9 +32,9 @@ EXP2_BITS = 40
 
 @dataclass(frozen=True)
 class Stage:
-    """Group of an anchor's attributes that one network predicts at once, such as the offsets.
+    """Stage in the prediction of an anchor: the attribute values that one network predicts.
 
-    Stages are coded one after another. The values of earlier stages are inputs of the network.
+    The inputs of the network include the values of earlier stages.
 
     Attributes:
         name: Name of the network.
@@ -50,9 +50,9 @@ class Stage:
 
 
 def stages(config: CausalConfig) -> tuple[Stage, ...]:
-    """Returns the stages (groups of attributes that are predicted together) in coding order.
+    """Returns the groups of attributes that are predicted together, in coding order.
 
-    The order is: feature groups, scale of the offsets, base sizes, offsets.
+    The order is: feature groups, logarithms of scale and size, offsets.
     """
     found, first = [], 0
     for group, size in enumerate(config.layout.feature_groups):
@@ -68,7 +68,7 @@ def stages(config: CausalConfig) -> tuple[Stage, ...]:
 
 @dataclass(frozen=True, eq=False)
 class CodingContext:
-    """Networks and constants of the causal context model, shared by encoder and decoder.
+    """Networks and constants for prediction, shared by encoder and decoder.
 
     Attributes:
         config: Sizes of the model's networks and tables.
@@ -96,25 +96,26 @@ class CodingContext:
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Starts the prediction of the attributes of anchors.
+        """Starts the prediction of the attributes of anchors, and returns the object that continues it.
 
         Args:
             voxels: Positions of the anchors, voxels, int64 (n, 3).
 
         Returns:
-            Object that predicts the groups of attributes one after another.
+            Object that predicts one group of attributes after another. It contains the outputs of the network that
+            depends on positions only.
         """
         return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 
 
 class Chain:
-    """Predicts the attributes of n anchors for entropy coding, one stage (group of attributes) after another.
+    """Predicts the attributes of n anchors for entropy coding, group by group.
 
-    Each prediction depends on the anchors' positions and on the stages before it.
+    The prediction of each group uses the preceding groups.
 
     Args:
-        context: Networks and constants of the stream.
-        place: Outputs of the position network for the anchors, int32 (n, outputs).
+        context: The stream's networks and constants. For each group of attributes (`Stage`), there is one network.
+        place: Outputs of the network that depends on the anchors' positions only, int32 (n, outputs).
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:
@@ -126,16 +127,16 @@ class Chain:
         self._known[:, : config.context_dim] = self.place
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:
-        """Yields each stage in coding order, with the int32 outputs of its network.
+        """Yields each group of attributes in coding order, with the int32 outputs of the group's network.
 
-        The caller must pass the decoded attributes of the stage to `add_numbers` before it requests the next stage.
+        The caller must pass the group's decoded attributes to `add_numbers` before it requests the next group.
         """
         for stage in self._context.stages:
             network = self._context.networks[stage.name]
             yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
 
     def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
-        """Adds the decoded attributes of a stage, int32 (n, size), to the inputs of the networks of later stages."""
+        """Adds the decoded attributes of a group, int32 (n, size), to the inputs of the networks for later groups."""
         # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:

@@ -37,9 +37,7 @@ from splatwire.types.prior import MIN_SCALE
 
 @dataclass(frozen=True, eq=False)
 class DecodedArrays:
-    """Arrays for the decoded attributes and the predictions of N anchors in coding order.
-
-    Packets are written to them as they arrive. Missing anchors are zero.
+    """Attributes and predictions of N anchors in coding order, filled packet by packet; zero for missing anchors.
 
     Attributes:
         received: Mask of received attributes, bool (N, 4), one column per `Attribute`.
