@@ -98,6 +98,14 @@ def _in_view(positions, scalings, n, camera):
 def _choose_anchors(n, last, anchors, hints, camera, chosen):
     """Collects the indices of up to sixteen visible anchors.
 
+    Args:
+        n: Index of the first anchor to test.
+        last: Index after the last anchor to test.
+        anchors: Arrays of all anchors, positions first.
+        hints: Arrays of the concealment; the first one marks anchors that are not drawn, or is empty.
+        camera: Parameters of the camera.
+        chosen: Receives the indices of the visible anchors, int64 (16).
+
     Returns:
         Number of visible anchors found, and index of the next anchor to test.
     """

@@ -41,7 +41,8 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
 
     Raises:
         InvalidValueError: If the scene does not arrive as a whole at first, or the server offers no updates of it.
-        OSError: If a transfer fails for another reason than a missing network, or the first one for any.
+        OSError: If the first transfer fails, or a later one fails for another reason than a missing network. Transfers
+            that fail for that reason are repeated.
     """
     # If an update does not arrive or cannot be applied, it or the whole scene is requested again.
     scene: SceneStream | None = None
@@ -91,7 +92,7 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
         FollowingStoppedError: If the caller has stopped a transfer.
         InvalidValueError: If the stream that arrives is no update of this scene.
         BitstreamError: If it is damaged.
-        OSError: If a transfer fails for another reason than a missing network.
+        OSError: If a transfer fails, except for a missing network: then it is repeated.
     """
     warn_once = _once(warn)
     while True:

@@ -29,7 +29,8 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
         datagram, and `stop`, a future that ends the transfer.
 
     Raises:
-        InvalidValueError: If these options are set for an address without certificates, or the options are invalid.
+        InvalidValueError: If options for certificates are set although the protocol is UDP, which has none, or if they
+            are invalid.
         OSError: If the authority's file cannot be read.
     """
     if address.scheme == "udp":

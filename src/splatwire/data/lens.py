@@ -40,7 +40,7 @@ class LensModel(ABC):
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.
 
-        It is 0 or negative where several rays hit the same point.
+        It is 0 or negative where the distortion folds the image, so that several rays reach the same point.
         """
         step = _DERIVATIVE_STEP * (1 + np.hypot(x, y))
         right, left = self.distort(x + step, y), self.distort(x - step, y)
@@ -94,7 +94,7 @@ class Lens(LensModel):
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Returns the factor by which the lens enlarges a small area: the determinant of the Jacobian of `distort`.
 
-        It is 0 or negative where several rays hit the same point.
+        It is 0 or negative where the distortion folds the image, so that several rays reach the same point.
         """
         square = x * x + y * y
         above, below = self._fraction(square)

@@ -34,7 +34,7 @@ class LiveFrames:
 
     @property
     def began(self) -> bool:
-        """True if the received stream is live and its frames are written."""
+        """True if the received stream is live, and its frames have begun to be written."""
         return self._thread is not None
 
     def on_event(self, event: Event) -> None:

@@ -81,7 +81,11 @@ class Elements(Protocol):
 
 @runtime_checkable
 class Scene(Protocol):
-    """Typing protocol (structural type) for a scene that can be drawn and encoded: elements, appearance, background."""
+    """Typing protocol for all kinds of scenes that can be drawn and encoded.
+
+    A scene has elements (Gaussians or anchors), an appearance model and a background. `ELEMENTS` is the name of the
+    elements in messages.
+    """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     ELEMENTS: ClassVar[str]

@@ -148,7 +148,7 @@ def _find_narrow(near, i):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_wide(near, i):
-    """Finds the nearest preceding Gaussians of Gaussian `i`, without a limit on the size of coordinates.
+    """Finds the nearest neighbours of Gaussian `i` among those before it; slow version for coordinates of any size.
 
     Args:
         near: Working arrays of the packet (`Near`); indices and weights of the neighbours are written.

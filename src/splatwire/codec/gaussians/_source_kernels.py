@@ -258,8 +258,8 @@ def sort_cells(codes, shift, contiguous):
     Args:
         codes: Morton codes of the positions, int64 (n), not negative.
         shift: Number of low bits of the codes to ignore; the other bits are the code of the grid cell.
-        contiguous: True to sort by the codes of the cells. False to sort first by the lowest `SLOT_BITS` bits of the
-            code in reversed order, so that each packet is spread over the block.
+        contiguous: True to sort by the cell's code. False to sort by the lowest `SLOT_BITS` bits of the cell's code
+            first, with the order of these bits reversed. Each packet is then spread over the block.
 
     Returns:
         Indices of the Gaussians in sorted order, int64 (n); equal Gaussians keep their order.

@@ -78,11 +78,11 @@ class Targets:
 
     @staticmethod
     def zero(count: int, frames: int) -> "Targets":
-        """Returns the coefficients of tracks that do not move.
+        """Returns `Targets` for tracks that do not move: all motion coefficients are 0.
 
         Args:
             count: Number of tracks, n.
-            frames: Number of frames, F.
+            frames: Number of frames of the group, F.
         """
         values, last = np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, 4))
         last[:, 0] = 1

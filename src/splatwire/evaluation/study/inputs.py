@@ -181,7 +181,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
         progress: Called with the name of the current task and its finished share, 0 to 1.
 
     Raises:
-        SplatwireError: If the scene or its photos cannot be read, or a row cannot be encoded.
+        SplatwireError: If the scene or its photos cannot be read, or encoding fails for one of the methods.
     """
     source = Source(entry, store.files)
     streams = prepare_streams(study, source, store, progress)

@@ -182,11 +182,11 @@ def warn_of_files_beside(path: Path) -> None:
 
 
 def warn_of_unused_fields(path: Path, content: object) -> None:
-    """Logs a warning about JSON fields that may change positions or other values and are not applied.
+    """Logs a warning that names the fields of a JSON object which are not applied although they may change the scene.
 
     Args:
         path: The file.
-        content: The object.
+        content: The parsed JSON object.
     """
     for name, value in content.items() if isinstance(content, dict) else ():
         text = _value_as_text(value)

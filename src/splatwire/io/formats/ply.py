@@ -222,7 +222,10 @@ def write_ply(
 
 
 def _record_bytes(rows: np.ndarray, origin: Origin) -> bytes:
-    """Serialises Gaussians as records of a PLY: float32, positions with an origin as float64 world coordinates."""
+    """Serialises Gaussians as records of a PLY.
+
+    All values are float32. With an origin, positions are world coordinates in float64.
+    """
     if origin == NO_ORIGIN:
         return rows.astype("<f4").tobytes()
     records = np.empty(len(rows), [("means", "<f8", 3), ("rest", "<f4", rows.shape[1] - 3)])

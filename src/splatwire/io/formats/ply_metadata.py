@@ -117,9 +117,13 @@ def named_up(comment: str) -> str | None:
 
 
 def _axis(text: str) -> str | None:
-    """Returns the coordinate axis that a name such as `+Z` or a unit vector describes.
+    """Returns the name of a signed coordinate axis, such as `z` or `-y`.
 
-    None for any other value.
+    Args:
+        text: Name of an axis, such as `+Z`, or the three numbers of a unit vector along an axis.
+
+    Returns:
+        The name; None for any other text.
     """
     if axis := _AXIS.fullmatch(text):
         return f"{axis[1].replace('+', '')}{axis[2].lower()}"

@@ -136,10 +136,10 @@ class TrainingLoop:
         """Trains until the last iteration, and writes a checkpoint at the end.
 
         Returns:
-            True if the listener stopped the training before its last iteration.
+            True if the training was stopped before its last iteration, by the listener of its progress.
 
         Raises:
-            DatasetError: If the state is of a training with more views.
+            DatasetError: If a resumed training had more views than `photos`.
             DivergedError: If the loss or a parameter is not finite.
             OSError: If a checkpoint cannot be written.
         """

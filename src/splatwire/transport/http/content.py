@@ -324,7 +324,10 @@ class PageContent:
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
     def _scene_attributes(self, name: str) -> dict[str, str]:
-        """Returns the HTML attributes with a stream's preview, for the list of scenes."""
+        """Returns attributes of a `<splat-wire>` element that show a stream's preview in the list of scenes, by name.
+
+        A stream without a preview has none.
+        """
         stream = self.streams[name]
         return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}
 

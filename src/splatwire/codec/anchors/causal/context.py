@@ -115,7 +115,8 @@ class Chain:
 
     Args:
         context: The stream's networks and constants. For each group of attributes (`Stage`), there is one network.
-        place: Outputs of the network that depends on the anchors' positions only, int32 (n, outputs).
+        place: Outputs of the first network, whose only inputs are the anchors' positions, int32 (n, outputs). All
+            groups use them.
     """
 
     def __init__(self, context: CodingContext, place: np.ndarray) -> None:

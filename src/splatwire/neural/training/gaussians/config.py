@@ -101,9 +101,9 @@ class GaussianConfig:
         iterations: Number of iterations before the fine-tuning, at least `MIN_ITERATIONS`.
         tuning: Number of iterations of the fine-tuning, in which the codec's rounding is simulated; 0 for none.
         quality: Quality setting of the codec for the fine-tuning.
-        loss: Loss model that the fine-tuning simulates, in the syntax of `splatwire.channel.parse_loss`; None for no
-            packet loss.
-        dssim: Weight of 1 - SSIM in the loss; the weight of the mean absolute error is 1 - `dssim`.
+        loss: Model of packet losses that the fine-tuning simulates, in the syntax of `splatwire.channel.parse_loss`;
+            None for none.
+        dssim: Weight of 1 - SSIM in the training loss; the weight of the mean absolute error is 1 - `dssim`.
         opacity_weight: Weight of the mean opacity in the loss.
         scale_weight: Weight of the mean standard deviation in the loss, relative to the extent of the cameras.
         dropout: Share of the Gaussians that are left out at random in each iteration, at least 0 and below 1.
