@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
+from splatwire.ops.threads import share
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import MIN_SIZE
 from splatwire.types.gaussians import Gaussians
@@ -174,12 +175,41 @@ class Splats:
 
     def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:
         """Returns the Gaussians with the colours seen by a camera at `camera_center`."""
-        rays = self.means - camera_center
-        with np.errstate(over="ignore"):  # the distance of a very far Gaussian overflows
-            distances = np.linalg.norm(rays, axis=1, keepdims=True)
-        directions = rays / np.maximum(distances, np.float32(1e-12))
-        colors = np.einsum("gd,gdc->gc", sh_basis(directions, self.degree), self.sh) + np.float32(0.5)
-        return Gaussians(self.means, self.quats, self.scales, self.opacities, np.maximum(colors, np.float32(0)))
+        colors = _compiled_colors(self, camera_center)
+        if colors is None:
+            colors = _colors(self, camera_center)
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, colors)
+
+
+def _colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> Float[np.ndarray, "G 3"]:
+    """Returns the colours that a camera sees, by numpy functions of whole arrays."""
+    rays = splats.means - camera_center
+    with np.errstate(over="ignore"):  # the distance of a very far Gaussian overflows
+        distances = np.linalg.norm(rays, axis=1, keepdims=True)
+    directions = rays / np.maximum(distances, np.float32(1e-12))
+    colors = np.einsum("gd,gdc->gc", sh_basis(directions, splats.degree), splats.sh) + np.float32(0.5)
+    return np.maximum(colors, np.float32(0))
+
+
+def _compiled_colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> Float[np.ndarray, "G 3"] | None:
+    """Returns the same colours as `_colors`, by a kernel and in parallel.
+
+    None if an array has a type or layout for which the kernel is not compiled.
+    """
+    # Deferred, because numba takes a second to load, and most users of Gaussians need no colours.
+    from splatwire.ops._colour_kernels import view_colours
+
+    arrays = splats.means, splats.sh, camera_center
+    if not all(a.dtype == np.float32 and a.flags.c_contiguous and a.flags.writeable for a in arrays):
+        return None
+    colors = np.empty((splats.num_gaussians, 3), np.float32)
+
+    def some(begin: int) -> None:
+        rows, basis = slice(begin, begin + ROWS), np.empty(16, np.float32)
+        view_colours(splats.means[rows], splats.sh[rows], camera_center, basis, colors[rows])
+
+    share(some, range(0, splats.num_gaussians, ROWS))
+    return colors
 
 
 def _are_unit(quats: Float[np.ndarray, "G 4"]) -> bool:
