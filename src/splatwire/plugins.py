@@ -176,7 +176,7 @@ class Registry(Generic[Entry]):
         self._loaded.append(point)
 
     def _brought_by(self, point: "EntryPoint") -> bool:
-        """True if the registered entry with an entry point's name comes from the package of this entry point."""
+        """True if the entry that is registered under an entry point's name comes from the same package."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded
 

@@ -115,7 +115,7 @@ class PacketPlan:
         """Ids of all packets, ascending.
 
         Raises:
-            InvalidValueError: With hashed grouping, where packets are known only from a stream.
+            InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.
         """
         self._check_fixed()
         lanes, parts = self.packetization.lanes, self.parts
@@ -126,7 +126,7 @@ class PacketPlan:
         """Returns the index of the packet that contains each element, int32 (N), for elements in the order of the plan.
 
         Raises:
-            InvalidValueError: With hashed grouping, where packets are known only from a stream.
+            InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.
         """
         self._check_fixed()
         lanes = np.int32(self.packetization.lanes)
@@ -154,7 +154,7 @@ class PacketPlan:
         """Returns the number of elements of each group of `groups`, int64 (G).
 
         Raises:
-            InvalidValueError: With hashed grouping, where packets are known only from a stream.
+            InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.
         """
         self._check_fixed()
         counts = self._counts()

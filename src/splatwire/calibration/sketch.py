@@ -38,7 +38,7 @@ class SketchResult:
     Attributes:
         section: Bytes of the section `sketch` of the side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
-        exponent: Exponent of the enlargement of received elements next to lost ones.
+        exponent: Received elements next to lost ones are enlarged to cover them; this exponent controls by how much.
         trust: Weight, 0 to 1, of a neural network that corrects this enlargement.
         psnr: Mean PSNR in decibels without loss (`no loss`), and after simulated packet losses with the concealers
             `drop`, `grow` and `sketch`.

@@ -67,7 +67,7 @@ def advance(words, state, start, size, total_bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def flag(words, state):
-    """Decodes a bit with equal probabilities for 0 and 1."""
+    """Decodes one bit, 0 or 1 with equal probabilities, and advances the decoder's state."""
     bit = ONE if state[0] >= state[1] >> ONE else ZERO
     advance(words, state, bit, ONE, ONE)
     return bit

@@ -47,7 +47,7 @@ class LossyPictures:
         cameras: Views to render.
         concealer: Name of the concealer.
         photos: Photos of the views; None to compare with the complete scene.
-        base_mse: Without photos: mean squared error that is assumed for the complete scene itself.
+        base_mse: Assumed mean squared error between the complete scene and photos, used if there are no photos.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or numbers of photos and cameras differ.

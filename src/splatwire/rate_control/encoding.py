@@ -511,7 +511,8 @@ class _Trials:
         """Encodes the scene so that the PSNR in the held-out views is as close as possible to `psnr` decibels.
 
         Raises:
-            InvalidValueError: If all views of the search equal those of the source at every level.
+            InvalidValueError: If the rendered images equal those of the source at every quantisation level, for example
+                because the scene is invisible.
         """
         # The quantisation level is chosen by the PSNR in other views (`ViewSets.search`). If the PSNR in the
         # held-out views then differs from `psnr`, the level is chosen again with a corrected target.

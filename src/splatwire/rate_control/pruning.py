@@ -71,10 +71,10 @@ class RemovalViews:
         return RemovalViews(((1.0, around), (CLOSEUP_WEIGHT, close)))
 
     def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
-        """Estimates the growth of the mean squared image error if a single Gaussian is removed, for each Gaussian.
+        """Estimates for each Gaussian by how much the mean squared image error grows if that Gaussian alone is removed.
 
         Args:
-            pruned: The pruned scene, possibly fine-tuned.
+            pruned: Scene of N Gaussians that are left after pruning, possibly fine-tuned.
         """
         # A removal that reduces the error counts as if the scene were complete: such a correction of the measured views
         # makes others worse. With it, guitar lost 2 dB at a quarter of its Gaussians.

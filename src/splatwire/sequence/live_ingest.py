@@ -143,7 +143,8 @@ class LiveIngest:
         """Removes the first file from the queue and marks the file as read.
 
         Args:
-            signature: State of the file when it was read (`signature_of`); None to ignore it until it is removed.
+            signature: State of the file when it was read (`signature_of`), so that a later change is noticed. None to
+                ignore the file for as long as it exists.
         """
         self._patience.clear()
         self._source.mark_read(self._waiting.popleft(), signature)

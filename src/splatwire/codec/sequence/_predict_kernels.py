@@ -247,7 +247,8 @@ def _unpack_coefficients(flat, orders, rows):
         flat: The coded coefficients, (M, U), with U coefficients per track.
         orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
             coded per channel, int64 (kinds).
-        rows: Output: the coefficients, (M, channels, frames).
+        rows: Output: the coefficients, (M, channels, frames). The last axis is the degree, which is below the number of
+            frames.
     """
     for i in range(len(rows)):
         u = 0

@@ -338,10 +338,10 @@ class TracksEncoder:
 
         Args:
             group: The tracks of the group.
-            coder: Motion coder of these tracks, first those that need no new keyframe Gaussian.
-            known: Number of tracks that need no new keyframe Gaussian.
-            births: Function that encodes the keyframe Gaussians of new tracks, and writes the motion of these tracks
-                into the coder's remaining entries.
+            coder: Motion coder of these tracks: first the known ones, then new ones, whose entries are empty at first.
+            known: Number of known tracks: their keyframe Gaussians were encoded in earlier groups.
+            births: Function that encodes the keyframe Gaussians of the new tracks, and fills the coder's entries of
+                these tracks.
 
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.

@@ -252,7 +252,7 @@ class KeyframeEncoder:
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, levels)
 
     def _threads_for(self, plan: PacketPlan) -> int | None:
-        """Returns the number of threads for a packet plan."""
+        """Returns the number of threads that encode the blocks of a packet plan; None for all cores."""
         # Starting a second thread takes as long as encoding a block.
         return 1 if plan.num_blocks == 1 else self._threads
 

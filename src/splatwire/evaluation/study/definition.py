@@ -285,7 +285,13 @@ class Study:
 
 
 def _difference(preset: Packetization, other: Packetization, name: str) -> list[str]:
-    """Names a packetization by a preset and the parameters that differ from the preset."""
+    """Returns the words that describe a packetization: the name of a preset, then the parameters that differ from it.
+
+    Args:
+        preset: The preset.
+        other: The packetization.
+        name: Name of the preset.
+    """
     changed = {key: value for key, value in vars(other).items() if getattr(preset, key) != value}
     return [name, *(value if isinstance(value, str) else f"{key}={value}" for key, value in changed.items())]
 

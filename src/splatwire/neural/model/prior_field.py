@@ -18,9 +18,8 @@ class PriorOutputs:
     Attributes:
         feature_mean: Mean of each feature channel.
         feature_scale: Standard deviation of each feature channel, unclamped.
-        feature_weight: Logit of this prediction's weight for each feature channel. A feature is predicted by a mixture:
-            the channel networks give a second prediction with its own logit, and only the difference of both logits
-            matters.
+        feature_weight: Logit of the weight of this prediction for each feature channel. Features are predicted by a
+            mixture of two distributions; the other one and its logit are outputs of the channel networks.
         scaling_mean: Mean of each scaling.
         scaling_scale: Standard deviation of each scaling, unclamped.
         offset_mean: Mean of each offset coordinate, in the order x, y, z of the first offset, then of the second, and

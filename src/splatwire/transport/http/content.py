@@ -85,7 +85,7 @@ class PageContent:
             directly.
         attributes: Further HTML attributes of the page's viewer element (`docs/browser.md`).
         access: Access rules for the scenes; None if all are public.
-        updates: Updates of the streams by name; not in lists of scenes.
+        updates: Updates of the streams by file name. They can be requested, but the list of scenes does not show them.
         downloads: Converter of the streams to other file formats; None for no such downloads.
     """
 

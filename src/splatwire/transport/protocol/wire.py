@@ -101,8 +101,8 @@ def encode_symbol(kind: int, session: int, sequence: int, group: int, symbol: in
         kind: `SIDE` for a symbol of the init segment, `PARITY` for a repair symbol of packets.
         session: Id of the transfer.
         sequence: Sequence number of the datagram.
-        group: Index of the segment of the init segment, or of the parity group.
-        symbol: Index of the symbol in the segment, or of the repair symbol in the group.
+        group: For `SIDE`: index of the piece of the init segment. For `PARITY`: index of the parity group.
+        symbol: Index of the symbol in that piece or group.
         payload: Bytes of the symbol.
     """
     return _closed(_SIDE.pack(VERSION << 4 | kind, session, sequence, group, symbol) + payload)
