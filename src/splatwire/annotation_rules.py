@@ -31,7 +31,7 @@ _CONVERTED = ("Scene", "Elements")
 
 
 class Rule(NamedTuple):
-    """Check that decides whether a value matches one type annotation.
+    """Run-time check of a value against one type annotation.
 
     Attributes:
         what: Description of accepted values; empty if every value is accepted.

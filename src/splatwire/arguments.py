@@ -24,7 +24,7 @@ _VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorator of public functions that checks and converts their arguments by the type annotations.
+    """Decorator for public functions: checks and converts the arguments according to their type annotations.
 
     Where an annotation requires it, NumPy integers become `int`, text becomes `Path`, and lists become tuples.
     """
@@ -32,7 +32,11 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def checked_except(*own: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Returns a decorator like `checked` that skips the named parameters, which the function checks itself."""
+    """Returns a decorator like `checked` that leaves some parameters unchecked.
+
+    Args:
+        *own: Names of parameters that the decorated function checks itself.
+    """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         return _checking(function, own)

@@ -45,12 +45,12 @@ _MANY_BITS = 200
 
 
 def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
-    """Checks that an argument is a loaded object of a type; otherwise the error names the function that reads one.
+    """Checks that an argument is an object of a given type, such as a scene, and not for example a path.
 
     Args:
         value: The argument.
         kind: The expected type.
-        reader: Name of the function that reads such an object from a file.
+        reader: Name of the function that reads such an object from a file, for the message.
         name: Name of the argument, for the message.
 
     Raises:
@@ -144,7 +144,7 @@ class MissingSideInfoError(BitstreamError):
 
 
 class DesyncError(SplatwireError):
-    """Encoder and decoder have derived different coding parameters: their digests differ."""
+    """All data arrived intact, but the decoded values differ from the encoded ones: their digests are different."""
 
 
 class DatasetError(SplatwireError):

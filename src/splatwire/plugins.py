@@ -61,7 +61,10 @@ class Registry(Generic[Entry]):
         self._entries[name], self._sources[name] = entry, source
 
     def check_free(self, name: str, other: str, source: str) -> None:
-        """Checks that a name is free, or that its entry may be replaced by a new one.
+        """Checks that a new entry may use a name that another entry already has.
+
+        It may if both have the same source, or if the new entry is part of splatwire and the old one is not. The latter
+        is logged as a warning.
 
         Args:
             name: The name.
@@ -69,7 +72,7 @@ class Registry(Generic[Entry]):
             source: Source of the new entry, a full dotted name.
 
         Raises:
-            InvalidValueError: If both have different sources, unless only the new one is part of splatwire.
+            InvalidValueError: If the new entry may not use the name.
         """
         if other == source:
             return
@@ -136,9 +139,9 @@ class Registry(Generic[Entry]):
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
     def brought_by(self, name: str) -> str:
-        """Returns the words ` of PACKAGE` for messages about an entry; empty for an entry of splatwire.
+        """Returns the words ` of PACKAGE` for messages about an entry that the installed package PACKAGE registered.
 
-        PACKAGE is the installed package that registered the entry.
+        The text is empty for an entry of splatwire.
 
         Args:
             name: Name of the entry.

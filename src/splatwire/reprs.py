@@ -9,6 +9,9 @@ _LONG = 8
 _MAX_TEXT = 80
 """Maximum number of characters of any other value."""
 
+_MAX_BITS = 200
+"""Maximum number of bits of an integer to show."""
+
 
 def summary_repr(record: Any) -> str:
     """Returns the text of a dataclass instance with a summary of each field, for use as `__repr__`."""
@@ -35,5 +38,7 @@ def summarize(value: Any) -> str:
             return f"{type(value).__name__} of {len(value):,}"
         texts = ", ".join(map(summarize, value)) + ("," if isinstance(value, tuple) and len(value) == 1 else "")
         return f"({texts})" if isinstance(value, tuple) else f"[{texts}]"
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:  # Python refuses to print very long ones
+        return f"an integer of {value.bit_length()} bits"
     text = repr(value)
     return text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]}…"

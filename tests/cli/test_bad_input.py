@@ -4,6 +4,8 @@ import shutil
 
 import pytest
 
+from splatwire.evaluation.study import inputs
+
 
 def assert_complains(outcome, *words):
     assert outcome.status == 2
@@ -131,6 +133,20 @@ def test_evaluate_refuses_a_protocol_and_names_study(run, tmp_path):
 def test_loss_options_require_the_option_loss(run, journey, words):
     reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
     assert_complains(run("evaluate", journey / "tiny.swz", *reference, *words), words[0], "--loss")
+
+
+def test_large_references_that_are_no_scenes_are_refused_before_they_are_hashed(run, journey, tmp_path, monkeypatch):
+    with (tmp_path / "large.ply").open("wb") as file:
+        file.truncate(20 << 30)  # sparse: nothing is stored
+
+    def digest_of_files(path):
+        assert path != tmp_path / "large.ply"
+        return digest(path)
+
+    digest = inputs.digest_of_files
+    monkeypatch.setattr(inputs, "digest_of_files", digest_of_files)
+    words = ("--reference", tmp_path / "large.ply", "--cameras", journey / "cameras.json")
+    assert_complains(run("evaluate", journey / "tiny.swz", *words), tmp_path / "large.ply", "not a scene file")
 
 
 def test_cameras_and_references_must_be_given(run, journey, tmp_path):

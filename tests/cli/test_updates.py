@@ -42,7 +42,9 @@ def test_updates_are_encoded_inspected_verified_and_applied(folder, run):
     assert (unlike.status, "is an update, which has only the changes" in unlike.err) == (2, True)
     for words in (("decode", change, "-o", folder / "x.ply"), ("render", change, "-o", folder / "x"),
                   ("thumb", change, "-o", folder / "x.png"), ("convert", change, folder / "x.spz"),
-                  ("evaluate", change, "--reference", folder / "old.ply"), ("plan", change)):  # fmt: skip
+                  ("evaluate", change, "--reference", folder / "old.ply"), ("plan", change),
+                  ("serve", change), ("serve", change, "--page", "0"), ("view", change, "--no-open"),
+                  ("pack", change, "-o", folder / "x.html"), ("publish", change, "-o", folder / "x")):  # fmt: skip
         alone = run(*words)
         assert (alone.status, "is an update, which has only the changes" in alone.err) == (2, True), words
     assert not list(folder.glob("x*"))

@@ -1,9 +1,11 @@
 """The element anywhere on a page: hidden, without height, transformed, in a frame, on a scrolling page."""
 
 import asyncio
+import base64
 import json
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
@@ -12,6 +14,7 @@ from scenes import tiny_cameras, tiny_causal_scene
 from splatwire.bitstream import Packetization, stream_to_bytes
 from splatwire.codec import encode_scene
 from splatwire.codec.gaussians.quality import Quality
+from splatwire.codec.preview import MOST_LEVELS, Preview, PreviewFrame, write_preview
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
 from transport.chromium import Browser, executable, isolated_page
@@ -30,6 +33,13 @@ WITHOUT_MEMORY = """<script>{ const make = URL.createObjectURL; URL.createObject
 `const say = self.postMessage; self.postMessage = (message, ...more) => {
   if (message.kind === "splats") throw new RangeError("no memory"); say.call(self, message, ...more); };`, blob])); }
 </script>"""
+HELD = """<script>{
+  const listen = EventTarget.prototype.addEventListener, go = new Promise((resolve) => (window.go = resolve));
+  Worker.prototype.addEventListener = function (kind, handler) {
+    listen.call(this, kind, (event) => void go.then(() => handler.call(this, event)));
+  };
+}</script>"""
+"""Page that holds the worker's messages until `go()`."""
 PAGES = {
     "none": ONE.format(src="levels.swz", more="", style=f"{SIZE}; display: none"),
     "anchors": f'{SCRIPT}<splat-wire src="anchors.swz" style="{SIZE}"></splat-wire>'.format(),
@@ -77,9 +87,11 @@ def streams() -> dict[str, bytes]:
     return {name: stream_to_bytes(stream) for name, stream in scenes.items()}
 
 
-def driven(streams: dict[str, bytes], work: Callable[[Host, Browser], None]) -> None:
+def driven(
+    streams: dict[str, bytes], work: Callable[[Host, Browser], None], pages: dict[str, str] | None = None
+) -> None:
     async def serve() -> None:
-        async with hosting(PAGES, streams) as host:
+        async with hosting(PAGES | (pages or {}), streams) as host:
 
             def drive() -> None:
                 with isolated_page() as page:
@@ -151,6 +163,36 @@ def test_viewpoints_that_show_nothing_are_ignored(streams: dict[str, bytes]) -> 
         assert page.resolve(COLOURS)
 
     driven(streams, work)
+
+
+def test_preview_and_poster_with_a_viewpoint_show_and_keep_that_viewpoint(streams: dict[str, bytes]) -> None:
+    """The messages of the worker wait until the preview was examined, so that no state depends on time."""
+    dot = "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw=="
+    rows = np.random.default_rng(1).integers(0, 1 + np.array(MOST_LEVELS), (90, len(MOST_LEVELS)))
+    frame = PreviewFrame.fitting((0.0, 0.0, 0.0), 1.0, [-1.2, -1.2, -1.2, -2.5], [1.2, 1.2, 1.2, -1.0])
+    preview = base64.b64encode(write_preview(Preview(frame, (0, 0, 0), rows))).decode()
+    first, second = ([x, 0.5, 4.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0] for x in (2.0, -2.0))
+    words = [" ".join(map(str, view)) for view in (first, second)]
+    more = f'viewpoint="{words[0]}" poster="{dot}" preview="{preview}"'
+    root = f"{ELEMENT}.shadowRoot"
+    painted, posters = f"{root}.querySelector('canvas.first').toDataURL()", f"{root}.querySelectorAll('.poster').length"
+    saved = f"{ELEMENT}.saveView().split(' ').map(Number)"
+
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}preview")
+        page.wait_for(f"{ELEMENT}?.status?.times?.preview > 0")
+        assert page.evaluate(f"[{posters}, {ELEMENT}.status.gaussians]") == [0, 0]
+        assert page.evaluate(saved) == pytest.approx(first, abs=1e-5)
+        before = page.evaluate(painted)
+        page.evaluate(f"{ELEMENT}.setAttribute('viewpoint', '{words[1]}')")
+        page.wait_for(f"{painted} !== '{before}'")
+        page.evaluate("go()")
+        page.wait_for(f"{ELEMENT}.status.verified && {ELEMENT}.view")
+        assert page.evaluate(f"[{posters}]") == [0]
+        assert page.evaluate(saved) == pytest.approx(second, abs=1e-5)
+        assert page.resolve(COLOURS)
+
+    driven(streams, work, {"preview": HELD + ONE.format(src="ball.swz", more=more, style=SIZE)})
 
 
 def test_error_of_the_decoding_thread_is_reported(streams: dict[str, bytes]) -> None:

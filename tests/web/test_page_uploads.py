@@ -92,7 +92,48 @@ TURNS = f"""(async () => {{
   return found;
 }})()"""
 """Pictures while Gaussians are replaced repeatedly by the same ones in another order."""
-PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
+FULL = """<script>
+window.heard = [];
+for (const kind of ["error", "unhandledrejection"]) window.addEventListener(kind, (event) => heard.push(String(
+  event.reason ?? event.message)));
+document.addEventListener("error", ({detail, target}) => target.localName === "splat-wire" && heard.push(
+  `failed: ${detail.message}`), true);
+window.attempts = 0;
+const context = WebGL2RenderingContext.prototype, {getError, texSubImage2D} = context, full = new WeakSet();
+const isFull = (gl) => !full.has(gl) && (full.add(gl), attempts++ < ATTEMPTS);
+</script>"""
+"""Page that records errors."""
+FULL_GPU = (
+    FULL
+    + """<script>
+context.getError = function () { return isFull(this) ? this.OUT_OF_MEMORY : getError.call(this); };</script>"""
+)
+"""Page on which WebGL refuses memory at first, as it reports on request."""
+FULL_PROCESS = (
+    FULL
+    + """<script>
+context.texSubImage2D = function (...given) {
+  if (isFull(this)) throw new RangeError("Array buffer allocation failed");
+  return texSubImage2D.apply(this, given);
+};</script>"""
+)
+"""Page on which memory of the process is exhausted at first."""
+FULL_FRAME = (
+    FULL
+    + """<script>
+const {drawElementsInstanced} = context;
+context.drawElementsInstanced = function (...given) {
+  if (isFull(this)) throw new RangeError("Array buffer allocation failed");
+  return drawElementsInstanced.apply(this, given);
+};</script>"""
+)
+"""Page on which a frame fails."""
+FULL_PAGES = {
+    f"{name}-{attempts}": page.replace("ATTEMPTS", str(attempts)) + SCENE
+    for name, page in (("gpu", FULL_GPU), ("process", FULL_PROCESS), ("frame", FULL_FRAME))
+    for attempts in (1, 100)
+}
+PAGES = FULL_PAGES | {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 CAMERAS = tiny_cameras(1, 240, 180)
 CAMERA = {"viewmat": CAMERAS.viewmats[0].tolist(), "focal": float(CAMERAS.Ks[0, 1, 1]), "height": 180}
@@ -241,3 +282,32 @@ def test_replaced_rows_are_never_drawn_in_a_stale_order() -> None:
         assert len(set(pictures)) == 1
 
     on_page("patient", encode_splats(ball(degree=0), SMALL, quality=Quality(10.0)), work)
+
+
+@pytest.mark.parametrize("name", ["gpu", "process", "frame"])
+def test_too_little_memory_is_one_error_and_the_scene_is_painted(name: str) -> None:
+    """No promise is rejected without a handler, and a page that waits for a picture gets the reason."""
+
+    def work(page: Browser) -> None:
+        reason = page.wait_for(f"{ELEMENT}?.status?.failed")
+        assert reason.startswith("This device cannot draw the scene: ")
+        page.wait_for(f"{ELEMENT}.status.verified")
+        page.resolve("new Promise((go) => setTimeout(go, 3000))")
+        assert page.evaluate("[heard, attempts]") == [[f"failed: {reason}"], 1]
+        assert page.evaluate(f"[!{ELEMENT}.view, !!{ELEMENT}.shadowRoot.querySelector('.first.shown')]") == [True, True]
+        picture = f"{ELEMENT}.picture({json.dumps(CAMERA)}).catch(({{message}}) => message)"
+        assert page.resolve(picture) == reason
+
+    on_page(f"{name}-100", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)
+
+
+@pytest.mark.parametrize("name", ["gpu", "process"])
+def test_levels_are_drawn_again_with_fewer_gaussians_after_too_little_memory(name: str) -> None:
+    stream = encode_levels(SplatScene(ball(8000)), Packetization(block_size=1000, lanes=4))
+
+    def work(page: Browser) -> None:
+        page.wait_for(f"attempts === 2 && {WHOLE}")
+        assert page.evaluate("heard") == []
+        assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    on_page(f"{name}-1", stream, work)

@@ -16,7 +16,7 @@ from explicit import encode_splats
 from moving_sequences import moving_frames
 from splatwire.bitstream import read_stream
 from splatwire.cli._bundled import ASSETS, SPLATS
-from splatwire.cli._run_serve import program_of
+from splatwire.cli._run_serve import prepare_served_stream
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.transport import Protection
@@ -223,7 +223,7 @@ def test_several_scenes_are_listed_with_their_previews(tmp_path: Path) -> None:
     streams = {"a ball": encode_splats(ball(), SMALL, quality=Quality(10.0)), "bundled": bundled}
     packed = tmp_path / "both.html"
     packed.write_bytes(pack_streams(streams))
-    content = PageContent({name: program_of(stream, Protection()) for name, stream in streams.items()})
+    content = PageContent({name: prepare_served_stream(stream, Protection()) for name, stream in streams.items()})
     links = "[...document.querySelectorAll('nav a')].map((one) => [one.textContent, one.ariaCurrent ?? ''])"
     drawn = "(() => { const {width, height} = document.querySelector('splat-wire-preview canvas'), \
 data = document.querySelector('splat-wire-preview canvas').getContext('2d').getImageData(0, 0, width, height).data; \

@@ -1,6 +1,7 @@
 // npm run native: compiles `native/gaussians.c` to WebAssembly with the clang of the Python package `ziglang` 0.17.1,
 // optimises it with `wasm-opt` of the npm package `binaryen` 132.0.0 and writes it as text into a module. The module
-// is committed, so that only changes of the C file need the tools. They give the same bytes every time.
+// is committed, so that only changes of the C file and of this script need the tools. They give the same bytes every
+// time.
 
 import { execFileSync } from "node:child_process";
 import { createHash } from "node:crypto";
@@ -9,9 +10,13 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
 
-const root = fileURLToPath(new URL("..", import.meta.url)),
+const script = fileURLToPath(import.meta.url),
+  root = fileURLToPath(new URL("..", import.meta.url)),
   source = join(root, "native/gaussians.c"),
+  python = process.env["PYTHON"] ?? "python3",
   out = mkdtempSync(join(tmpdir(), "splatwire-native-"));
+/** Version of `ziglang`; others give other bytes. */
+const ZIG = "0.17.1";
 /** Constants of the text that `src/codec/gaussians/native.ts` reads. This offset gives the fewest compressed bytes. */
 const OFFSET = 45,
   PREFIXES = "!#%&}~",
@@ -23,8 +28,10 @@ const tables = [
 ];
 try {
   const binary = join(out, "gaussians.wasm");
+  const found = execFileSync(python, ["-m", "ziglang", "version"]).toString().trim();
+  if (found !== ZIG) throw new Error(`ziglang ${ZIG} is needed, found ${found}`);
   execFileSync(
-    process.env["PYTHON"] ?? "python3",
+    python,
     [
       ...["-m", "ziglang", "cc", "-target", "wasm32-freestanding", "-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all"],
       ...["-mcpu=generic+simd128+nontrapping_fptoint+bulk_memory", "-Os"],
@@ -52,13 +59,14 @@ try {
       return PREFIXES[Math.floor(code / 48)] + String.fromCharCode(40 + (code % 48));
     }),
     lines = characters.join("").match(/.{1,108}/g),
-    digest = createHash("sha256").update(readFileSync(source)).digest("hex");
+    digest = createHash("sha256"); // also of this script, which has the options and the versions of the tools
+  for (const path of [source, script]) digest.update(readFileSync(path));
   writeFileSync(
     join(root, "src/codec/gaussians/native_module.ts"),
     `// Written by \`npm run native\` from \`native/gaussians.c\`.
 
-/** SHA-256 of the source. */
-export const SOURCE_DIGEST = "${digest}";
+/** SHA-256 of the source and of the script, one after the other. */
+export const SOURCE_DIGEST = "${digest.digest("hex")}";
 /** Module in WebAssembly, as text. */
 export const MODULE =
   ${lines.map((line) => `"${line}"`).join(" +\n  ")};

@@ -35,9 +35,11 @@ function assertSame(native: Decoded, plain: Decoded, info: SideInfo, block: numb
   assert.deepEqual(native.harmonics, plain.harmonics);
 }
 
-test("the WebAssembly module is compiled from its source", () => {
-  const source = readFileSync(new URL("native/gaussians.c", `file://${process.cwd()}/`));
-  assert.equal(createHash("sha256").update(source).digest("hex"), SOURCE_DIGEST, "run: npm run native");
+test("the WebAssembly module is compiled from its source, with the options of the script", () => {
+  const digest = createHash("sha256");
+  for (const path of ["native/gaussians.c", "scripts/native.mjs"])
+    digest.update(readFileSync(new URL(path, `file://${process.cwd()}/`)));
+  assert.equal(digest.digest("hex"), SOURCE_DIGEST, "run: npm run native");
 });
 
 for (const path of STREAMS) {

@@ -1,8 +1,9 @@
 // Framing of clips: an empty frame, sent as an invisible Gaussian at 0, takes no part.
 
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
+import type { Viewpoint } from "../src/codec/decoder.ts";
 import { emptySplats } from "../src/codec/splats.ts";
 import { Stage } from "../src/page/stage.ts";
 import { type Packed, pack } from "../src/render/packed.ts";
@@ -60,4 +61,82 @@ test("a viewpoint far from 0 is kept if the first frame is empty", () => {
   assert.equal(stage.orbit.placed, true);
   const { eye } = stage.viewpoint;
   assert.ok(Math.hypot(eye[0], eye[1], eye[2] - 5003) < 1e-3, String(eye));
+});
+
+test("the automatic rotation continues when the scene is framed again", () => {
+  const stage = stageOf(),
+    { orbit } = stage;
+  stage.add(line(0), true);
+  const { yaw } = orbit;
+  for (let n = 0; n < 5; n++) orbit.drift(0.2);
+  assert.ok(Math.abs(orbit.yaw - yaw - 1) < 1e-6);
+  const framed = orbit.state;
+  stage.resize();
+  assert.ok(Math.abs(orbit.yaw - framed.yaw) < 1e-6);
+  stage.pointCameraAt([0, 0, 0], 1);
+  stage.add(line(0));
+  stage.setLimits(null);
+  assert.ok(Math.abs(orbit.yaw - framed.yaw) < 1e-6);
+  orbit.reset();
+  assert.equal(orbit.yaw, yaw);
+  const viewpoint: Viewpoint = { eye: [0, 0, 3], target: [0, 0, 0], up: [0, 1, 0] };
+  Object.assign(orbit, { touched: false });
+  stage.setViewpoint(viewpoint);
+  assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
+  stage.resize();
+  assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
+});
+
+test("a context that is lost repeatedly is requested with growing pauses, then given up with one error", async () => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  const errors: Error[] = [],
+    lost: (() => void)[] = [],
+    nothing = (): void => undefined;
+  const surface = { append: nothing, prepend: nothing, setAttribute: nothing, addEventListener: nothing },
+    classList = { add: nothing, remove: nothing, toggle: nothing };
+  const createElement = (): object => ({
+    ...surface,
+    classList,
+    addEventListener: (kind: string, lose: () => void) => kind === "webglcontextlost" && lost.push(lose),
+  });
+  const methods = "background antialias begin end add destroy touch".split(" ").map((name) => [name, nothing]);
+  class FakeView {
+    readonly reason = new Error("no memory");
+    readonly sorted = async (): Promise<void> => undefined;
+    readonly failuresAfter = (failures: number): number => failures + 1;
+    constructor() {
+      Object.assign(this, Object.fromEntries(methods));
+    }
+  }
+  Object.assign(globalThis, {
+    window: globalThis,
+    document: { createElement },
+    cancelAnimationFrame: nothing,
+    splatwireView: FakeView,
+  });
+  const stage = new Stage(nothing, (error) => errors.push(error), "a scene");
+  const settle = async (): Promise<void> => {
+    for (let n = 0; n < 20; n++) await null;
+  };
+  stage.startWebGL();
+  void stage.open();
+  for (let failures = 1; failures <= 9; failures++) {
+    await settle();
+    assert.equal(lost.length, failures);
+    assert.equal(errors.length, 0);
+    lost.at(-1)!();
+    mock.timers.tick(500 * 2 ** failures - 1);
+    await settle();
+    assert.equal(lost.length, failures);
+    mock.timers.tick(1);
+  }
+  await settle();
+  assert.deepEqual(
+    errors.map(({ message }) => message),
+    ["no memory"],
+  );
+  void stage.open();
+  await settle();
+  assert.equal(lost.length, 9);
+  mock.timers.reset();
 });

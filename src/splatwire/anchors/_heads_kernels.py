@@ -33,12 +33,12 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
     """Evaluates a network layer (affine map, leaky ReLU) for sixteen anchors.
 
     Args:
-        packed: Biases and weights of the layer, six outputs at a time.
+        packed: Biases and weights in blocks of six outputs: the six biases, then six weights per input.
         num_inputs: Number of inputs.
-        num_groups: Number of groups of six outputs.
-        x: Inputs.
+        num_groups: Number of blocks of six outputs.
+        x: Inputs, flat; input i of anchor a is at index `16 * i + a`.
         slope: Factor on negative results; 1 for no activation.
-        out: Output: results of the layer.
+        out: Output: results of the layer, in the same order as `x`.
     """
     zero = spread(_ZERO)
     for group in range(num_groups):
@@ -69,7 +69,14 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
 @njit(inline="always")
 @no_type_check
 def _in_view(positions, scalings, n, camera):
-    """True if anchor `n` may be visible to the camera (pre-filter of HAC++)."""
+    """True if anchor `n` may be visible to the camera (pre-filter of HAC++).
+
+    Args:
+        positions: Positions of all anchors.
+        scalings: Scalings of all anchors; the first three values are the extent of the anchor.
+        n: Index of the anchor.
+        camera: Pose, intrinsics, centre, width, height and near plane.
+    """
     pose, (fx, fy, cx, cy), _, width, height, near_depth = camera
     p0, p1, p2 = np.float64(positions[n, 0]), np.float64(positions[n, 1]), np.float64(positions[n, 2])
     z = pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2 + pose[2, 3]
@@ -96,7 +103,15 @@ def _in_view(positions, scalings, n, camera):
 @njit(inline="always")
 @no_type_check
 def _choose_anchors(n, last, anchors, hints, camera, chosen):
-    """Collects the indices of up to sixteen visible anchors.
+    """Finds the next visible anchors, at most sixteen.
+
+    Args:
+        n: Index of the first anchor to test.
+        last: End of the anchors to test (exclusive).
+        anchors: Arrays of all anchors: positions, features, scalings, offsets and masks.
+        hints: Arrays of `RenderHints`; the first is the mask of hidden anchors, empty for none.
+        camera: Pose, intrinsics, centre, width, height and near plane.
+        chosen: Output: indices of the visible anchors.
 
     Args:
         n: Index of the first anchor to test.
@@ -189,13 +204,16 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
 @njit(inline="always")
 @no_type_check
 def _output(table, row, num_hidden, hidden):
-    """Evaluates the output layers of the shape and the colour network for one Gaussian; returns eight values of each.
+    """Evaluates the output layers of the covariance and the colour network for one Gaussian.
 
     Args:
-        table: Biases and weights of both output layers for every offset of an anchor; see `compiled_heads`.
+        table: Biases and weights of both layers for every offset of an anchor (`compiled_heads._pack_output_layers`).
         row: Index in `table` of the first value for the Gaussian's offset.
         num_hidden: Number of hidden units of each network.
         hidden: Values of the hidden units of both networks.
+
+    Returns:
+        Sixteen values: eight of the covariance network, then eight of the colour network.
     """
     a, b, c, d = load(table, row), spread(_ZERO), spread(_ZERO), spread(_ZERO)
     for i in range(0, num_hidden * LANES, 4 * LANES):
@@ -243,9 +261,9 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
     Args:
         first: Index of the first anchor.
         last: End of the range of anchors (exclusive).
-        anchors: Arrays of all anchors.
-        hints: Result of loss concealment; empty arrays if there is none.
-        camera: Pose, intrinsics and near plane.
+        anchors: Arrays of all anchors: positions, features, scalings, offsets and masks.
+        hints: Arrays of `RenderHints`: hidden anchors, factors on size, factors on opacity; empty arrays for none.
+        camera: Pose, intrinsics, centre, width, height and near plane.
         num_hidden: Number of hidden units of each network.
         opacity_layers: Hidden layer and output layer of the opacity network, packed for the kernel.
         other_layers: Hidden layers of the covariance and colour networks, and their combined output layers, packed for

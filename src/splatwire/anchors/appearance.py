@@ -70,9 +70,10 @@ def _conversion_hint(value: object) -> str:
 
 @singledispatch
 def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
-    """Returns the Gaussians that camera `view` draws, relative to the scene's origin; not differentiable.
+    """Returns the Gaussians that camera `view` draws. Not differentiable.
 
-    The cameras must be relative to that origin, too: `cameras.relative_to(origin_of(scene))`.
+    Their positions are relative to the scene's origin. The cameras must be, too:
+    `cameras.relative_to(origin_of(scene))`.
 
     Raises:
         InvalidValueError: If `scene` is not a scene.
@@ -93,9 +94,10 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
 
 @singledispatch
 def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Returns the Gaussians of a scene seen by camera `view`, and the index of the element that generated each.
+    """Returns the Gaussians that camera `view` sees, and for each the index of the anchor and offset that generated it.
 
-    Results of loss concealment (`scene.hints`) are not applied.
+    For scenes of explicit Gaussians, the anchor is the Gaussian itself and the offset is 0. The factors and hidden
+    elements chosen by loss concealment (`scene.hints`) are not applied.
     """
     own = np.arange(scene.num_elements)
     return SpawnedGaussians(gaussians_of_view(scene, cameras, view), own, np.zeros_like(own))
@@ -154,7 +156,7 @@ def _(scene: AnchorScene) -> SceneMetadata:
 
 @singledispatch
 def explicit_gaussians(scene: Scene) -> Splats | None:
-    """Returns the Gaussians that every view of a scene draws; None if the Gaussians depend on the view."""
+    """Returns the Gaussians of a scene of explicit Gaussians; None for a scene of anchors."""
     return None
 
 
@@ -165,7 +167,10 @@ def _(scene: SplatScene) -> Splats | None:
 
 @singledispatch
 def largest_sizes(scene: Scene) -> Float64[np.ndarray, "N"]:
-    """Returns the largest size of each element, world units; of an anchor, that of its Gaussians and offsets."""
+    """Returns the largest size of each element (anchor or Gaussian), world units.
+
+    For a Gaussian, this is the largest scale. For an anchor, it is the largest value of its `scalings`.
+    """
     return np.exp(to_numpy(scene.elements.log_sizes).astype(np.float64))
 
 
@@ -181,9 +186,9 @@ def _(scene: AnchorScene) -> Float64[np.ndarray, "N"]:
 
 @singledispatch
 def without_invalid(scene: Scene) -> Scene:
-    """Returns a scene without Gaussians that cannot be drawn, such as those with an opacity above 1; warns of them.
+    """Removes Gaussians that cannot be drawn, such as those with an opacity above 1, and warns if there are any.
 
-    Decoded scenes are returned unchanged, because their Gaussians are valid. Scenes of anchors are returned unchanged.
+    Decoded scenes and scenes of anchors are returned unchanged.
     """
     return scene
 

@@ -62,18 +62,21 @@ def predict_causal(
     quantised: Callable[[str, Any, Any], Any] | None = None,
     join: Callable[[list[Any], int], Any] = np.concatenate,
 ) -> CausalPrediction:
-    """Predicts the distributions of all attributes of M anchors with the networks of the causal context model.
+    """Predicts the probability distributions of all attributes of M anchors with the causal context model.
+
+    Attributes are predicted in order: feature groups, scale of the offsets, base sizes, offsets. The inputs of each
+    network are the encoded position and the attributes before it.
 
     Args:
-        networks: The networks by name.
+        networks: Networks of the context model by name, each a function from inputs to outputs.
         config: Configuration of the context model.
         inputs: Encoded positions of the anchors, from `position_inputs`.
-        feature: Features in units of their quantisation steps.
-        log_sizes: Sizes of each anchor: the logarithms of the scale of its offsets and of the base size of its
-            Gaussians along three axes. `CausalCoding.centres` is subtracted; the unit is the quantisation step.
-        quantised: Rounds attributes; called with the name of a network, the means that it predicts, and the attributes.
-            None for no rounding.
-        join: Concatenates arrays along an axis; `torch.cat` for tensors.
+        feature: Features of the anchors, in quantisation steps.
+        log_sizes: Logarithms of the scale of the offsets and of the base sizes along three axes, in quantisation steps,
+            relative to `CausalCoding.centres`.
+        quantised: Function that rounds attributes, given the name of the network, the predicted means and the
+            attributes; None for no rounding.
+        join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known = networks["position"](inputs)
     means, spreads, before = [], [], 0

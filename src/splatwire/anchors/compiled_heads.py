@@ -58,7 +58,7 @@ def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> Spawn
 
 
 def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object, ...]:
-    """Returns the arguments of the compiled kernel that are equal for all ranges of anchors."""
+    """Returns all arguments of the kernel `spawn_block` except the range of anchors."""
     anchors, hints, nothing = to_arrays(scene.anchors), to_arrays(scene.hints), np.empty(0, np.float32)
     fields = (anchors.positions, anchors.features, anchors.scalings, anchors.offsets, anchors.mask)
     gains: tuple[np.ndarray, ...] = (np.empty(0, np.bool_), nothing, nothing)
@@ -69,8 +69,6 @@ def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object,
     pose = to_numpy(cameras.viewmats[view]).astype(np.float64)
     center = to_numpy(cameras.centers[view]).astype(np.float32)
     camera = (pose, intrinsics, center, cameras.width, cameras.height, float(cameras.near_depth))
-    if any(t.shape[0] not in (0, anchors.num_anchors) for t in gains):
-        raise ValueError(f"hints of {[t.shape[0] for t in gains]} anchors, the scene has {anchors.num_anchors}")
     heads = _packed(to_arrays(scene.heads), anchors.features.shape[1] + 4, anchors.mask.shape[1])
     return _arrays(fields), _arrays(gains), camera, *heads
 
@@ -87,16 +85,16 @@ def _packed(heads: GaussianHeads, num_inputs: int, num_offsets: int) -> tuple[ob
         Hidden width, layers of the opacity network, layers of the other networks, and slopes of the ReLUs.
     """
     width = max(network.hidden.bias.shape[0] for network in (heads.opacity, heads.covariance, heads.color))
-    opacity = _widened(heads.opacity, width, num_inputs, num_offsets)
-    shape = _widened(heads.covariance, width, num_inputs, 7 * num_offsets)
-    color = _widened(heads.color, width, num_inputs, 3 * num_offsets)
+    opacity = _pad_hidden(heads.opacity, width, num_inputs, num_offsets)
+    shape = _pad_hidden(heads.covariance, width, num_inputs, 7 * num_offsets)
+    color = _pad_hidden(heads.color, width, num_inputs, 3 * num_offsets)
     first, second, third = (_packed_layer(network.hidden) for network in (opacity, shape, color))
-    last = (first, _packed_layer(opacity.output)), (second, third, _by_offset(shape, color))
+    last = (first, _packed_layer(opacity.output)), (second, third, _pack_output_layers(shape, color))
     return width, *last, tuple(np.float32(network.negative_slope) for network in (opacity, shape, color))
 
 
-def _widened(network: Mlp, width: int, num_inputs: int, num_outputs: int) -> Mlp:
-    """Pads the hidden layer of a network with zeros to `width`.
+def _pad_hidden(network: Mlp, width: int, num_inputs: int, num_outputs: int) -> Mlp:
+    """Pads the hidden layer of a network with zeros to `width` units.
 
     Raises:
         ValueError: If the number of inputs or outputs is wrong.
@@ -117,11 +115,16 @@ def _packed_layer(layer: Linear) -> np.ndarray:
     return np.ascontiguousarray(table.reshape(len(table), -1, ROWS).swapaxes(0, 1)).ravel()
 
 
-def _by_offset(shape: Mlp, color: Mlp) -> np.ndarray:
-    """Returns the biases and weights of the output layers of two networks in one table for the compiled kernel.
+def _pack_output_layers(shape: Mlp, color: Mlp) -> np.ndarray:
+    """Combines the output layers of the covariance and the colour network in one table for the compiled kernel.
 
-    The table has a part for each offset of an anchor: a row of biases, then one row of weights per hidden unit. The
-    first half of a row belongs to the shape network, the second half to the colour network.
+    Args:
+        shape: The covariance network.
+        color: The colour network.
+
+    Returns:
+        One part per offset of an anchor, flat: a row of biases, then one row of weights per hidden unit. The first half
+        of a row belongs to the covariance network, the second half to the colour network.
     """
     from splatwire.anchors._heads_kernels import COLOR, LANES
 

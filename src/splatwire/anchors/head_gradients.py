@@ -63,11 +63,11 @@ class AnchorGradients:
 
 
 class Spawning:
-    """Numpy implementation of the generation of Gaussians from anchors in one view, with back-propagation.
+    """Gaussians generated from anchors for one view, with back-propagation to the anchors (NumPy).
 
     Args:
         anchors: The anchors, none of which may be at the camera centre.
-        heads: The networks.
+        heads: The networks that predict the Gaussians.
         camera_center: Camera centre, world units.
 
     Attributes:

@@ -29,13 +29,12 @@ class FollowingStoppedError(Exception):
 
 
 async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields a scene when it has been received, and the updated scene after each of its updates.
+    """Yields a scene as soon as it is received, and a new version of the scene after each update.
 
-    Only complete scenes are yielded. The generator ends when the transfer of the scene or of an update ends with the
-    reason "stopped", because the caller stopped it.
+    Only complete scenes are yielded. The generator ends when the caller stops a transfer.
 
     Args:
-        fetch: Receives the stream of a given name.
+        fetch: Function that receives the stream with a given name.
         name: Name of the scene; an empty name requests the server's first scene.
         warn: Called with the text of each warning.
 
@@ -81,10 +80,12 @@ async def follow(fetch: Fetch, name: str, warn: Warn) -> AsyncGenerator[SceneStr
 
 
 async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator[SceneStream, None]:
-    """Yields each update of a scene when it has been received, until the server has no further update.
+    """Yields each update of a scene as soon as it is received, until the server has no further update.
+
+    While there is no network, transfers are repeated.
 
     Args:
-        fetch: Receives the stream of a given name.
+        fetch: Function that receives the stream with a given name.
         digest: Digest of the scene's stream (`manifest_digest`), hexadecimal.
         warn: Called with the text of each warning.
 
@@ -113,7 +114,14 @@ async def updates_after(fetch: Fetch, digest: str, warn: Warn) -> AsyncGenerator
 
 
 def _once(warn: Warn) -> Warn:
-    """Returns a function that passes on each warning once; after an empty text, warnings are passed on again."""
+    """Wraps a warning function so that repetitions of a warning are suppressed.
+
+    Args:
+        warn: Function that is called with the text of each warning.
+
+    Returns:
+        Function that is called in place of `warn`. An empty text makes it forget all earlier warnings.
+    """
     said = set[str]()
 
     def new(text: str) -> None:
@@ -127,7 +135,16 @@ def _once(warn: Warn) -> Warn:
 
 
 async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:
-    """Receives a stream, and retries while the server's host name is unknown or no route to the server exists."""
+    """Receives a stream; tries again as long as the host name cannot be resolved, or there is no route to the server.
+
+    Args:
+        fetch: Function that receives the stream with a given name.
+        name: Name of the stream.
+        warn: Called with a warning at the first failure.
+
+    Raises:
+        OSError: If the transfer fails for another reason.
+    """
     pause, warned = RETRY_S, False
     while True:
         try:
@@ -142,15 +159,15 @@ async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:
 
 
 def check_follows(stream: SceneStream, digest: str) -> None:
-    """Checks that a stream is an update of a scene.
+    """Checks that a stream is an update of a given version of a scene.
 
     Args:
         stream: The stream.
         digest: Digest of the scene's stream, hexadecimal.
 
     Raises:
-        InvalidValueError: If the stream is no update, that of another scene, or changes nothing.
-        BitstreamError: If its section is damaged.
+        InvalidValueError: If the stream is not an update, belongs to another scene, or changes nothing.
+        BitstreamError: If the description of the update is damaged.
     """
     if stream.manifest.codec != UPDATE:
         raise InvalidValueError(f"the server sends {stream.manifest.elements} as update")

@@ -48,7 +48,13 @@ class _Settings:
 
 @dataclass(frozen=True, eq=False)
 class _Opened:
-    """Server that runs in a thread of its own: server, event loop of the thread, and event that stops the server."""
+    """Server that runs in a separate thread.
+
+    Attributes:
+        running: The server.
+        loop: Event loop of the thread.
+        stop: Event that stops the server.
+    """
 
     running: RunningServer
     loop: asyncio.AbstractEventLoop
@@ -196,7 +202,7 @@ class TrainingServer:
             raise error
 
     def _encode(self) -> None:
-        """Encodes waiting scenes; runs in a thread of its own."""
+        """Encodes waiting scenes; runs in a separate thread."""
         try:
             self._encode_until_closed()
         finally:  # no call waits for a thread that has ended
@@ -229,13 +235,16 @@ class TrainingServer:
     def _published(
         self, state: PartialUpdates | None, splats: Splats, share: float, updates: OfferedUpdates
     ) -> PartialUpdates:
-        """Encodes a scene, and offers the stream and the update to this stream to clients.
+        """Encodes a new state of the scene, and offers it to clients, both as a complete stream and as an update.
 
         Args:
-            state: State of the updates after the preceding scene; None if `splats` is the first scene.
+            state: Return value of the previous call; None for the first scene.
             splats: The scene.
             share: Maximum share of the Gaussians to send.
             updates: Updates that clients can request.
+
+        Returns:
+            State to pass to the next call.
         """
         if state is None:
             after = PartialUpdates.start(splats, self._settings.antialiased)

@@ -16,12 +16,12 @@ from splatwire.reprs import summary_repr
 
 
 class Arrangement(NamedTuple):
-    """Elements (anchors or Gaussians) of a stream, grouped by packet, with the packets received for each group.
+    """Elements (anchors or Gaussians) of a stream in groups that share packets, and the received packets of each group.
 
     Attributes:
-        groups: Indices of the elements in coding order, group after group.
-        packets: Packets in the order of the groups, with None in place of each lost packet. Each group has one entry,
-            or one entry per attribute if the stream has separate packets for its attributes.
+        groups: Indices of the elements, group after group.
+        packets: Packets in the order of the groups; None for a lost packet. Each group has one entry, or one entry per
+            attribute if attributes have separate packets.
     """
 
     groups: PacketGroups
@@ -30,14 +30,14 @@ class Arrangement(NamedTuple):
 
 @checked
 def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
-    """Divides the elements of a stream into groups that were received or lost together.
+    """Groups the elements of a stream by packet, and marks the groups whose packets were lost.
 
     Args:
         plan: Packet plan of the stream.
         packets: Received packets, in any order.
 
     Returns:
-        Groups in the order of the complete stream.
+        All elements of the complete stream, in the order of its packets.
 
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two contain the same element.
@@ -119,10 +119,13 @@ def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Pack
 
 
 def _received_and_missing(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Yields the received packets of a stream, and the gaps of lost packets, in the order of the elements.
+    """Yields the received packets and the gaps between them, for packets filled up to a size limit (grouping `hashed`).
 
     Yields:
         Number of elements, and the packet that contains them; None instead of a packet for a gap.
+
+    Raises:
+        InvalidValueError: If two packets contain the same element.
     """
     ordered = sorted(arrived)
     at = 0

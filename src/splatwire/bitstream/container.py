@@ -156,7 +156,13 @@ def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: 
 
 
 def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
-    """Reads the size of the packet at a position in a stream file, and returns where the packet ends."""
+    """Returns the byte position at which the packet at `position` of a stream file ends; None if its size is invalid.
+
+    Args:
+        file: The open file.
+        size: Size of the file in bytes.
+        position: Byte position of the packet's length field.
+    """
     start = position + RECORD_PREFIX.size
     if start > size:
         return None

@@ -14,9 +14,9 @@ _HEAD, _CHUNK = struct.Struct("<4sIII4s"), struct.Struct("<I4s")
 
 
 def json_size(head: bytes, name: str) -> int:
-    """Returns the number of bytes between byte 20 of a binary glTF file and its binary data.
+    """Returns how many bytes of a binary glTF file (`.glb`) lie between its first 20 bytes and its binary data.
 
-    These bytes are the JSON and the header of the next chunk.
+    These bytes are the JSON document and the header of the binary chunk.
 
     Args:
         head: The first 20 bytes of the file.
@@ -37,7 +37,7 @@ def stream_location(text: bytes, name: str) -> tuple[int, int]:
     """Returns the position and size of the stream that is embedded in a binary glTF file.
 
     Args:
-        text: The bytes of the file from byte 20 to the start of its binary data; `json_size` returns their number.
+        text: Bytes of the file after the first 20, up to its binary data (see `json_size`).
         name: Source of the bytes, for error messages.
 
     Returns:

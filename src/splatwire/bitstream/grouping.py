@@ -12,7 +12,7 @@ CHUNK = 1 << 17
 
 
 def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) -> np.ndarray:
-    """Assigns elements to packets of a block by a hash of their index.
+    """Assigns the elements of a block to its packets by a hash of the element's index.
 
     This is the "Hash Interleaving" of Section 3.2.2 of the paper that this project implements (docs/paper-map.md).
 
@@ -23,7 +23,7 @@ def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) ->
         seed: Seed of the hash, ξ.
 
     Returns:
-        Packet of each element, uint8 (`stop - start`).
+        For each element, index of its packet within the block, 0 to M - 1, uint8 (`stop - start`).
     """
     out = np.empty(stop - start, np.uint8)
     for first in range(start, stop, CHUNK):
@@ -60,13 +60,13 @@ def contiguous_bounds(size: int, num_ranges: int) -> np.ndarray:
 
 
 def contiguous_lanes(size: int, num_packets: int) -> np.ndarray:
-    """Assigns the elements of a block to packets; each packet gets consecutive elements.
+    """Assigns consecutive elements of a block to the same packet.
 
     Args:
         size: Number of elements of the block.
         num_packets: Number of packets.
 
     Returns:
-        Packet of each element, uint8 (`size`).
+        For each element, index of its packet within the block, uint8 (`size`).
     """
     return np.repeat(np.arange(num_packets), np.diff(contiguous_bounds(size, num_packets))).astype(np.uint8)

@@ -152,7 +152,7 @@ class PacketIntake:
                 self._problems.append(problem)
 
     def _check(self, packet: Packet) -> None:
-        """Checks that the packet plan of the stream contains a packet with a given id and number of elements.
+        """Checks that the stream's packet plan has a packet with this id and number of elements.
 
         Raises:
             CorruptPacketError: If the plan has no such packet.
@@ -165,7 +165,11 @@ class PacketIntake:
             self._check_hashed(packet)
 
     def _check_hashed(self, packet: Packet) -> None:
-        """Checks size and elements of a packet with hashed grouping, whose elements are in pseudo-random order."""
+        """Checks a packet of a stream whose packets are filled up to a size limit (grouping `hashed`).
+
+        Raises:
+            CorruptPacketError: If the packet is too large, contains elements of another packet, or is surplus.
+        """
         if packet.num_bytes > self._plan.packetization.packet_bytes:
             raise CorruptPacketError(
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"

@@ -88,8 +88,8 @@ class StreamSchema:
         format_version: Version of the stream format that introduced it.
         elements: Plural name of the elements (`anchors`, `Gaussians`), for messages.
         sections: Fixed sections of the side information, in order.
-        elements_per_byte: Maximum number of elements per byte of side information, a protection against forged
-            manifests.
+        elements_per_byte: Maximum number of elements per byte of side information. A manifest with more is rejected as
+            forged.
         layout: True if the manifest contains the sizes of an anchor's attributes.
         separable: True if packets may contain single attributes (separated packaging).
         spread: True if each packet contains elements from all over the scene by default; False if neighbouring elements
@@ -100,8 +100,8 @@ class StreamSchema:
             per group.
         tiled: True if a block is a tile that viewers request individually.
         max_tiers: Maximum number of importance tiers.
-        codec: `module:name` of the complete schema with encoder and decoder; empty without one.
-        scene: `module:name` of the type of its scenes; empty for a complete schema.
+        codec: Import path `module:name` of the codec (`Schema`); empty if this object is itself a codec.
+        scene: Import path `module:name` of the class of its scenes; empty if this object is itself a codec.
     """
 
     name: str

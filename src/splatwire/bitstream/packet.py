@@ -72,7 +72,7 @@ class Packet:
 
 
 def part_byte(part: int) -> int:
-    """Returns the header byte of a packet that contains a single attribute of its elements.
+    """Returns the header byte of a packet that contains a single attribute of its elements (separated packaging).
 
     Args:
         part: Index of the attribute in `PARTS`, 1 or more.

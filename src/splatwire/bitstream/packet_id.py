@@ -21,12 +21,12 @@ SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
 class PacketId:
     """Id of a packet within a stream.
 
-    Ids are ordered by block, then packet of the block, then attribute.
+    Ids are ordered by block, then by packet of the block, then by attribute.
 
     Attributes:
         block: Index of the spatial block.
-        lane: Index of the packet within its block. The grouping `hashed` fills packets up to a size limit; there it
-            is the index of the packet's first element within its block, in hash order.
+        lane: Index of the packet within its block. If packets are filled up to a size limit (grouping `hashed`), index
+            of the packet's first element within the block, in hash order.
         part: Attribute that the packet contains, an index into `PARTS`; 0 for whole elements.
     """
 

@@ -109,7 +109,7 @@ class Packetization:
 
     @property
     def common(self) -> bool:
-        """True if all codecs support this packetization."""
+        """True if every codec supports this packetization: atomic packets in Morton order."""
         return not self.separated and self.order == "morton"
 
 
@@ -131,7 +131,9 @@ _PACKET_ELEMENTS, _FEWEST_LANES = 375, 8
 
 @checked
 def spread_packetization(num_elements: int) -> Packetization:
-    """Returns a packetization with packets spread over the scene, so that a loss thins regions out evenly.
+    """Returns a packetization whose packets each contain elements from all over the scene.
+
+    A lost packet then thins the scene out evenly instead of leaving a hole.
 
     Args:
         num_elements: Number of elements to encode.

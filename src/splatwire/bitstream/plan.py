@@ -17,14 +17,14 @@ from splatwire.errors import InvalidValueError
 
 
 class PacketGroups(NamedTuple):
-    """Elements of every packet, as one array that is divided into groups.
+    """Elements of a stream, divided into groups that share packets.
 
-    A group contains the elements of one packet. If each packet contains a single attribute, several packets describe
-    the same elements; these elements are one group.
+    A group contains the elements of one packet. If each attribute has separate packets, it contains the elements that
+    several packets describe.
 
     Attributes:
-        ranks: Indices of all elements in the order of the plan (`PacketPlan`), group after group, int64 (N). Group g
-            has the elements `ranks[starts[g]:starts[g + 1]]`.
+        ranks: Indices of all elements in plan order (see `PacketPlan`), group after group, int64 (N). Group g has the
+            elements `ranks[starts[g]:starts[g + 1]]`.
         starts: Start of each group in `ranks` and the end of the last, int64 (G + 1).
     """
 
@@ -34,17 +34,16 @@ class PacketGroups(NamedTuple):
 
 @dataclass(frozen=True)
 class PacketPlan:
-    """Mapping between elements and packets, computed from a few parameters in the manifest.
+    """Mapping between elements (anchors or Gaussians) and packets, computed from a few parameters in the manifest.
 
-    Elements are identified by their index in the order of the plan. Without importance tiers, this is the coding order.
-    With tiers, elements are sorted by tier, and by coding order within a tier; `bitstream.tiers.tier_order` lists them
-    in this order, as indices in the coding order.
+    Elements are identified by their index in plan order: sorted by importance tier, then by coding order. With a single
+    tier, plan order is coding order. `bitstream.tiers.tier_order` converts plan order to coding order.
 
     Attributes:
         packetization: Parameters of the division into packets.
         num_elements: Number of elements of the scene, N.
         tiers: Sizes of the importance tiers; empty for a single tier.
-        feature_groups: Number of channel groups of the anchor feature if each has packets of its own; otherwise 0.
+        feature_groups: Number of channel groups of the anchor feature if each group has separate packets; otherwise 0.
 
     Raises:
         InvalidValueError: If the scene exceeds a limit of the format, or the tiers are inconsistent.
@@ -102,10 +101,7 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """Values of `PacketId.part` in this stream: indices of the attributes with separate packets.
-
-        If packets contain whole elements, the only value is 0.
-        """
+        """Values of `PacketId.part` in this stream: attributes with separate packets, or only 0 (whole elements)."""
         if not self.packetization.separated:
             return (0,)
         return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
@@ -123,7 +119,7 @@ class PacketPlan:
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Returns the index of the packet that contains each element, int32 (N), for elements in the order of the plan.
+        """Returns the index of the packet that contains each element, int32 (N), for elements in plan order.
 
         Raises:
             InvalidValueError: With the grouping `hashed`, whose packets depend on the sizes of the coded elements.
@@ -140,8 +136,8 @@ class PacketPlan:
     def groups(self) -> PacketGroups:
         """Returns the elements of the stream, divided into groups that share a packet.
 
-        With the grouping `hashed`, a group contains the elements of a whole block instead. This grouping fills packets
-        up to a size limit, so the manifest does not determine the packet of an element.
+        If packets are filled up to a size limit (grouping `hashed`), the plan does not determine the packet of an
+        element. A group then contains the elements of a whole block.
         """
         if self.packetization.hashed:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
@@ -161,22 +157,19 @@ class PacketPlan:
         return counts[counts > 0]
 
     def block_ranks(self, block: int) -> np.ndarray:
-        """Returns the elements of a block, packet after packet, int64 (elements).
-
-        An element is given by its index in the order of the plan (see `PacketPlan`).
-        """
+        """Returns the elements of a block, packet after packet, as indices in plan order, int64 (elements)."""
         if self.packetization.hashed:
             return self._hash_order(block)
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
         return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
-        """Returns the elements of a packet as indices in the order of the plan (see `PacketPlan`), int64.
+        """Returns the elements of a packet as indices in plan order (see `PacketPlan`), int64.
 
         Args:
             packet_id: The packet.
-            num_elements: Number of elements of the packet. It may be None unless packets are filled up to a size limit
-                (grouping `hashed`).
+            num_elements: Number of elements of the packet. Required if packets are filled up to a size limit (grouping
+                `hashed`); otherwise it may be None.
 
         Raises:
             InvalidValueError: If the plan has no such block, lane or part, or the number of elements does not fit.
@@ -191,7 +184,7 @@ class PacketPlan:
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
     def run(self, packet_id: PacketId, num_elements: int) -> slice:
-        """Returns the elements of a packet as a range of indices into `block_ranks` of the packet's block.
+        """Returns the slice of `block_ranks` with the elements of a packet.
 
         Args:
             packet_id: The packet.
@@ -217,7 +210,7 @@ class PacketPlan:
         return int(_lane_counts(self, packet_id.block)[packet_id.lane])
 
     def fits(self, packet_id: PacketId, num_elements: int) -> bool:
-        """True if the packet plan of the stream contains a packet with a given id and number of elements."""
+        """True if the plan has a packet with this id and this number of elements."""
         count = self.count(packet_id)
         return 1 <= num_elements <= count if self.packetization.hashed else num_elements == count > 0
 
@@ -226,9 +219,7 @@ class PacketPlan:
         return self._span(block).block_elements(block)
 
     def name_hashed(self, first_rank: int) -> PacketId:
-        """Returns the id of the packet that starts with a given element, for packets filled up to a size limit.
-
-        This requires the grouping `hashed`.
+        """Returns the id of the packet that starts with a given element, with the grouping `hashed`.
 
         Args:
             first_rank: Index of the packet's first element in `groups().ranks`.
@@ -249,7 +240,7 @@ class PacketPlan:
             raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
 
     def _lanes_of(self, span: Span) -> np.ndarray:
-        """Returns, for each element of an importance tier, the index of the packet within the block, uint8."""
+        """Returns, for each element of an importance tier, the index of its packet within the block, uint8."""
         p = self.packetization
         if p.grouping == "stratified":
             return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)
@@ -258,7 +249,15 @@ class PacketPlan:
         return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
-        """Returns the first element of a packet's block, and the packet of each element in the block, uint8."""
+        """Assigns the elements of a packet's block to the packets of this block.
+
+        Returns:
+            Index of the block's first element in plan order; and for each element, index of its packet within the
+            block, uint8.
+
+        Raises:
+            InvalidValueError: If the plan has no such packet.
+        """
         p = self.packetization
         span = self._span(packet_id.block)
         check_range("lane", packet_id.lane, 0, span.lanes - 1)
@@ -287,7 +286,7 @@ class PacketPlan:
 
 
 def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
-    """Counts the elements of every packet of an importance tier, in streams where a hash assigns elements to packets.
+    """Counts the elements of every packet of an importance tier, with the grouping `stratified` (assignment by hash).
 
     Args:
         span: Range of blocks of the tier.

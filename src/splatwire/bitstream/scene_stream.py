@@ -74,6 +74,20 @@ class SceneStream:
         """
         if self.manifest.schema.timed:
             raise InvalidValueError(f"{source} is a clip, and this takes scenes; `decode` writes its frames as scenes")
+        return self.not_update(source)
+
+    def not_update(self, source: object = "the stream") -> "SceneStream":
+        """Checks that the stream is not an update, which can be neither decoded nor shown without its scene.
+
+        Args:
+            source: Source of the stream, for the message.
+
+        Returns:
+            The stream itself.
+
+        Raises:
+            InvalidValueError: If the stream is an update.
+        """
         if self.manifest.codec == UPDATE:
             raise InvalidValueError(
                 f"{source} is an update, which has only the changes of a scene: `apply` makes a stream of both"

@@ -68,11 +68,14 @@ class Span(NamedTuple):
 
 @checked
 def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierShape, ...]:
-    """Returns the sizes of the importance tiers; empty for a single tier.
+    """Counts the elements of each importance tier, and chooses the number of packets per block of each tier.
 
     Args:
         tiers: Importance tier of each element, integers from 0 (most important), N.
         packetization: Parameters of the division into packets.
+
+    Returns:
+        Sizes of the tiers; empty for a single tier.
 
     Raises:
         InvalidValueError: If the number of tiers exceeds its limit, or a tier before the last is empty.

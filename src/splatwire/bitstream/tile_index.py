@@ -20,15 +20,13 @@ SECTION = "tiles"
 
 @dataclass(frozen=True, eq=False)
 class TileIndex:
-    """Index of a stream's tiles in the order of its blocks.
-
-    A tile is a spatial block of one level of detail.
+    """Index of a stream's tiles in the order of its blocks. A tile is a spatial block of one level of detail.
 
     Attributes:
         packets: Number of packets of each tile, int64 (B).
         sizes: Size of each tile in the file, bytes, int64 (B).
-        errors: Geometric error of each tile: RMS distance of its centres from those of the finest level, world units,
-            float32 (B).
+        errors: Geometric error of each tile: RMS distance of the finest Gaussians from the tile's Gaussians that
+            replace them, world units, float32 (B).
     """
 
     packets: np.ndarray
@@ -51,8 +49,7 @@ def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
 
     Args:
         stream: The stream, with all packets.
-        errors: Geometric error of each tile: RMS distance of its centres from those of the finest level, world units,
-            float32 (B).
+        errors: Geometric error of each tile (see `TileIndex`), world units, float32 (B).
     """
     blocks = np.array([packet.id.block for packet in stream.packets], dtype=np.int64)
     weights = np.array([packet.num_bytes + RECORD_PREFIX.size for packet in stream.packets], dtype=np.float64)

@@ -28,8 +28,8 @@ class Tiles(CheckedFields):
         counts: Number of Gaussians of each tile, int64 (B).
         packets: Number of packets of each tile, int64 (B).
         sizes: Bytes of each tile in the file, int64 (B).
-        errors: Geometric error of each tile: RMS distance of its centres from those of the finest level, world units,
-            float64 (B).
+        errors: Geometric error of each tile: RMS distance of the finest Gaussians from the tile's Gaussians that
+            replace them, world units, float64 (B).
         low: Lower corner of the bounding box of each tile, world units, float64 (B, 3).
         high: Upper corner of the box, float64 (B, 3).
     """
@@ -57,11 +57,14 @@ class Tiles(CheckedFields):
 
 
 def parents_of(children: int, parents: int) -> np.ndarray:
-    """Returns the index of the coarser tile that replaces each finer tile, int64 (children).
+    """Assigns the tiles of a level of detail to the tiles of the next coarser level, in order and evenly.
 
     Args:
-        children: Number of finer tiles.
-        parents: Number of coarser tiles.
+        children: Number of tiles of the finer level.
+        parents: Number of tiles of the coarser level.
+
+    Returns:
+        For each finer tile, index of the coarser tile that replaces it, int64 (children).
     """
     return ((2 * np.arange(children, dtype=np.int64) + 1) * parents) // (2 * children)
 

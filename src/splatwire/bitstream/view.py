@@ -64,7 +64,9 @@ class Cut(CheckedFields):
 
 
 def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
-    """Returns the size of the error in the picture if a tile is missing, for each tile, pixels, float64 (B).
+    """Returns the screen-space error of drawing the next coarser tile instead of each tile, pixels, float64 (B).
+
+    The error is infinite for tiles of the coarsest level, and reduced for tiles outside the picture.
 
     Args:
         tiles: All tiles of the scene.
@@ -74,7 +76,7 @@ def pixel_errors(tiles: Tiles, viewpoint: Viewpoint | None) -> np.ndarray:
 
 
 def _errors_and_usefulness(tiles: Tiles, viewpoint: Viewpoint | None) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the error in the picture and the usefulness (visible area per byte) of each tile, float64 (B) each."""
+    """Returns the screen-space error (`pixel_errors`) and the visible area per byte of each tile, float64 (B) each."""
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if viewpoint is None:
         return errors, errors.copy()
@@ -158,7 +160,7 @@ def _chosen(tiles: Tiles, viewpoint: Viewpoint | None, budget: int) -> np.ndarra
 
 
 def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
-    """Finds, for each Gaussian of a coarser tile, the finer tile that replaces the Gaussian.
+    """Returns, for each Gaussian of a coarser tile, the finer tile at its position.
 
     Args:
         tiles: The tiles.
@@ -166,7 +168,7 @@ def replaces_tile(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
         means: Centres of some Gaussians of this tile, float64 (N, 3).
 
     Returns:
-        Index of the finer tile for each Gaussian, int64 (N); -1 in the finest level.
+        Index of the finer tile with the nearest bounding box, int64 (N); -1 if `tile` is in the finest level.
     """
     finer = np.flatnonzero(tiles.parents == tile)
     if not len(finer):

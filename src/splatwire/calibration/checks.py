@@ -12,9 +12,8 @@ def check_settings(settings: Any, what: str, counts: Sequence[str], **sensible: 
     Args:
         settings: A dataclass instance.
         what: Name of the operation that uses the settings, for the error message.
-        counts: Names of fields that must be at least 1; they are tested here.
-        **sensible: Results of the caller's tests of other fields: the name of the field, and True if its value is
-            valid.
+        counts: Names of fields that must be at least 1.
+        **sensible: For other fields, by name: True if the caller found the value valid.
 
     Raises:
         InvalidValueError: If a field is invalid; the message names all invalid fields.

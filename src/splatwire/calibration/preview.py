@@ -44,7 +44,7 @@ _DECAYS, _LEAST = (0.9, 0.99), 1e-8
 
 @dataclass(frozen=True)
 class PreviewConfig:
-    """Settings of the fit of a preview.
+    """Settings for fitting a preview: a few Gaussians that are sent first, and shown until the scene arrives.
 
     Attributes:
         num_bytes: Maximum size of the preview in bytes.
@@ -130,7 +130,7 @@ def preview_for_scene(
 
 
 class _Fit:
-    """Gradient descent on the Gaussians of a preview."""
+    """Optimiser of a preview's Gaussians, by gradient descent."""
 
     # The parameters are the ten numbers of each Gaussian (`PreviewFrame.values`), divided by their learning rates,
     # so that the Adam optimiser needs only one learning rate.
@@ -227,7 +227,7 @@ class _Fit:
         return (back * self._rates).astype(np.float32), behind * np.float32(BACKGROUND_RATE)
 
     def _start_rounding(self) -> None:
-        """Fixes the quantisation ranges to the current parameters; rounds the parameters from now on."""
+        """Switches to rounded parameters, with the range of the current parameters as quantisation range."""
         values = self._raw.values * self._rates
         low, high = values.min(axis=0), values.max(axis=0)
         least, most = [*low[:3].tolist(), float(low[3:6].min())], [*high[:3].tolist(), float(high[3:6].max())]
@@ -260,11 +260,11 @@ class _Fit:
         self._raw.values[:] = values / self._rates
 
     def _weights_and_errors(self) -> tuple[Float[np.ndarray, "G"], Float[np.ndarray, "G"]]:
-        """Measures how visible each Gaussian is, and the errors of the pictures in the pixels that the Gaussian covers.
+        """Measures the visibility of each Gaussian, and the picture error in the pixels that it covers.
 
         Returns:
-            For each Gaussian, the sum of its blending weights over the pixels of the pictures; and the sum of its
-            blending weights times the squared errors of these pixels.
+            For each Gaussian, the sum of its blending weights over all pixels; and the sum of its blending weights
+            times the squared errors of the pixels.
         """
         now = self._current_gaussians()[1]
         shown, wrong = np.zeros(now.num_gaussians, np.float32), np.zeros(now.num_gaussians, np.float32)

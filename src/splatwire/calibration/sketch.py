@@ -57,16 +57,16 @@ class SketchResult:
 
 @runtime_checkable
 class Sketch(Protocol):
-    """Typing protocol (structural type) for a sketch.
+    """Typing protocol (structural type) for a sketch: coarse copies of a scene's most important elements.
 
-    A sketch holds coarse copies of important elements. A receiver draws them if the elements are lost. Elements are
-    anchors or explicit Gaussians.
+    A receiver draws a copy if the element itself is lost. Elements are anchors or explicit Gaussians. To cover elements
+    that are lost without a copy, a receiver enlarges their neighbours.
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Parameters with which a receiver enlarges received elements to cover lost ones: one or two exponents,
-            then the weight of the neural network that corrects the enlargement, 0 (no correction) to 1.
-        growths: Exponents of the enlargement that the calibration tries, the default first.
+        growth: Strength of this enlargement: one or two exponents, then the weight of the neural network that corrects
+            the enlargement, 0 (no correction) to 1.
+        growths: Exponents that the calibration tries, the default first.
         trusts: Weights of the correcting network that the calibration tries, 0 to 1, the default first.
     """
 
@@ -78,15 +78,15 @@ class Sketch(Protocol):
 
     @property
     def growth(self) -> tuple[float, ...]:
-        """Parameters for the enlargement of received elements around lost elements."""
+        """Parameters with which a receiver enlarges received elements next to lost ones."""
 
     @property
     def growths(self) -> Sequence[tuple[float, ...]]:
-        """Exponents of the enlargement that the calibration tries, the default first."""
+        """Candidates for the exponents with which a receiver enlarges elements next to lost ones, the default first."""
 
     @property
     def trusts(self) -> Sequence[float]:
-        """Weights of the network that corrects the enlargement, 0 to 1, that the calibration tries; default first."""
+        """Candidates for the weight of the neural network that corrects this enlargement, 0 to 1, the default first."""
 
     def with_growth(self, growth: tuple[float, ...]) -> "Sketch":
         """Returns a sketch with the same coarse copies and new parameters for the enlargement of received elements.
@@ -162,7 +162,7 @@ def sketch_of(
 
 
 class _Scores:
-    """Measures the mean PSNR of a scene after simulated packet losses and concealment, against reference pictures."""
+    """Measures the PSNR of a scene after simulated packet losses and concealment, against reference pictures."""
 
     def __init__(self, stream: SceneStream, scene: Scene, views: CalibrationViews, config: SketchConfig) -> None:
         self._stream, self._scene, self._config = stream, scene, config

@@ -135,7 +135,7 @@ class AnchorSketch:
 def _sensitivity(
     scene: AnchorScene, cameras: Cameras, max_bytes: int, config: SketchConfig, show: Progress
 ) -> Sensitivity:
-    """Measures how much errors of each anchor's attributes change the rendered pictures.
+    """Estimates how much the rendered pictures change if attributes of an anchor change, or if the anchor is lost.
 
     Args:
         scene: The complete scene.
@@ -163,7 +163,7 @@ def _largest_sketch(
     options: SketchFit,
     show: Callable[[float], None],
 ) -> SketchSection:
-    """Returns the sketch with the most copies and the highest precision that takes at most `max_bytes` bytes.
+    """Returns the best sketch (coarse copies of anchors) that takes at most `max_bytes` bytes.
 
     Args:
         material: Data of the scene and of the anchors that may be copied.
@@ -171,6 +171,9 @@ def _largest_sketch(
         max_bytes: Maximum size in bytes.
         options: Settings for the choice and quantisation.
         show: Called with the completed share, 0 to 1.
+
+    Raises:
+        InvalidValueError: If not even one copy fits.
     """
     # Searches for the Lagrange multiplier (squared error per bit) at which the optimal sketch has about this size.
     best: SketchSection | None = None

@@ -37,11 +37,11 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        crowding: Factor on the estimated cost of losing an anchor when the anchors to copy are chosen; a smaller factor
-            gives fewer copies.
+        crowding: Correction factor on the estimated picture error of losing an anchor, for the choice of the anchors to
+            copy. A smaller factor gives fewer copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
-        max_excess: Upper limit on the enlargement of received anchors next to lost ones, as a multiple of the
-            enlargement for the average loss of the scene (`Grow.max_excess`).
+        max_excess: Upper limit on this enlargement, relative to the enlargement for the average loss of the scene
+            (`Grow.max_excess`).
         trust: Weight of the neural network that corrects the enlargement, 0 (no correction) to 1 (`SceneFree.trust`).
     """
 
@@ -92,7 +92,9 @@ class SketchMaterial:
     num_anchors: int
 
     def price_of(self, count: float, options: SketchFit) -> float:
-        """Returns the Lagrange multiplier (squared error per bit) with which about `count` anchors get a copy.
+        """Returns the price of a bit at which about `count` anchors are worth a copy.
+
+        The price is a squared error in the pictures: the Lagrange multiplier for `fit_sketch`.
 
         Args:
             count: Number of anchors to copy.
@@ -205,7 +207,8 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
         options: Settings for the choice and quantisation.
 
     Returns:
-        The quantised transform with the quantisation step of offsets, and the coarsest step of the coefficients.
+        The quantised transform, which includes the quantisation step of offsets; and the quantisation step of the
+        coefficients at the coarsest level.
     """
     # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
     likely = options.crowding * material.removal > price * BITS_OF_COPY
@@ -272,11 +275,11 @@ class _Plan:
         return _Plan(mask, values, offsets * np.repeat(mask, 3, axis=1), error)
 
     def bits(self, copied: np.ndarray) -> np.ndarray:
-        """Estimates the size of each candidate's copy in bits at the precision level of this plan, float64 (M).
+        """Estimates the size of each candidate's copy at the precision level of this plan, bits, float64 (M).
 
         Args:
-            copied: Mask of the candidates in whose copies the symbol frequencies are counted, bool (M). If there are
-                fewer than 16, all candidates are used.
+            copied: Mask of the candidates that are likely to be copied, bool (M). Symbol frequencies are counted in
+                their copies, or in all copies if the mask has fewer than 16 candidates.
         """
         used = copied if copied.sum() >= 16 else np.ones_like(copied)
         total = np.full(len(copied), 6.0)

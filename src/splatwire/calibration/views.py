@@ -67,7 +67,7 @@ class CalibrationViews(CheckedFields):
         )
 
     def in_front(self, scene: AnyScene) -> AnyScene:
-        """Returns the scene with the background colour of these views; unchanged if the views have no such colour."""
+        """Returns a scene with the background colour of these views; unchanged if the views do not set one."""
         return scene if self.background is None else replace(scene, background=self.background)
 
 

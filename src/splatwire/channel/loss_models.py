@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.arguments import CheckedFields, check_fields
+from splatwire.arguments import CheckedFields, check_fields, checked
 from splatwire.errors import InvalidValueError
 
 UNIT = "pak"
@@ -61,6 +61,7 @@ class NoLoss(CheckedFields):
         """Text `none`, as parsed by `parse_loss`."""
         return "none"
 
+    @checked
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Returns a mask of received packets in which all n entries are True, bool, shape (n,)."""
         return np.ones(n, bool)
@@ -89,6 +90,7 @@ class Bernoulli:
         """Text `bernoulli:RATE` with the loss rate, as parsed by `parse_loss`."""
         return f"bernoulli:{_format_number(self.rate)}"
 
+    @checked
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Draws which of n packets (or datagrams) are received; returns the mask, bool, (n,)."""
         return rng.random(n) >= self.rate
@@ -158,6 +160,7 @@ class GilbertElliott:
         share = (self.rate - (1 - self.arrival_good)) / (self.arrival_good - self.arrival_bad)
         return min(max(share, 0.0), 1.0)  # rounding errors may exceed the range
 
+    @checked
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Draws which of n packets (or datagrams) are received; returns the mask, bool, (n,)."""
         # A chain that is always bad has no transition to good, whatever the burst length.

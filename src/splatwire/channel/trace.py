@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.arguments import check_fields
+from splatwire.arguments import check_fields, checked
 from splatwire.channel.loss_models import UNIT
 from splatwire.errors import DatasetError
 
@@ -43,6 +43,7 @@ class Trace:
         """Text `trace:FILE[,repeat]` with the path of the file, as parsed by `parse_loss`."""
         return f"trace:{self.path}{',repeat' if self.repeat else ''}"
 
+    @checked
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Returns the first n entries of the trace.
 

@@ -156,7 +156,7 @@ def retransmitted(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *,
 
 
 def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Simulates retransmission in a sequence, and returns the group of pictures during which each packet arrives.
+    """Simulates retransmission in a sequence: returns when each packet arrives, as a group of pictures.
 
     Args:
         stream: Stream of a sequence (dynamic scene).
@@ -165,8 +165,8 @@ def arrival_groups(stream: SceneStream, mask: PacketLossMask, loss: LossModel, *
         seed: Random seed of the first transmission; the seeds of retransmissions are derived from it.
 
     Returns:
-        Index of the group of pictures for each packet, -1 if the packet never arrives, in the order of
-        `SceneStream.packets`, int64.
+        For each packet, in the order of `SceneStream.packets`, index of the group of pictures during which it arrives;
+        -1 if it never arrives; int64.
     """
     plan, own = stream.manifest.plan, _group_of_packets(stream)
     arrival = np.where(mask.received, own, -1)
@@ -215,13 +215,13 @@ def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: st
 
 
 def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
-    """Draws at random which packets are received, given losses of datagrams.
+    """Draws at random which packets are received, under a loss model of packets or of datagrams.
 
     A packet is lost if any of its datagrams is lost.
 
     Args:
         datagrams: Number of datagrams of each packet, in sending order, int64.
-        loss: Loss model of packets or datagrams.
+        loss: The loss model.
         seed: Random seed.
 
     Returns:

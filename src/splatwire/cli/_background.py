@@ -39,7 +39,7 @@ def start_thread(work: Callable[[], Any], name: str) -> "asyncio.Future[Any]":
 
 
 async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits until a task ends, or until a stop is requested and a grace period has passed.
+    """Waits until a task ends. After a stop request, waits no longer than a grace period.
 
     Args:
         work: The task.

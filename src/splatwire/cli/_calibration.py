@@ -38,7 +38,7 @@ def check_look(options: LookFrom) -> None:
 
 
 def views_of(options: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
-    """Returns the views in which a calibration compares pictures, and their description for messages.
+    """Returns the views for comparing pictures in a calibration, and their description for messages.
 
     Args:
         options: Command-line options that select the reference pictures.
@@ -76,14 +76,14 @@ def _behind(options: LookFrom, scene: Scene) -> Background:
 
 
 def stream_output(path: Path, what: str) -> Path:
-    """Checks and returns the path of the stream that a calibration writes.
+    """Checks that the output path of a calibration is a stream that can be written, and returns the path.
 
     Args:
         path: The path.
         what: Name of the addition to the stream, such as `sketch`, for the message.
 
     Raises:
-        InvalidValueError: If the name has not the suffix of a stream, or the file cannot be written.
+        InvalidValueError: If the file name suffix is not that of a stream, or the file cannot be written.
     """
     if path.suffix != ".swz":
         raise InvalidValueError(f"a {what} travels in the stream: the output must end in .swz, not {path}")
@@ -91,7 +91,7 @@ def stream_output(path: Path, what: str) -> Path:
 
 
 def complete_stream(source: Path, show: Reporter) -> SceneStream:
-    """Reads the stream that gets the calibrated section; encodes the scene if the source is a scene file.
+    """Reads the stream to which a calibration adds data; encodes a scene file first.
 
     Args:
         source: Path of the stream or scene file.
@@ -108,7 +108,7 @@ def with_quick_sketch(stream: SceneStream, cameras: Cameras | None, show: Report
 
     Args:
         stream: The complete stream.
-        cameras: Views in which importance is measured; None for views around the scene.
+        cameras: Views for measuring importance; None for views around the scene.
         show: Called with the name of the current task and its finished share, 0 to 1.
     """
     complete = decode_stream(stream)

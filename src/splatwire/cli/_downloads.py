@@ -33,7 +33,7 @@ class _FinishedConversion:
     Attributes:
         num_bytes: Size of the file, or of all files of the folder.
         file: The file; None for a folder.
-        tags: Entity tags of the files of a folder by their paths.
+        tags: For a folder, the entity tag (ETag) of each file, by its path in the folder.
     """
 
     num_bytes: int

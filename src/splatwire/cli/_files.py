@@ -155,7 +155,7 @@ def output_folder(name: str) -> Iterator[Path]:
 
 
 def check_folder(path: Path) -> None:
-    """Checks, before the work, that an output folder can be created.
+    """Checks that an output folder can be created, before the work starts.
 
     Raises:
         InvalidValueError: If the path exists and is not a folder, its parent folder does not exist or is not writable,
@@ -169,14 +169,14 @@ def check_folder(path: Path) -> None:
 
 
 def check_folder_name(name: str, instead: str) -> None:
-    """Checks that the name of an output folder does not end like that of a file.
+    """Checks that the name of an output folder does not have the suffix of a file format.
 
     Args:
         name: Output path given by the user.
         instead: Hint for users who want a file.
 
     Raises:
-        InvalidValueError: If its suffix is that of a file format.
+        InvalidValueError: If the name has such a suffix.
     """
     if Path(name).suffix.lower() in _FORMATS:
         raise InvalidValueError(f"{name}: a clip is written to a folder, whose name has no such suffix; {instead}")

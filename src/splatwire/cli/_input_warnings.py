@@ -82,8 +82,8 @@ class _Repeated:
     """A warning about several files of a folder.
 
     Attributes:
-        first: The file with which the warning was printed.
-        kind: Start of the printed line: `warning: `, or empty for a message that is no warning.
+        first: The file that the printed warning names.
+        kind: Start of the printed line: `warning: `; empty for messages of a lower log level.
         reason: Text of the warning after the name of the file.
         others: Names of other files with the same warning.
     """
@@ -108,7 +108,7 @@ class _Repeated:
 
 @contextmanager
 def input_warnings() -> Iterator[InputWarnings]:
-    """Context that prints warnings about inputs."""
+    """Context that prints warnings about input files, each only once."""
     handler, loggers = InputWarnings(), [logging.getLogger(name) for name in _TELLING]
     before = [logger.level for logger in loggers]
     for logger in loggers:

@@ -165,11 +165,11 @@ async def first_event(first: asyncio.Event, second: asyncio.Event) -> asyncio.Ev
 
 
 class LoopErrors:
-    """Handler of event-loop errors outside of any request; repeated system errors are printed at intervals.
+    """Handler of errors in the event loop outside of any request; limits how often system errors are printed.
 
     Args:
         clock: Returns the current time, seconds.
-        report: Reports an error message; None prints it on standard error.
+        report: Function that prints an error message; None to print on standard error.
     """
 
     def __init__(

@@ -73,7 +73,7 @@ class _Forward(logging.Filter):
 
 @contextmanager
 def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
-    """Context in which warnings about single frames are passed to a function instead of the log.
+    """Context in which warnings about single frames go to a function instead of the log.
 
     Args:
         warn: Function that receives the text of a warning.

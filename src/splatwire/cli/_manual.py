@@ -38,7 +38,8 @@ def _lines() -> Iterator[str]:
         yield from _help_lines(name)
         yield ".fi"
     yield ".SH EXIT STATUS"
-    yield "0 on success, 2 for an error, 3 if data are missing or damaged, 130 after Ctrl\\-C."
+    yield "0 on success, 2 for an error, 3 if data are missing or damaged, 130 after Ctrl\\-C, 143 after SIGTERM."
+    yield "Verbs that run until they are stopped, such as serve, exit with 0 after both signals."
 
 
 def _help_lines(verb: str) -> Iterator[str]:

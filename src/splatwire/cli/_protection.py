@@ -10,7 +10,11 @@ from splatwire.transport import Protection
 
 
 def plan_of_file(path: Path) -> tuple[Protection, int]:
-    """Reads a plan written by `splatwire plan`."""
+    """Reads a plan for redundancy written by `splatwire plan`.
+
+    Returns:
+        The redundancy, and the id of the stream for which it was planned.
+    """
     with path.open("rb") as file:
         return read_plan(file.read(MOST_BYTES + 1), str(path))
 

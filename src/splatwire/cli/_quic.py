@@ -85,7 +85,7 @@ def trust_of(options: TrustOptions) -> Trust:
 
     Raises:
         InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.
-        OSError: If the authority's file cannot be read.
+        OSError: If the file of the certificate authority cannot be read.
     """
     authority = None if options.authority is None else options.authority.read_bytes()
     return Trust(authority, options.fingerprint, options.insecure)

@@ -24,9 +24,9 @@ def transfer_of(trusted: TrustOptions, address: Address) -> Transfer:
         address: Address of the server or relay.
 
     Returns:
-        The function. Its first argument are the options of the receiver. Its second argument is a function that is
-        called with each event, or None. Two keyword arguments are optional: `tap`, a function that is called with each
-        datagram, and `stop`, a future that ends the transfer.
+        The function, with these arguments: options of the receiver; function that is called with each event, or None;
+        and two optional keyword arguments, `tap` (function that is called with each datagram) and `stop` (future that
+        ends the transfer).
 
     Raises:
         InvalidValueError: If options for certificates are set although the protocol is UDP, which has none, or if they
@@ -73,7 +73,7 @@ def relay_trust(trusted: TrustOptions) -> RelayTrust:
 
     Raises:
         InvalidValueError: If the fingerprint is invalid, or more than one of these options is set.
-        OSError: If the authority's file cannot be read.
+        OSError: If the file of the certificate authority cannot be read.
     """
     trust = _quic_functions().trust_of(trusted)
     return RelayTrust(trusted.authority, trust.fingerprint, trust.insecure)

@@ -53,7 +53,7 @@ def resource_problem(error: BaseException) -> str | None:
 
 
 def address_space_warning() -> str:
-    """Returns a warning if the process's address space is limited to less than libraries need; otherwise empty.
+    """Returns a warning if the process's address space is limited to less than libraries may need; otherwise empty.
 
     Raises:
         MemoryError: If the limit is so low that libraries would certainly fail.

@@ -57,7 +57,7 @@ def _embeds(command: CalibrateGnn) -> bool:
 
 
 def _check(command: CalibrateGnn) -> None:
-    """Checks the values and the combination of the options."""
+    """Checks the values of the options of `calibrate gnn`, and that they can be combined."""
     if command.precision is not None and command.precision not in PRECISIONS:
         raise UnknownNameError("precision", command.precision, PRECISIONS)
     if command.precision is not None and _embeds(command):

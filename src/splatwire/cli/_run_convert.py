@@ -283,15 +283,15 @@ def _is_timed(path: Path) -> bool:
 
 
 def _in_process(chosen: Conversion, *, accept_damage: bool) -> dict[str, Any]:
-    """Converts one of several inputs in a separate process, so that an error does not end the remaining conversions.
+    """Converts one of several inputs in a separate process, so that an error does not end the other conversions.
 
     Args:
         chosen: The conversion.
         accept_damage: True to convert also a stream with damaged bytes.
 
     Returns:
-        Source, output, exit status, facts about the result, size of the output in bytes (None if it failed), and
-        messages on standard error.
+        Result by name: `source`, `output`, exit `status`, `num_bytes` of the output and `error` (or None), `facts`
+        about the output, and `messages` on standard error.
     """
     names = (chosen.source, chosen.output)
     source, output = (f"./{name}" if name.startswith("-") else name for name in names)  # no options

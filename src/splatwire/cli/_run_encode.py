@@ -80,7 +80,7 @@ def _run(command: Encode, source: Path) -> None:
 
 
 def _check(command: Encode) -> None:
-    """Checks the values and the combination of the options before the scene is read."""
+    """Checks the values of the options of `encode`, and that they can be combined, before the scene is read."""
     if command.no_sketch and not _needs_copies(command):
         raise InvalidValueError("--no-sketch needs --preset datagram and no levels: only then `encode` adds a sketch")
     packetization_of(command, UNNAMED_SCHEMA, 1)
@@ -129,7 +129,7 @@ def _effort(command: Encode) -> str:
 
 
 def _needs_rate_control(command: Encode) -> bool:
-    """True if the options give a target size or PSNR, or ask for pruning of Gaussians."""
+    """True if the options set a target size or PSNR, or request pruning of Gaussians."""
     return command.size is not None or command.psnr is not None or _effort(command) != "fast"
 
 
@@ -264,9 +264,9 @@ def _print_result(
 
 
 def _up(command: Encode, scene: Scene, cameras: Cameras | None) -> str | None:
-    """Returns the up axis for viewers, from `--up` or estimated.
+    """Returns the up axis that the stream stores for viewers: the value of `--up`, or an estimate.
 
-    None if the stream need not store the up axis.
+    Returns None if no axis is stored, because viewers know the view or use the default axis.
     """
     # No axis is estimated if the metadata of the scene has an up axis or a view, or if cameras are given. An estimated
     # axis equal to the default, -y, is not stored either.

@@ -70,8 +70,8 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
     """Encodes and serves the frames of a clip, until SIGINT or SIGTERM or until the last frame.
 
     Returns:
-        None if the encoder has ended. Otherwise the exit status with which the process should end at once, because the
-        encoder still runs after the signal.
+        None if the encoder has ended. Otherwise an exit status: the encoder still runs after the signal, and the
+        process should exit at once.
     """
     stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
     async with contextlib.AsyncExitStack() as stack:
@@ -120,9 +120,9 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end after a stop request; returns True if a compilation delays the end.
+    """Waits for the encoder to end after a stop request; returns True if it is still compiling kernels.
 
-    Returns False if the encoder has ended, or if it has not ended in time for another reason.
+    Returns False if the encoder has ended, or has not ended in time for another reason.
     """
     # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_S` after the request.
     end = time.monotonic() + STOP_S - COMPILING_S

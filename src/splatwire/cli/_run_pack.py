@@ -24,7 +24,8 @@ def run(command: Pack) -> None:
         if name in streams:
             raise InvalidValueError(f"two streams are called {name}")
         with input_path(source) as path:
-            streams[name], report = read_stream(path)
+            stream, report = read_stream(path)
+            streams[name] = stream.not_update(path)
             num_lost += report.num_missing
             write = _gltf_writer(streams[name], path) if gltf else None
     num_packets = sum(len(stream.packets) for stream in streams.values())

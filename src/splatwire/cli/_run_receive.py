@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import itertools
 import re
-import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -18,6 +17,7 @@ from splatwire.cli._files import output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._receiving import transfer_of
+from splatwire.cli._signals import StoppedError, canceling_on_signals
 from splatwire.cli._terminal import print_failure
 from splatwire.cli.receive import Receive
 from splatwire.errors import InvalidValueError, MissingSideInfoError
@@ -61,7 +61,7 @@ def run(command: Receive) -> None:
             if isinstance(event, StreamReplaced) and not live.began:
                 _write_period(command, event.stream, next(periods))
 
-        receiver, stopped = _transfer(command, address, options, on_event)
+        receiver, signals = _transfer(command, address, options, on_event)
         stream, over = receiver.stream(), receiver.finished
         reason = over.reason if over else "stopped"
         if stream is None:
@@ -76,8 +76,8 @@ def run(command: Receive) -> None:
         else:
             _decoding_module().write_scene(command, stream, path, show)
     _print_result(command, receiver, stream, reason, moments)
-    if stopped:
-        raise KeyboardInterrupt  # sets the exit status; the received data is already written
+    if signals and reason == "stopped":
+        raise StoppedError(signals[0])  # sets the exit status; the received data is already written
     num_missed = receiver.num_missed + live.num_dropped
     if not (command.partial or _is_complete(reason, live=receiver.is_live, num_missed=num_missed)):
         missing = receiver.describe_missing()
@@ -91,22 +91,23 @@ def run(command: Receive) -> None:
 
 
 def _follow(command: Receive, address: Address, options: ReceiverOptions) -> None:
-    """Receives a scene and its updates until interrupted by the user, and writes each state of the scene.
+    """Receives a scene and its updates until the user interrupts, and writes each new version of the scene.
 
     Raises:
-        InvalidValueError: If an option does not fit, or the scene does not arrive as a whole at first.
+        InvalidValueError: If an option cannot be combined with `--follow`, or the first transfer is incomplete.
     """
     if command.deadline or command.partial or command.camera or command.pcap or address.scheme == "moq":
         raise InvalidValueError("--follow is for udp:// and quic://, without --deadline, --partial, --camera, --pcap")
     transfer, decoding, num_written = transfer_of(command.trust, address), _decoding_module(), 0
 
-    async def run() -> None:
+    async def run() -> list[int]:
+        stop, began = asyncio.get_running_loop().create_future(), time.perf_counter()
+        with canceling_on_signals(stop) as signals:
+            await receive(stop, began)
+        return signals
+
+    async def receive(stop: asyncio.Future[None], began: float) -> None:
         nonlocal num_written
-        loop = asyncio.get_running_loop()
-        stop = loop.create_future()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop.cancel)
-        began = time.perf_counter()
 
         async def fetch(name: str) -> Receiver:
             return await transfer(replace(options, name=name), None, stop=stop)
@@ -127,9 +128,9 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
                 text = f"{elements:,} {stream.manifest.elements} after {seconds:.2f} s -> {command.output}"
                 print_summary(text, command.output)
 
-    asyncio.run(run())
+    signals = asyncio.run(run())
     if not num_written:
-        raise KeyboardInterrupt  # stopped before the scene arrived; sets the exit status
+        raise StoppedError(*signals[:1])  # stopped before the scene arrived; sets the exit status
 
 
 def print_warning(text: str) -> None:
@@ -147,7 +148,7 @@ def _decoding_module() -> ModuleType:
 
 def _transfer(
     command: Receive, address: Address, options: ReceiverOptions, on_event: Callable[[Event], None]
-) -> tuple[Receiver, bool]:
+) -> tuple[Receiver, list[int]]:
     """Receives the stream, and writes all datagrams to a capture file (pcap) if requested.
 
     Args:
@@ -157,7 +158,7 @@ def _transfer(
         on_event: Called with each event of the transfer.
 
     Returns:
-        The receiver, and True if the user stopped the transfer.
+        The receiver, and the numbers of the signals that should stop the transfer.
     """
     transfer = transfer_of(command.trust, address)
     with contextlib.ExitStack() as stack:
@@ -224,7 +225,7 @@ def _is_complete(reason: str, *, live: bool, num_missed: int) -> bool:
 
 
 class TransferTimes:
-    """Times of the first events of a transfer, in seconds since the start of the transfer."""
+    """Measures when the first events of a transfer happen, in seconds since its start."""
 
     def __init__(self) -> None:
         self._began = time.perf_counter()
@@ -268,18 +269,15 @@ class TransferTimes:
 
 async def _stoppable(
     transfer: Callable[[asyncio.Future[None]], Awaitable[Receiver]],
-) -> tuple[Receiver, bool]:
+) -> tuple[Receiver, list[int]]:
     """Runs a transfer until the transfer ends, or until SIGINT or SIGTERM.
 
     Returns:
-        The receiver, and True if a signal stopped the transfer.
+        The receiver, and the numbers of the received signals.
     """
-    loop = asyncio.get_running_loop()
-    stop = loop.create_future()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.cancel)
-    receiver = await transfer(stop)
-    return receiver, receiver.finished is not None and receiver.finished.reason == "stopped"
+    stop = asyncio.get_running_loop().create_future()
+    with canceling_on_signals(stop) as signals:
+        return await transfer(stop), signals
 
 
 def parse_seconds(text: str) -> float:

@@ -94,7 +94,7 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
 
     Args:
         command: Options of `splatwire serve`.
-        protection: Amount of redundancy.
+        protection: Redundancy against packet loss to add to each stream, such as parity.
         planned: Id of the stream for which the redundancy was planned; None without a plan.
 
     Raises:
@@ -108,7 +108,7 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
             raise InvalidValueError(
                 f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
             )
-    sources = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
+    sources = {name: (path, read_stream(Path(path))[0].not_update(path)) for name, path in named.items()}
     streams = {name: (path, in_datagrams(source, path)) for name, (path, source) in sources.items()}
     for path, stream in streams.values():
         if planned is not None and stream.manifest.stream_id != planned:
@@ -116,19 +116,22 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
                 f"{command.plan} is for the stream {planned:08x}, and {path} is "
                 f"{stream.manifest.stream_id:08x}: plan for it"
             )
-    served = {name: program_of(stream, protection) for name, (_, stream) in streams.items()}
+    served = {name: prepare_served_stream(stream, protection) for name, (_, stream) in streams.items()}
     if command.updates is None:
         return _Scenes(served, None)
     updates = import_module("splatwire.cli._served_updates")  # decodes, with libraries that a relay lacks
     chains = updates.chains_of({name: (source, streams[name][1]) for name, (_, source) in sources.items()})
-    folder = updates.UpdateFolder(command.updates, chains, lambda stream: program_of(stream, protection))
+    folder = updates.UpdateFolder(command.updates, chains, lambda stream: prepare_served_stream(stream, protection))
     return _Scenes(served | folder.poll(), folder)  # also after SIGHUP, so that no client gets an earlier version
 
 
 def protection(command: Serve) -> tuple[Protection, int | None]:
-    """Returns the amount of redundancy that the options of `splatwire serve` set, and the id of a planned stream.
+    """Returns the redundancy against packet loss that the options of `splatwire serve` set.
 
     The options give a plan file or explicit numbers.
+
+    Args:
+        command: Options of `splatwire serve`.
 
     Returns:
         The redundancy, and the id of the stream for which the plan file was computed (None without a plan file).
@@ -177,7 +180,7 @@ def _access(command: Serve) -> Access | None:
     """Returns the rules for access to private and unlisted scenes, with the token check; None if all are public.
 
     Raises:
-        InvalidValueError: If an option is missing, a name is no served scene, or the key is invalid.
+        InvalidValueError: If an option is missing, a name is not that of a served scene, or the key is invalid.
     """
     if not command.private and not command.unlisted:
         if command.token_key is not None:
@@ -275,10 +278,14 @@ async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> Non
         log_event(LOG, logging.INFO, "reloaded", streams=len(scenes.served))
 
 
-def program_of(stream: SceneStream, protection: Protection) -> ServedStream:
+def prepare_served_stream(stream: SceneStream, protection: Protection) -> ServedStream:
     """Prepares a stream for sending by a server.
 
     Adds redundancy against losses, and the preview of the scene if the stream contains one.
+
+    Args:
+        stream: Complete stream.
+        protection: Redundancy against packet loss, such as parity.
 
     Raises:
         InvalidValueError: If the stream is incomplete, or its packets do not fit into datagrams.

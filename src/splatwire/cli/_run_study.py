@@ -65,7 +65,7 @@ def _run_sizes(command: StudyCommand, study: Study, store: Store) -> None:
 
 
 def study_of(command: StudyCommand) -> Study:
-    """Returns the evaluation that the protocol file defines, changed as the command-line options state."""
+    """Reads an evaluation from its protocol file, and applies the command-line options that change it."""
     study = load_study(command.protocol, replaced=_replaced_scene(command))
     return dataclasses.replace(
         study,

@@ -50,7 +50,7 @@ def _read(command: View) -> SceneStream:
     with input_path(command.stream or str(ASSETS / SCENE)) as path:
         if not is_stream(path):
             raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
-        return read_stream(path)[0]
+        return read_stream(path)[0].not_update(path)
 
 
 async def _forward(command: View, cameras: Cameras | None) -> None:
@@ -74,13 +74,13 @@ async def _forward(command: View, cameras: Cameras | None) -> None:
 async def _serve(
     command: View, content: PageContent, receiving: asyncio.Task[None] | None = None, relay: Relay | None = None
 ) -> None:
-    """Serves the page until a signal, or until receiving fails.
+    """Serves the viewer page until the process is signalled to stop, or until receiving fails.
 
     Args:
         command: Options of `splatwire view`.
         content: Content of the page.
-        receiving: Task that receives the stream; None for a local one.
-        relay: Object that receives the stream; None for a local one.
+        receiving: Task that receives the stream from a server; None for a stream of this machine.
+        relay: Object that receives the stream; None for a stream of this machine.
     """
     stop = stop_on_signals()
     if receiving is not None:
@@ -105,7 +105,7 @@ async def _serve(
 async def _follow(command: View, relay: Relay, receiving: asyncio.Task[None], page: PageServer) -> None:
     """Receives updates of a scene and offers them to the viewer page.
 
-    Starts when the scene itself has been received completely; otherwise returns without an effect.
+    Waits first until the scene itself has been received; does nothing if that transfer fails.
 
     Args:
         command: Options of `splatwire view`.

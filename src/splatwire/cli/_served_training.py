@@ -20,7 +20,9 @@ DRAIN_S = 60.0
 
 
 class ServedTraining:
-    """Sends states of a training to the clients of a server.
+    """Sends the scene to the clients of a server during training.
+
+    Errors do not end the training: a warning is printed.
 
     Args:
         server: The server; None to send nothing.
@@ -34,11 +36,10 @@ class ServedTraining:
         self._error = ""
 
     def iterated(self, scene: Callable[[], SplatScene]) -> None:
-        """Sends the present state, but not more often than every few seconds.
+        """Sends the scene after an iteration, but not more often than every few seconds.
 
         Args:
-            scene: Function without arguments that returns the scene in its present state; only called if the scene is
-                sent.
+            scene: Function that returns the scene; only called if the scene is sent.
         """
         if self._server is None or (now := time.monotonic()) < self._next:
             return
@@ -47,7 +48,7 @@ class ServedTraining:
             self._server.push(**vars(scene().splats))
 
     def finish(self, scene: SplatScene) -> None:
-        """Sends all changes of the final training state, and waits until clients have received the changes.
+        """Sends all changes of the trained scene, and waits until clients have received the changes.
 
         Args:
             scene: The trained scene.
@@ -111,7 +112,7 @@ def served_training(command: Train) -> Iterator[ServedTraining]:
 def _connectable(host: str) -> str:
     """Returns the host for a URL with which clients on this machine can connect to a server.
 
-    An address that stands for all interfaces becomes the loopback address. IPv6 addresses are put in brackets.
+    The address for all interfaces becomes the loopback address. IPv6 addresses are put in brackets.
 
     Args:
         host: Address on which the server listens.

@@ -32,8 +32,8 @@ def chains_of(streams: Mapping[str, tuple[SceneStream, SceneStream]]) -> dict[st
     An update chain (`UpdateChain`) is the current state of a scene, with the latest updates to it.
 
     Args:
-        streams: Two streams of each scene, by name of the scene. The first is the stream as read from its file; in the
-            second, all packets fit into datagrams.
+        streams: For each scene, by name: the stream as read from its file, and the same stream with packets that fit
+            into datagrams.
 
     Raises:
         InvalidValueError: If no scene can be updated.
@@ -113,20 +113,20 @@ class UpdateFolder:
         return {name: self._prepare(chain.scene) for name, chain in changed.items()}
 
     def _next(self) -> tuple[list[str], Path] | None:
-        """Finds the next update that can be applied; returns the scenes to change and the update's file, or None."""
+        """Finds an update that can be applied; returns the names of the scenes to change and the file, or None."""
         states: dict[str, list[str]] = {}
         for name, chain in self._chains.items():
             states.setdefault(chain.source_digest, []).append(name)
         return next(((states[base], path) for path, base in self._waiting.items() if base in states), None)
 
     def _check_distinct(self, changed: Mapping[str, UpdateChain]) -> None:
-        """Checks that no changed scene equals a version of another served scene.
+        """Checks that no changed scene equals a current or earlier version of another served scene.
 
         Args:
             changed: Scenes that the update changes, by name, each with the update applied.
 
         Raises:
-            InvalidValueError: If a changed scene would have such content.
+            InvalidValueError: If two scenes would be equal.
         """
         # Receivers request the next update by the version that they have, and would get that of the other scene.
         reached = {update_name(manifest_digest(chain.scene.manifest)) for chain in changed.values()}

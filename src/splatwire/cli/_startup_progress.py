@@ -14,7 +14,7 @@ _COMPILER = logging.getLogger("splatwire.ops.compiled")
 
 
 class StartupProgress(logging.Handler):
-    """Log handler that prints what delays a subcommand: loading of libraries, or compilation of kernels."""
+    """Log handler that prints why a subcommand is slow to start: libraries are loaded, or kernels are compiled."""
 
     def __init__(self, verb: str) -> None:
         super().__init__(logging.INFO)
@@ -40,7 +40,11 @@ class StartupProgress(logging.Handler):
         self._loading.cancel()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints on standard error which kernels are compiled, by this or another process, and how many are done."""
+        """Prints a warning, or how far the compilation of kernels (here or in another process) has proceeded.
+
+        Args:
+            record: Log record of a compilation or of a warning.
+        """
         if record.levelno > logging.INFO:
             print(f"splatwire: {record.getMessage()}", file=sys.stderr)
             return

@@ -64,7 +64,7 @@ class PrintableStream:
 
 
 class _ErrorStream(PrintableStream):
-    """Standard error: if its reader has exited, texts are discarded, and the command goes on to its exit status."""
+    """Standard error that discards texts once its reader has exited, instead of raising an error."""
 
     def write(self, text: str) -> int:
         try:
@@ -92,7 +92,7 @@ def printable_streams() -> Iterator[None]:
 
 
 def print_failure(text: str) -> None:
-    """Prints an error on standard error, or nothing if its reader has exited; never fails."""
+    """Prints an error on standard error; does nothing if the reader of standard error has exited."""
     try:
         print(f"splatwire: error: {text}", file=sys.stderr)
     except BrokenPipeError:

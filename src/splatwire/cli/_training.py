@@ -53,7 +53,7 @@ def preset_of(command: Train) -> str:
 def training_data(
     command: Train, test_views: str, background: tuple[float, float, float]
 ) -> tuple[Dataset, Dataset | None]:
-    """Opens the training and test views of the options; prints a message if there are no test views.
+    """Opens the training and test views of the dataset; prints a message if there are no test views.
 
     Args:
         command: Options of `splatwire train`.
@@ -103,10 +103,7 @@ def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
 
 
 def stopped_early(iteration: int, iterations: int) -> KeyboardInterrupt:
-    """Returns the exception that ends the command after a stopped training.
-
-    Also prints, on standard error, how to continue the training.
-    """
+    """Prints how to continue a training that the user stopped, and returns the exception that ends the command."""
     print(
         f"stopped after iteration {iteration:,} of {iterations:,}; the same command with --resume continues from there",
         file=sys.stderr,
@@ -150,7 +147,7 @@ def check_same_recipe(
         recipe: For each option that must not change, a function that reads its value from the training settings.
 
     Raises:
-        InvalidValueError: If such an option differs from the recipe of the checkpoint.
+        InvalidValueError: If such an option has another value than in the checkpoint.
     """
     other = [name for name in set_options if name in recipe and recipe[name](requested) != recipe[name](checkpointed)]
     if other:
@@ -160,7 +157,9 @@ def check_same_recipe(
 
 @contextmanager
 def watch(on_test: Any, last_task: str = "fitting the context model again") -> Iterator[Listener]:
-    """Shows the progress of a training on standard error, and ends the training with a checkpoint at Ctrl-C.
+    """Context of a training: shows its progress on standard error, and handles Ctrl-C.
+
+    The first Ctrl-C stops the training after the current iteration, with a checkpoint; the second one stops it at once.
 
     Args:
         on_test: Called with the quality report of each test during the training.

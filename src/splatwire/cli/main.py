@@ -17,6 +17,7 @@ from typing import Any
 import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
+from splatwire.cli._signals import status_of
 from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
@@ -31,7 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits the process.
 
     The exit status is 0 on success, 2 for a user error, 3 for a damaged input or an incomplete transfer, 130 after
-    Ctrl-C, and 143 after SIGTERM. `splatwire receive` exits with 130 after SIGTERM too.
+    SIGINT (Ctrl-C), and 143 after SIGTERM. Commands that run until they are stopped exit with 0 after both signals:
+    `serve`, `live`, `view`, and `receive --follow` once a scene has arrived.
 
     Args:
         arguments: Command-line arguments after the program name; None for those of this process.
@@ -82,9 +84,9 @@ def _discard_stdout() -> None:
 
 @contextmanager
 def _standard_streams() -> Iterator[None]:
-    """Redirects a closed standard error to the null device, and escapes characters that standard output cannot encode.
+    """Context that makes printing safe: characters that standard output cannot encode are escaped.
 
-    `print` would use standard output instead of a closed standard error.
+    A closed standard error is replaced by the null device; `print` would otherwise write errors to standard output.
     """
     if getattr(sys.stdout, "errors", None) == "strict" and hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="backslashreplace")  # e.g. in a terminal with Latin-1
@@ -174,9 +176,10 @@ def _run(arguments: list[str]) -> int:
 
 
 def _print_damage(verb: Any) -> int:
-    """Returns the exit status of a subcommand whose input was damaged.
+    """Prints an error about damaged input, unless `--accept-damage` is set; returns the exit status.
 
-    Without the option `--accept-damage`, also prints an error; with this option, the status is 0.
+    Args:
+        verb: Options of the subcommand.
     """
     if getattr(verb, "accept_damage", False):
         return 0
@@ -186,12 +189,12 @@ def _print_damage(verb: Any) -> int:
 
 
 def _signal_status(error: BaseException) -> int | None:
-    """Returns the exit status for an error that a signal caused, or None."""
+    """Returns the exit status if a signal such as Ctrl-C caused an error; None for all other errors."""
     # Within a compiled kernel, KeyboardInterrupt (Ctrl-C) and SystemExit (SIGTERM, SIGHUP) become a SystemError.
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
-            return 130
+            return status_of(cause)
         if isinstance(cause, SystemExit) and isinstance(error, SystemError) and isinstance(cause.code, int):
             return cause.code
         cause = cause.__cause__ or cause.__context__

@@ -49,26 +49,25 @@ DECODING, ENCODING = np.bool_(True), np.bool_(False)
 
 
 class Coder(NamedTuple):
-    """State of one packet's entropy coder, and probability tables of the stream.
+    """Entropy coder of one packet: range coder, adaptive models, and the probability tables of the stream.
 
-    The context of a prediction residual is a combination of three indices: kind of value (`stream`), difference between
-    the neighbours (`spread`), and quantisation step or preceding residuals (`second`).
+    A prediction residual is coded with the probability distribution of its context. A context has three indices: kind
+    of value, class of the deviation of neighbouring values, and class of the magnitude of earlier residuals (see
+    `code_value`).
 
     Attributes:
         decoding: True when decoding, False when encoding.
-        data: uint8, bytes of the packet, or the output buffer.
-        words: int64, the bytes of the packet in the form that the decoder reads, from `words_of`.
-        state: int64 (3), state of the range coder.
-        models: int64 (contexts, 2), adaptive models of this packet.
-        bits: int64 (contexts, 2), number of zeros and ones coded per context.
-        scales: uint16, one entry per context (combination of `stream`, `spread` and `second`): index of its
-            distribution.
-        windows: int64 (scales, 6), range of residuals of each distribution, and its place in the tables `bounds` and
-            `guesses`.
-        bounds: int32, starts of the probability intervals.
-        guesses: uint16, index in `bounds` at which a decoder starts its search.
-        residuals: int64, by `stream`, `spread` and `second`: number of residuals in the context, and sum of their
-            magnitudes (last axis).
+        data: Bytes of the packet, or the output buffer, uint8.
+        words: Bytes of the packet as the decoder reads them, from `words_of`, int64.
+        state: State of the range coder, int64 (3).
+        models: Adaptive bit models of this packet, int64 (contexts, 2).
+        bits: Number of zeros and ones coded per context, int64 (contexts, 2).
+        scales: Index of the distribution of each residual context, uint16 (contexts).
+        windows: Positions of each distribution in `bounds` and `guesses`, and its range of residuals, int64
+            (distributions, 6); see `residual_windows`.
+        bounds: Starts of the probability intervals of residuals, int32.
+        guesses: Interval at which a decoder starts its search, uint16.
+        residuals: Number of residuals coded per context, and sum of their magnitudes (last axis), int64.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
         normal: Table of the normal cumulative distribution function.
@@ -170,11 +169,10 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
 
     Args:
         coder: Entropy coder.
-        kind: Kind of value, part of the context.
-        deviation_class: Part of the context: class of the deviation of values of nearby coded Gaussians from their
-            mean.
-        magnitude_class: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For
-            other kinds of value: class of the mean magnitude of the preceding residuals.
+        kind: Kind of value; selects the context.
+        deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
+        magnitude_class: Class of the mean magnitude of earlier residuals; selects the context. For opacity and the
+            largest scale, log2 of the quantisation step instead.
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
@@ -199,17 +197,15 @@ def code_value(coder, kind, deviation_class, magnitude_class, mean, value, shift
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
-    """Encodes or decodes a residual, in quantisation steps, with the probability distribution of its context.
+    """Encodes or decodes a prediction residual, in quantisation steps.
 
     Args:
         coder: Entropy coder.
-        kind: Kind of value, part of the context.
-        deviation_class: Part of the context: class of the deviation of values of nearby coded Gaussians from their
-            mean.
-        magnitude_class: Part of the context. For opacity and the largest scale: log2 of the quantisation step. For
-            other kinds of value: class of the mean magnitude of the preceding residuals.
+        kind: Kind of value; selects the context.
+        deviation_class: Class of the deviation of neighbouring Gaussians' values from their mean; selects the context.
+        magnitude_class: Class of the mean magnitude of earlier residuals; selects the context (see `code_value`).
         q: The residual; only used by an encoder.
-        eighths: Mean of the distribution, in eighths of a step, -4 to 3.
+        eighths: Mean of the residual's distribution, in eighths of a step, -4 to 3.
 
     Returns:
         The residual.
@@ -220,7 +216,7 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
     if coder.decoding:
         target = decode_target(coder.state, SYMBOL_BITS)
         if target >= TOTAL - ESCAPE:
-            q = _decode_outside(coder.words, coder.state, half)
+            q = _decode_escape(coder.words, coder.state, half)
         else:
             bits = window[GUESS_BITS]
             guess = window[GUESS_AT] + (mixture << bits) + (target >> (SYMBOL_BITS - bits))
@@ -230,7 +226,7 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
                 index += 1
                 start, after = after, np.int64(coder.bounds[index + 1])
             if window[SHIFT]:
-                q = _decode_between(coder, scale, index - first, start, after, target, eighths)
+                q = _decode_wide(coder, scale, index - first, start, after, target, eighths)
             else:
                 advance(coder.words, coder.state, start, after - start, SYMBOL_BITS)
                 q = index - first - half
@@ -248,13 +244,13 @@ def _code_steps(coder, kind, deviation_class, magnitude_class, q, eighths):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_outside(words, state, half):
-    """Decodes a residual whose magnitude is too large for the probability tables.
+def _decode_escape(words, state, half):
+    """Decodes a residual with an escape code: its magnitude is too large for the probability tables.
 
     Args:
         words: The bytes of the packet, from `words_of`.
         state: State of the range decoder, changed in place.
-        half: Largest magnitude in the probability tables: they contain the residuals from `-half` to `half`.
+        half: Largest magnitude in the probability tables.
 
     Returns:
         The residual in quantisation steps.
@@ -268,16 +264,16 @@ def _decode_outside(words, state, half):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _decode_between(coder, scale, index, start, after, target, eighths):
-    """Decodes a residual from a wide distribution, whose table has only every 2^k-th interval start.
+def _decode_wide(coder, scale, index, start, after, target, eighths):
+    """Decodes a residual of a wide distribution, whose probability table contains only every 2^k-th interval start.
 
     Args:
         coder: Entropy coder.
-        scale: Index of the probability distribution.
-        index: Index of the last tabulated start that is at most `target`.
-        start: This tabulated start.
-        after: The next tabulated start.
-        target: Value read by the range decoder, from `start` to `after` (exclusive).
+        scale: Index of the distribution.
+        index: Index of the table entry at or directly below `target`.
+        start: Value of this entry.
+        after: Value of the next entry.
+        target: Position read by the range decoder, from `start` to `after` (exclusive).
         eighths: Mean of the distribution, in eighths of a quantisation step.
 
     Returns:
@@ -289,28 +285,28 @@ def _decode_between(coder, scale, index, start, after, target, eighths):
     narrow, wide = coder.inverses[scale], coder.inverses[min(scale + WIDE, NUM_SCALES - 1)]
     steps = np.int64(np.float64((target - start) << shift) / np.float64(after - start))
     symbol = (index << shift) + steps - half
-    low = _bound(coder, symbol, half, mean, narrow, wide)
+    low = _interval_start(coder, symbol, half, mean, narrow, wide)
     while low > target:
         symbol -= 1
-        low = _bound(coder, symbol, half, mean, narrow, wide)
-    high = _bound(coder, symbol + 1, half, mean, narrow, wide)
+        low = _interval_start(coder, symbol, half, mean, narrow, wide)
+    high = _interval_start(coder, symbol + 1, half, mean, narrow, wide)
     while high <= target:
         symbol, low = symbol + 1, high
-        high = _bound(coder, symbol + 1, half, mean, narrow, wide)
+        high = _interval_start(coder, symbol + 1, half, mean, narrow, wide)
     advance(coder.words, coder.state, low, high - low, SYMBOL_BITS)
     return symbol
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _bound(coder, symbol, half, mean, narrow, wide):
-    """Computes the start of a residual's probability interval, for a residual whose start is not tabulated.
+def _interval_start(coder, symbol, half, mean, narrow, wide):
+    """Computes the start of a residual's probability interval, for distributions whose table does not contain it.
 
     Args:
         coder: Entropy coder.
         symbol: The residual, from `-half` to `half`; `half + 1` for the end of the last interval.
         half: Largest magnitude of a residual with a probability interval.
-        mean: Common mean of the mixture's two normals, `MEAN_BITS` fractional bits.
+        mean: Mean of the distribution, `MEAN_BITS` fractional bits. The distribution is a mixture of two normals.
         narrow: Reciprocal of the smaller of the two standard deviations.
         wide: Reciprocal of the larger of the two standard deviations.
     """
@@ -321,13 +317,13 @@ def _bound(coder, symbol, half, mean, narrow, wide):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_wide(coder, scale, q, eighths):
-    """Encodes a residual outside of the tabulated range, with a probability interval computed from the distribution.
+    """Encodes a residual whose probability interval is not tabulated: a very large one, or one of a wide distribution.
 
     Args:
         coder: Entropy coder.
-        scale: Index of the residual's distribution.
+        scale: Index of the distribution.
         q: The residual in quantisation steps.
-        eighths: Mean of the mixture, in eighths of a step.
+        eighths: Mean of the distribution, in eighths of a step.
 
     Returns:
         The residual, limited to the coder's range.

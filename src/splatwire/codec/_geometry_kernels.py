@@ -43,15 +43,13 @@ def large_count_normal(n):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
-    """Returns the index of the first Morton code of a tree node that has a one in `bit`.
-
-    At this index, the node of the position tree is divided.
+    """Returns the index at which a node of the position tree is divided: that of its first code with a 1 in `bit`.
 
     Args:
         codes: Sorted Morton codes.
         begin: Index of the node's first code.
         end: End of the node's codes (exclusive).
-        bit: Index of the bit; the codes agree in all higher bits.
+        bit: Index of the bit; the codes of a node agree in all higher bits.
     """
     low, high = begin, end
     while low < high:
@@ -66,16 +64,18 @@ def split(codes, begin, end, bit):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
-    """Encodes the number of points of a tree node that have a 0 in `bit` of their Morton code.
+    """Encodes how many points of a tree node are in its first half: those with a 0 in `bit` of their Morton codes.
+
+    The Morton codes of a node's points agree in all higher bits (see `encode_codes`).
 
     Args:
         buffer: Output bytes.
         state: State of the range encoder.
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
-        zeros: The number to encode, 0 to `n`.
-        bit: Index of the bit.
-        run: Number of bits directly above `bit` that are 0 in the codes of the node, part of the context.
+        zeros: Number of points in the first half, 0 to `n`.
+        bit: Index of the bit that divides the node.
+        run: Number of consecutive 0 bits directly above `bit`, at most 15; selects the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.
@@ -105,7 +105,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 @njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
-    """Decodes how many points of a tree node have a 0 in `bit` of their Morton code (see `encode_count`).
+    """Decodes the number of points in the first half of a tree node, written by `encode_count`.
 
     Args:
         data: Input bytes.
@@ -113,8 +113,8 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
         state: State of the range decoder.
         models: Adaptive bit models, changed in place.
         n: Number of points of the node.
-        bit: Index of the bit.
-        run: Number of bits directly above `bit` that are 0 in the codes of the node, part of the context.
+        bit: Index of the bit that divides the node.
+        run: Number of consecutive 0 bits directly above `bit`, at most 15; selects the context.
         inverses: Reciprocal of each standard deviation in the coder's table.
         widths: Largest distance from the mean without an escape code, for each of these standard deviations.
         table: Standard normal CDF, from `normal_table`.

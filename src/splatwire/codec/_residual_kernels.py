@@ -37,22 +37,26 @@ and log2 of the number of guesses of each mixture.
 def residual_windows(scales, inverses, widths, normal):
     """Tabulates the probability distributions of prediction residuals for the entropy coder.
 
-    Each context has a standard deviation. For each standard deviation in use and for each of the `NUM_MEANS` means, the
-    tables describe one distribution, a mixture of two normal distributions.
+    Each distribution is a mixture of two normals. There is one for every combination of a standard deviation that a
+    context uses and one of `NUM_MEANS` means.
 
     Args:
-        scales: int64 (contexts), index of the smaller standard deviation of each context's mixtures in the coder's
-            table.
+        scales: Index of each context's standard deviation in the coder's table, int64 (contexts).
         inverses: Reciprocal of each standard deviation in the coder's table.
-        widths: Largest magnitude of a residual with a probability interval, for each standard deviation in this table.
+        widths: Largest magnitude of a residual with a probability interval, for each of these standard deviations.
         normal: Table of the normal cumulative distribution function.
 
     Returns:
-        Four tables. First: the argument `scales`, uint16 (contexts). Second: a row for each standard deviation, int64
-        (standard deviations, 6), with the largest tabulated residual and the row's ranges in the last two tables; this
-        module's constants `HALF` to `GUESS_BITS` are the indices of its columns. Third: starts of the probability
-        intervals of residuals, in units of 2**-`TOTAL_BITS`, int32. Fourth: first interval that a decoder tries, given
-        the highest bits of a code value, uint16.
+        Four arrays, which are fields of `Coder`:
+
+        `scales`: the argument as uint16 (contexts).
+
+        `windows`: for each standard deviation, its range of residuals and its positions in the other arrays, int64
+        (standard deviations, 6). The constants `HALF` to `GUESS_BITS` are the columns.
+
+        `bounds`: starts of the probability intervals, in units of 2**-`TOTAL_BITS`, int32.
+
+        `guesses`: interval at which a decoder starts its search, given the highest bits of the code, uint16.
     """
     # The tables are accessed at random. They are small enough for the processor's caches.
     windows = np.zeros((NUM_SCALES, 6), np.int64)

@@ -17,14 +17,14 @@ STATES = 4 * COUNTS
 @njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
-    """Returns the context of the entropy coder for a bit of an anchor's importance tier, which is coded in unary.
+    """Returns the index of the adaptive model for one bit of an anchor's importance tier, which is coded in unary.
 
-    The bit is 1 if the anchor is in the tier with the given index, and 0 if it is in a less important tier.
+    The bit is 1 if the anchor is in tier `tier`, and 0 if it is in a less important tier.
 
     Args:
         tier: Index of the tier, 0 for the most important.
-        count: Share of the preceding anchors in this tier or a more important one, as a fraction of 2**16; recent
-            anchors have larger weights.
+        count: Decaying average over the preceding anchors: share in this tier or a more important one, as a fraction of
+            2**16.
         recent: Two bits, 0 to 3: for each of the last two anchors, 1 if it was in this or a more important tier.
     """
     # Contexts distinguish small shares finely.
@@ -38,13 +38,13 @@ def tier_context(tier, count, recent):
 @njit(borrows=True)
 @no_type_check
 def add_to_statistics(counts, recents, tier, important):
-    """Updates the statistics of an importance tier after an anchor, for the contexts of later anchors.
+    """Updates the statistics that select the contexts of a tier (see `tier_context`) after coding an anchor.
 
     Args:
-        counts: For each tier, share of the preceding anchors in this tier or a more important one, as a fraction of
-            2**16; recent anchors have larger weights. Changed in place.
-        recents: For each tier, two bits for the last two anchors. A bit is 1 if its anchor is in this tier or a more
-            important one. Changed in place.
+        counts: For each tier, decaying average of the share of anchors in it or a more important one, as a fraction of
+            2**16. Changed in place.
+        recents: For each tier, two bits for the last two anchors: 1 if the anchor was in it or a more important one.
+            Changed in place.
         tier: Index of the tier.
         important: True if the anchor is in this tier or in a more important one.
     """

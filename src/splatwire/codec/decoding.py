@@ -89,7 +89,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
 
 
 def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[Run]:
-    """Yields groups of packets (runs) that a decoder decodes in one call, in the order of the elements.
+    """Yields the received packets in groups (runs) that a decoder decodes in one call, in the order of the elements.
 
     Args:
         decoder: The stream's decoder, which determines the size of runs.

@@ -149,11 +149,11 @@ class ProgressiveDecoder(Arrivals):
         return run, None if self._decoder.redecode_on_demand else self._decoder.decode(run)
 
     def _store_new(self, run: Run, rows: SymbolRows | None) -> None:
-        """Stores the decoded integers of new packets, and writes the packets' elements to the scene.
+        """Keeps the decoded integers of new packets, and writes the elements of the packets to the scene.
 
         Args:
             run: The new packets.
-            rows: Decoded integers of the packets; None if they are not kept in memory.
+            rows: Decoded integers of the packets; None if they are decoded again when needed.
         """
         # Some decoders estimate lost elements from the received ones of their block. For these, the whole block is
         # updated.

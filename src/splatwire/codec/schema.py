@@ -37,7 +37,7 @@ class CodedPackets:
 
 @runtime_checkable
 class Encoder(Protocol):
-    """Typing protocol (structural type) for an encoder, which converts the elements of one scene to packets."""
+    """Interface of an encoder, which converts the elements of one scene to packets."""
 
     def runs(self) -> Iterator[Any]:
         """Yields the parts of the stream that can be encoded in parallel, in order and never empty."""
@@ -77,9 +77,7 @@ class Options:
 
 @runtime_checkable
 class Decoder(Protocol):
-    """Typing protocol (structural type) for a decoder of one stream.
-
-    The results are arrays of all elements in coding order.
+    """Interface of a decoder of one stream. The results are arrays of all elements in coding order.
 
     Attributes:
         sections: Named sections of the side information.
@@ -145,16 +143,16 @@ class Schema(StreamSchema):
 
     Attributes:
         scene_type: Type of the scenes it encodes.
-        codes: Function that returns True for the scenes of this type that the codec can encode.
         provides: Types of side information that concealers get with every decoded stream (`ReceivedScene.provides`).
-        prepare: Prepares a scene for encoding; all of its elements are drawable.
-        open_decoder: Creates a decoder from manifest, side information and the number of received bytes.
-        update_digest: Adds decoded integers to a hashlib object.
+        prepare: Function that prepares a scene for encoding; all elements of the scene are drawable.
+        open_decoder: Function that creates a decoder from manifest, side information and the number of received bytes.
+        update_digest: Function that adds decoded integers to a hashlib object.
+        codes: Function that returns True for the scenes of `scene_type` that the codec can encode.
         prepare_repack: Function that prepares a stream for a new division into packets with the same decoded integers.
             None if the codec does not support this.
-        can_repack: Function that returns True for streams that can be divided into packets anew.
-        remap_sections: Function that updates named sections that refer to elements by index, after a new division into
-            packets.
+        can_repack: Function that returns True for streams that can be divided into other packets.
+        remap_sections: Function that updates element indices in named sections, given a stream before and after a new
+            division into packets.
     """
 
     scene_type: type

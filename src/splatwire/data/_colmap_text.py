@@ -114,7 +114,7 @@ def _is_points(line: str) -> bool:
 
 
 def _has_pose(line: str) -> bool:
-    """True if a line of `images.txt` that consists of numbers describes an image; False for a line of 2D points."""
+    """True if a line of numbers in `images.txt` describes an image with its pose; False for a line of 2D points."""
     words = line.split(maxsplit=9)
     if len(words) < 10 or not words[0].isdecimal() or not words[8].isdecimal():
         return False

@@ -48,7 +48,7 @@ _AXES = re.compile(
 
 
 def states_axes(name: str, value: object) -> bool:
-    """True if a JSON field probably names the camera axes or the direction of the pose matrices.
+    """True if a JSON field of a cameras file probably names the camera axes or the direction of the pose matrices.
 
     Args:
         name: Name of the field.
@@ -60,12 +60,15 @@ def states_axes(name: str, value: object) -> bool:
 
 
 def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float], size: tuple[int, int]) -> str | None:
-    """Returns a description of an angle of view that contradicts the focal lengths of a camera, or None.
+    """Finds an angle of view that contradicts the focal lengths of a camera, and describes it for an error message.
 
     Args:
         values: Fields of the camera.
         focals: Focal lengths along x and y, pixels.
         size: Width and height of the picture, pixels.
+
+    Returns:
+        The description; None if there is no contradiction.
     """
     if not min(focals) > 0:
         return None  # reported elsewhere
@@ -94,10 +97,9 @@ def contradicting_angle(values: Mapping[str, object], focals: tuple[float, float
 
 
 def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]) -> bool:
-    """True if the focal lengths of a camera along x and y are equal.
+    """True if a camera states both focal lengths and the horizontal angle of view, and both focal lengths are equal.
 
-    The field with the vertical angle of view then adds no information and can be ignored. The fields of the focal
-    lengths and of the horizontal angle of view must be present.
+    The vertical angle of view is then superfluous. Some programs write a wrong one, which can be ignored.
 
     Args:
         values: Fields of the camera.
@@ -109,9 +111,9 @@ def _is_square_pinhole(values: Mapping[str, object], focals: tuple[float, float]
 
 
 def is_sensor_angle(values: Mapping[str, object]) -> bool:
-    """True if the angles of view of a camera probably belong to Blender's sensor, not to the picture.
+    """True if the two angles of view of a camera have the aspect ratio of Blender's sensor.
 
-    The sensor has another aspect ratio than the picture; its vertical angle is then to be ignored.
+    They then probably describe the sensor, not the picture, so that the vertical angle must be ignored.
 
     Args:
         values: Fields of the camera; angles in radians.
@@ -124,7 +126,7 @@ def is_sensor_angle(values: Mapping[str, object]) -> bool:
 
 
 def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()) -> list[str]:
-    """Returns the names of fields that describe a lens other than a pinhole and are not used by the caller.
+    """Returns the names of unused fields that describe lens distortion or a lens other than a pinhole.
 
     Args:
         values: Fields of a camera or of a whole camera file; may contain objects with further fields.
@@ -134,7 +136,7 @@ def unread_lens_fields(values: Mapping[str, object], known: Collection[str] = ()
 
 
 def _contains_lens(name: str, value: object) -> bool:
-    """True if a JSON field, or a member of a JSON object, probably describes a lens other than a pinhole."""
+    """True if a JSON field, or a member of it, probably describes a lens with distortion."""
     objects = [part for part in (value if isinstance(value, list) else [value]) if isinstance(part, dict)]
     inner = [(word, part) for fields in objects for word, part in fields.items()]
     return _states_lens(name, value) or any(
@@ -151,7 +153,7 @@ def _states_lens(name: str, value: object) -> bool:
 
 
 def _has_numbers(value: object) -> bool:
-    """True for a number other than 0, and for a list or an object that contains one."""
+    """True for a number other than 0, and for a list or an object with at least one such number."""
     if isinstance(value, dict):
         value = list(value.values())
     parts = value if isinstance(value, list) else [value]

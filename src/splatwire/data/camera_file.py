@@ -142,10 +142,10 @@ def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
 
 
 def _principal_point(path: Path, name: str, view: dict[str, Any], size: tuple[int, int]) -> list[float]:
-    """Returns the principal point of a camera of a 3DGS model folder in pixels; without one, the picture's centre.
+    """Returns the principal point of a camera of a 3DGS model folder in pixels; the picture's centre if none is stated.
 
     Raises:
-        DatasetError: If it is no point in pixels, or two fields contradict each other.
+        DatasetError: If the field is not a point in pixels, or two fields contradict each other.
     """
     stated = [
         matrix(path, name, [value], (1, 2))[0].tolist()
@@ -206,12 +206,11 @@ def _check_statements(
 
 
 def _warn_of_conventions(path: Path, holders: list[dict[str, Any]]) -> None:
-    """Logs a warning if a cameras file states camera axes unlike OpenCV, or camera-to-world poses.
+    """Logs a warning if a cameras file states camera axes other than OpenCV's, or camera-to-world poses.
 
     Args:
-        path: The camera file, for messages.
-        holders: The fields of the camera file itself, and the fields of each of its views, as mappings from names to
-            values.
+        path: The cameras file, for messages.
+        holders: JSON objects that may have such fields: that of the file, and that of each view.
     """
     stated = [(key, value) for holder in holders for key, value in holder.items() if states_axes(key, value)]
     for key, value in dict.fromkeys(stated):

@@ -145,11 +145,14 @@ def _are_alike(one: ColmapView, other: ColmapView) -> bool:
 
 
 def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
-    """Reads the views of a reconstruction in the most preferred format for which there are files.
+    """Reads the views of a reconstruction from binary or text files, whichever exist.
 
     Args:
         folder: Folder of the reconstruction.
-        suffixes: Suffixes of the formats, preferred ones first.
+        suffixes: File name suffixes, preferred ones first.
+
+    Raises:
+        DatasetError: If a file is missing or damaged, or the reconstruction has no images.
     """
     cameras = _read(folder, "cameras", suffixes)
     images = _read(folder, "images", suffixes)

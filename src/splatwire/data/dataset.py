@@ -5,6 +5,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,11 +26,12 @@ from splatwire.data.orientation import shape_fits, views_are_upright
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
 from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
-from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError
+from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError, whole_number
 from splatwire.files.kinds import DATASET, PHOTOS, file_kind, folder_nearby, is_not
 from splatwire.files.names import path_of
 from splatwire.types import Cameras
 from splatwire.types.background import BLACK, Background
+from splatwire.types.shapes import indices_of
 
 LOG = logging.getLogger(__name__)
 SPLITS = ("test", "train", "all")
@@ -70,7 +72,9 @@ class Dataset(CheckedFields):
 
         Raises:
             DatasetError: If the file is missing or damaged.
+            InvalidValueError: If there is no such view.
         """
+        view = whole_number(view, "view", 0, self.num_views - 1)
         size = (self.cameras.width, self.cameras.height)
         photo = load_photo(self.image_paths[view], size, self.background, upright=self.upright)
         bent = self.undistortions[view] if self.undistortions else None
@@ -81,7 +85,9 @@ class Dataset(CheckedFields):
 
         Raises:
             DatasetError: If the file is missing or damaged, or the mask is empty.
+            InvalidValueError: If there is no such view.
         """
+        view = whole_number(view, "view", 0, self.num_views - 1)
         path = self.mask_paths[view] if self.mask_paths else None
         if path is None:
             return None
@@ -93,8 +99,13 @@ class Dataset(CheckedFields):
             raise DatasetError(f"{path}: the mask of view '{name}' leaves nothing of its photo: remove the view")
         return mask
 
-    def select(self, views: list[int]) -> "Dataset":
-        """Returns a dataset with the views at the given indices, in that order."""
+    def select(self, views: Any) -> "Dataset":
+        """Returns a dataset with the views at the given indices (integers, a mask or a slice), in that order.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
+        """
+        views = indices_of(views, self.cameras.num_views).tolist()
         paths = tuple(self.image_paths[view] for view in views)
         masks = tuple(self.mask_paths[view] for view in views) if self.mask_paths else ()
         bent = tuple(self.undistortions[view] for view in views) if self.undistortions else ()
@@ -236,16 +247,16 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None
 ) -> tuple[list[TransformsView], Path, Path | None]:
-    """Returns the views of a split of a dataset with `transforms.json`.
-
-    Also returns the file that lists the views, and the point cloud that this file names. The point cloud is None if the
-    file names none.
+    """Reads the views of a split of a dataset with a BungeeNeRF, Blender or nerfstudio layout.
 
     Args:
         path: Folder of the dataset.
         split: `train`, `test` or `all`.
         images: Image folder to use instead of `images`, or None.
         test_views: Rule that selects the test views; None for the default rule of the layout.
+
+    Returns:
+        The views; the file that lists them; and the point cloud that this file names, or None.
     """
     if (path / bungee.FILE).is_file():
         views, rule = bungee.read_bungee(path / bungee.FILE, images), test_views or "first_31"
@@ -325,10 +336,12 @@ def _warn_of_copies(
 
 
 def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: str) -> None:
-    """Checks that no photo is listed in both the training and the test file.
+    """Checks that no photo is listed in both `transforms_train.json` and `transforms_test.json`.
+
+    Logs a warning if a test photo is a copy of a training photo, unless the training split is opened.
 
     Args:
-        halves: Transforms file of each split (`train`, `test`), by its name.
+        halves: Path of the transforms file of each split, with the keys `train` and `test`.
         images: Image folder that replaces `images`, or None.
         split: Name of the split that is opened.
 
@@ -379,7 +392,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path | None]:
 
 
 def _by_stem(folder: Path) -> dict[str, Path]:
-    """Returns the files of a folder by name without suffix; each file has two keys, one of them in lower case."""
+    """Returns the files of a folder by name without suffix, and also by this name in lower case."""
     files = [file for file in sorted(folder.iterdir()) if file.is_file()] if folder.is_dir() else []
     return {file.stem.casefold(): file for file in files} | {file.stem: file for file in files}
 
@@ -387,7 +400,7 @@ def _by_stem(folder: Path) -> dict[str, Path]:
 def _masks(
     views: Sequence[ColmapView | TransformsView], image_paths: list[Path], upright: bool
 ) -> tuple[Path | None, ...]:
-    """Returns the mask file of each view, after checking that it has the size of the photo.
+    """Returns the mask file of each view, None for a view without mask; an empty tuple if no view has a mask.
 
     Args:
         views: The views.
@@ -395,7 +408,7 @@ def _masks(
         upright: True if photos are rotated by their EXIF orientation.
 
     Raises:
-        DatasetError: If sizes differ.
+        DatasetError: If a mask and its photo have different sizes.
     """
     masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):

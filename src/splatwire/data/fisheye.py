@@ -10,7 +10,7 @@ from splatwire.data.lens import LensModel
 
 @dataclass(frozen=True)
 class FisheyeLens(LensModel):
-    """Equidistant projection with a polynomial: OPENCV_FISHEYE of COLMAP and its fisheye models with fewer terms.
+    """Fisheye lens: equidistant projection with a polynomial, as COLMAP's OPENCV_FISHEYE and models with fewer terms.
 
     A ray at angle t to the axis hits the image at distance t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre,
     plus the tangential and thin-prism terms of THIN_PRISM_FISHEYE.
@@ -91,7 +91,9 @@ class RadTanThinPrismLens(LensModel):
 
 @dataclass(frozen=True)
 class FovLens(LensModel):
-    """COLMAP's FOV (Devernay and Faugeras 2001): r' = atan(2 r tan(omega / 2)) / omega.
+    """Wide-angle lens, COLMAP's model FOV (Devernay and Faugeras 2001): r' = atan(2 r tan(omega / 2)) / omega.
+
+    A ray (x, y, 1) with r^2 = x^2 + y^2 hits the image at distance r' from the centre.
 
     Attributes:
         omega: Field of view of the ideal lens, radians.
@@ -114,7 +116,9 @@ class FovLens(LensModel):
 
 @dataclass(frozen=True)
 class DivisionLens(LensModel):
-    """COLMAP's DIVISION (Fitzgibbon 2001): the ray of an image point (x', y') is (x', y', 1 + k r'^2).
+    """Lens with radial distortion, COLMAP's model DIVISION (Fitzgibbon 2001).
+
+    The image point (x', y') is hit by the ray (x', y', 1 + k r'^2), with r'^2 = x'^2 + y'^2.
 
     Attributes:
         k: Coefficient of the squared distorted radius.

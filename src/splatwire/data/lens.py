@@ -177,7 +177,7 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
 
 
 def _is_covered(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
-    """True if, at this zoom, every pixel of the pinhole image shows a different point inside the photo.
+    """True if the photo covers all of the pinhole image at a given zoom, and no point of the photo appears twice in it.
 
     Args:
         lens: The lens.

@@ -22,14 +22,17 @@ def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
 
 
 def views_are_upright(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
-    """True if the cameras describe the photos after their EXIF rotation, False if they describe the stored pixels.
+    """Decides if the cameras of a dataset describe the photos after their EXIF rotation, or the pixels as stored.
 
     Args:
         views: The cameras.
         image_paths: Photo of each view.
 
+    Returns:
+        True if photos must be rotated to fit their cameras.
+
     Raises:
-        DatasetError: If photos have an EXIF rotation and aspect ratios do not decide, or contradict each other.
+        DatasetError: If photos have an EXIF rotation, and their aspect ratios fit both cases or contradict each other.
     """
     turned = [(view, file) for view, file in zip(views, image_paths, strict=True) if is_turned(file)]
     if not turned:

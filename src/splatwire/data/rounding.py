@@ -12,7 +12,9 @@ LOG = logging.getLogger(__name__)
 
 
 def without_origin(source: Path, cameras: Cameras) -> Cameras:
-    """Converts cameras to world coordinates for training, with a warning if float32 rounds positions noticeably.
+    """Converts cameras to world coordinates without an origin, for training.
+
+    Logs a warning if the cameras are so far from 0 that float32 rounds positions noticeably.
 
     Args:
         source: Source folder or file, for the message.

@@ -94,7 +94,7 @@ class Transforms:
 
 
 def names_masks(path: Path) -> bool:
-    """Returns True if a frame of a transforms file names a mask; a damaged file names none."""
+    """Returns True if a frame of a transforms file names a mask; False for a damaged file."""
     with suppress(DatasetError):
         content = read_json(path, DatasetError)
         frames = content.get("frames") if isinstance(content, dict) else None
@@ -266,9 +266,7 @@ def _has_size(values: dict[str, Any]) -> bool:
 
 
 def _with_size(values: dict[str, Any]) -> dict[str, Any]:
-    """Returns the JSON fields of a view with its image size as `w` and `h`.
-
-    Some files name the image size differently, such as `width`.
+    """Returns the JSON fields of a view, with the image size as `w` and `h` if it has other names, such as `width`.
 
     Args:
         values: Fields of the view.
@@ -285,10 +283,9 @@ def _pixel_fields(values: dict[str, Any]) -> list[str]:
 
 
 def _full_photo(path: Path, name: str, full: str, values: dict[str, Any]) -> Path:
-    """Returns the path of the full-size photo of a view.
+    """Finds the full-size photo of a view if smaller copies of the photos are read.
 
-    If smaller copies of the photos are read, intrinsics in pixels must be scaled. This needs the size of the full-size
-    photo, unless the transforms file states it.
+    Its size is needed to scale intrinsics that are in pixels, if the transforms file does not state the size.
 
     Args:
         path: The transforms file, for the message.

@@ -35,7 +35,12 @@ class Mixtures:
 
     @staticmethod
     def normals(means: np.ndarray, scales: np.ndarray) -> "Mixtures":
-        """Builds normal distributions from means (fixed point, as `mean0`) and scale indices."""
+        """Builds a normal distribution for each symbol.
+
+        Args:
+            means: Means in quantisation steps, fixed point with `MEAN_BITS` fractional bits.
+            scales: Standard deviations, as indices into the scale table.
+        """
         mean, scale = means.astype(np.int64), scales.astype(np.int64)
         zero = np.zeros_like(mean)
         return Mixtures(mean, scale, zero, zero, np.full_like(mean, 65536))
@@ -85,14 +90,18 @@ def tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns the tables with which the entropy coder computes probabilities of normal distributions.
 
     Returns:
-        Reciprocal of each standard deviation in the coder's table; largest distance from the mean without an escape
-        code for each; and the standard normal CDF.
+        Three arrays: the reciprocals of the supported standard deviations (`inverse_scale_table`); for each of these,
+        the largest distance from the mean that needs no escape code (`half_width_table`); and the standard normal CDF
+        (`normal_table`).
     """
     return inverse_scale_table(), half_width_table(), normal_table()
 
 
 def fresh_models(num_contexts: int) -> np.ndarray:
     """Returns adaptive models of bits in their initial state.
+
+    Args:
+        num_contexts: Number of models. Each context of a bit has a model of its own.
 
     Returns:
         Two estimates of the probability that a bit is 0, for each context, in units of 2**-16, int64 (contexts, 2).

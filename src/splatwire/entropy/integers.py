@@ -12,7 +12,16 @@ MAX_SYMBOL = 1 << 24
 
 
 def scale_index(scale: npt.ArrayLike) -> np.ndarray:
-    """Returns the index of the nearest entry of the scale table for each standard deviation, int64."""
+    """Converts standard deviations to indices into the entropy coder's table of standard deviations.
+
+    The nearest entry of the table is chosen.
+
+    Args:
+        scale: Standard deviations in quantisation steps, any shape.
+
+    Returns:
+        int64 of the same shape.
+    """
     octaves = np.log2(np.maximum(np.asarray(scale, dtype=np.float64), 1e-9)) - SCALE_MIN_EXPONENT
     return np.asarray(np.clip(np.rint(octaves * SCALE_STEPS - 0.5), 0, NUM_SCALES - 1)).astype(np.int64)
 
@@ -43,10 +52,10 @@ def read_integers(reader: ByteReader, count: int) -> np.ndarray:
 
 
 def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
-    """Returns the probability distributions for coding a matrix of integers: zero-mean normals, one scale per row.
+    """Returns a zero-mean normal distribution for each entry of a matrix; entries of a row have the same distribution.
 
     Args:
-        scales: For each row, index of the standard deviation in the coder's table.
+        scales: Standard deviation of each row, as index into the coder's table of standard deviations.
         width: Number of columns.
 
     Returns:
@@ -56,13 +65,17 @@ def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
 
 
 def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
-    """Returns zero-mean normal distributions for the entries of a matrix.
+    """Returns a zero-mean normal distribution for each entry of a matrix.
 
-    The standard deviation of entry (i, j) has the index `rows[i] + columns[j]` in the scale table.
+    Standard deviations are given as indices into the coder's table of standard deviations. The index of entry (i, j) is
+    `rows[i] + columns[j]`, clamped to the table.
 
     Args:
-        rows: First summand of this index for each row, an integer.
-        columns: Second summand of this index for each column, an integer.
+        rows: Contribution of each row to the index, integers (R).
+        columns: Contribution of each column to the index, integers (C).
+
+    Returns:
+        Distributions of all entries in row-major order.
     """
     index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
     return Mixtures.normals(np.zeros(index.size), index.ravel())

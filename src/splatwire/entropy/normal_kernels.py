@@ -82,15 +82,15 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
-    """Returns the range of integers with a probability interval; integers outside of the range need an escape code.
+    """Returns the range of integers that need no escape code under a distribution.
 
     Args:
         mean0: Mean of the first component, see `entropy.coder.Mixtures`.
-        scale0: Standard deviation of the first component.
+        scale0: Standard deviation of the first component, an index into the scale table.
         mean1: Mean of the second component.
         scale1: Standard deviation of the second component.
         weight: Weight of the first component, out of 2**16; 2**16 for a single normal distribution.
-        widths: Distance of the first and the last integer from the mean, by scale index, from `half_width_table`.
+        widths: Largest distance from the mean without an escape code, by scale index, from `half_width_table`.
 
     Returns:
         First and last integer of the range.
@@ -110,7 +110,13 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_escape(buffer, state, excess):
-    """Encodes a non-negative integer in Elias gamma code, for symbols without a probability interval."""
+    """Encodes a non-negative integer in Elias gamma code, for a symbol far from the mean of its distribution.
+
+    Args:
+        buffer: Output bytes of the range encoder.
+        state: State of the range encoder, see `range_kernels`.
+        excess: The integer: distance of the symbol from the nearest symbol that needs this code.
+    """
     value = excess + 1
     length = 0
     while value >> (length + 1):

@@ -126,7 +126,7 @@ def weight_table() -> np.ndarray:
 
 @functools.cache
 def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
-    """Tabulates `1 + tanh(q)`, the factor on an anchor's quantisation steps for the network output q (HAC++).
+    """Tabulates `1 + tanh(q)`, by which HAC++ multiplies the quantisation steps of an anchor; q is a network output.
 
     Args:
         cells_per_unit: Table entries per unit of q.

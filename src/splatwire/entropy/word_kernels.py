@@ -117,7 +117,7 @@ def number_below(words, state, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def escaped(words, state):
-    """Decodes the escape code of a number that is too large to have a probability interval of its own."""
+    """Decodes a non-negative integer in Elias gamma code, written by `normal_kernels.encode_escape`."""
     length = 0
     while length < 32 and flag(words, state):
         length += 1

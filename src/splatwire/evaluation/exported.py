@@ -25,8 +25,8 @@ def compare_export(
         progress: Called with the name of the task and its finished share, 0 to 1.
 
     Returns:
-        Number of views, `num_views`, and mean PSNR over the views in decibels. `psnr_to_scene` is that of the export
-        against the original scene. With photos, `psnr_scene` and `psnr_export` are those against the photos, and
+        Number of views, `num_views`, and mean PSNR over the views in decibels: `psnr_to_scene` compares the export with
+        the original scene. With photos, `psnr_scene` and `psnr_export` compare each of them with the photos, and
         `psnr_loss` is their difference.
     """
     background = np.array(scene.background)

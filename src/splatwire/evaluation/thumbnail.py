@@ -42,7 +42,8 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
     Args:
         scene: The scene.
         size: Width and height, pixels.
-        viewpoint: View of the thumbnail; None for the view of the whole scene with the most detail.
+        viewpoint: Viewpoint of the thumbnail. None compares several views of the whole scene, and uses the one with the
+            most detail.
 
     Returns:
         The picture, uint8 (height, width, 3).
@@ -61,11 +62,16 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
 
 
 def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Renders a thumbnail of a stream (of a sequence: the first frame) from the initial view of the scene.
+    """Renders a thumbnail of a stream from the initial viewpoint that the stream declares.
+
+    For a sequence, the first frame is rendered.
 
     Args:
         stream: The stream; elements of lost packets are left out.
         size: Width and height, pixels.
+
+    Returns:
+        The picture, uint8 (height, width, 3).
     """
     viewpoint = read_viewpoint(sections_of(stream))
     partial = decode_stream(stream)

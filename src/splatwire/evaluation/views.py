@@ -134,7 +134,11 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 
 
 def photo_source(*, masked: bool) -> str:
-    """Returns the description of photos as reference images, for reports."""
+    """Returns the name of photos as reference images, for reports.
+
+    Args:
+        masked: True if only the pixels inside masks are evaluated, which the name then states.
+    """
     return "photos inside their masks" if masked else "photos"
 
 

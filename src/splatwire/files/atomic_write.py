@@ -35,7 +35,8 @@ _FULL = (errno.ENOSPC, errno.EDQUOT)
 def atomic_output(target: str | os.PathLike[str], *, parents: bool = False) -> Iterator[Path]:
     """Yields a temporary path for a file or folder, which replaces the target atomically on success.
 
-    A folder that replaces a folder is missing for a moment between two renames.
+    A folder cannot be replaced in a single step. The old folder is therefore renamed first, and the path does not exist
+    for a moment.
 
     Args:
         target: Path of the output. For a symbolic link, the file it refers to is replaced.
@@ -139,7 +140,11 @@ def _replaceable(path: Path) -> bool:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Cleans up after killed writers: deletes temporary folders, and restores output folders moved aside."""
+    """Cleans up after killed writers: deletes their temporary folders, and restores the folders that they had renamed.
+
+    Args:
+        folder: Folder of the outputs.
+    """
     if fcntl is None:
         return
     with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
@@ -180,7 +185,11 @@ def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> It
 
 
 def _is_workspace(space: int) -> bool:
-    """True if an open folder is the temporary folder of a writer, and only the current user can access it."""
+    """True if an open folder is the temporary folder of a writer, and only the current user can access it.
+
+    Args:
+        space: File descriptor of the folder.
+    """
     if os.fstat(space).st_mode & 0o077 or not set(os.listdir(space)) <= {_NEW, _OLD}:
         return False
     for part in os.listdir(space):

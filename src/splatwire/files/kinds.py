@@ -169,7 +169,12 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
 )
 _OLD_TORCH = b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."
 """First bytes of `torch.save` files from before release 1.6: a pickled number."""
-_PLY = (b"ply\n", b"ply\r")
+_PLY = re.compile(rb"ply[ \t]*[\r\n]")
+_KSPLAT_HEADER = struct.Struct("<BB2xIIIIH")
+_KSPLAT_USED_BYTES, _KSPLAT_BYTES = 44, 4096
+"""Used bytes of the header of a `.ksplat` file, and size of the header."""
+_KSPLAT_LEVELS, _KSPLAT_MINORS, _KSPLAT_SECTIONS = 3, 10, 4096
+"""Compression levels, minor versions and maximum number of sections."""
 XZ_MAGIC = b"\xfd7zXZ\0"
 _XZ_MEMORY_LIMIT = 80 << 20
 _OF_SCENES = {
@@ -198,9 +203,15 @@ def file_kind(path: Path) -> Kind:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Path]:
-    """Opens a file once for format detection and for the readers that follow.
+    """Context manager that opens a file and detects its format, so that all later readers use the same open file.
 
-    Yields the path of the file. Never raises and does not block. A path that cannot be opened is yielded too.
+    Never raises and does not block. A path that cannot be opened is yielded unopened.
+
+    Args:
+        path: File or folder.
+
+    Yields:
+        The path, as an `OpenedFile`.
     """
     if isinstance(path, OpenedFile) and path.kind is not None:
         yield path
@@ -348,8 +359,10 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
     """Returns the format of a file that an installed package recognises; otherwise the built-in result.
 
+    Packages are consulted only if no built-in format was found and the file is not empty.
+
     Args:
-        kind: Result of the built-in detection. Packages are asked only if its `use` is empty and the file is not.
+        kind: Result of the built-in detection; its `use` is empty if splatwire cannot read the file.
         head: First bytes of the file.
         suffix: Suffix of the file name.
     """
@@ -380,8 +393,8 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
         return EMPTY
     if head.startswith(XZ_MAGIC):
         inner = _unpacked_xz(head)
-        return _ply_kind(inner) if inner.startswith(_PLY) else Kind("xz", "an xz archive")
-    if head.startswith(_PLY):
+        return _ply_kind(inner) if _PLY.match(inner) else Kind("xz", "an xz archive")
+    if _PLY.match(head):
         return _ply_kind(head)
     if head.startswith(GLB_MAGIC):
         return STREAM_GLB if f'"{EXT_SPLATWIRE}"'.encode() in head[20 : _glb_json_end(head)] else GLB
@@ -398,12 +411,24 @@ def _built_in_kind(head: bytes, size: int, suffix: str) -> Kind:
         return Kind("picture", "a WebP picture", _PICTURE_USE)
     if head[8:9] == b"{" and struct.unpack("<Q", head[:8])[0] < size:
         return _tensors_kind(head)
-    if suffix == ".ksplat" and head[0] == 0:
+    if (suffix == ".ksplat" and head[0] == 0) or _has_ksplat_header(head):
         return KSPLAT
     kind = _weak_kind(head)
-    if suffix == ".splat" and not _is_text(head) and (kind == UNKNOWN or size % _SPLAT_BYTES == 0):
+    if suffix == ".splat" and not _is_text(head) and (kind == UNKNOWN or (kind != SPZ and size % _SPLAT_BYTES == 0)):
         return SPLAT  # its reader names the size of a file that is cut within a row
     return GLTF if suffix == ".gltf" and kind in (JSON, CAMERAS, TRANSFORMS) else kind
+
+
+def _has_ksplat_header(head: bytes) -> bool:
+    """True if a file begins as `.ksplat` files do, whatever its name is.
+
+    The format has no signature: the unused 4,052 bytes of the header are 0, and the used ones are plausible.
+    """
+    if len(head) <= _KSPLAT_BYTES or any(head[_KSPLAT_USED_BYTES:_KSPLAT_BYTES]):
+        return False
+    major, minor, max_sections, sections, _, count, level = _KSPLAT_HEADER.unpack_from(head)
+    plausible = 0 < sections <= max_sections <= _KSPLAT_SECTIONS and count > 0
+    return major == 0 and 0 < minor < _KSPLAT_MINORS and level < _KSPLAT_LEVELS and plausible
 
 
 def _glb_json_end(head: bytes) -> int:

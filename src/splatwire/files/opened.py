@@ -43,7 +43,7 @@ class OpenedFile(_NativePath):
         self._kind = self._file = None
 
     def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
-        """Returns the file status (see `Path.stat`) of the open file, also after a replacement of the path."""
+        """Returns the status of the open file (see `Path.stat`), even if another file has replaced it at this path."""
         if self._file is not None and follow_symlinks:
             return os.fstat(self._file.fileno())
         return super().stat(follow_symlinks=follow_symlinks)

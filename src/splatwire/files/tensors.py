@@ -33,7 +33,8 @@ def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_
         limit: Maximum size of the file, bytes.
 
     Raises:
-        SplatwireError: An `error` if the file is absent, too large, compressed, or names anything but plain tensors.
+        SplatwireError: An `error` if the file is absent, too large or compressed, or its pickle refers to classes or
+            functions other than those of plain tensors.
     """
     if not path.is_file():
         raise error(f"{path}: missing")
@@ -55,7 +56,11 @@ def check_tensor_file(path: Path, error: type[SplatwireError], limit: int = MAX_
 
 
 def _refuse_calls(description: bytes | BinaryIO) -> None:
-    """Checks that a pickle refers only to the classes and functions of plain tensors."""
+    """Checks that a pickle refers only to the classes and functions of plain tensors.
+
+    Raises:
+        ValueError: If it refers to any other class or function.
+    """
     for code, argument, _ in genops(description):
         odd = code.name == "GLOBAL" and not _PLAIN.fullmatch(str(argument))
         if odd or code.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
@@ -187,7 +192,17 @@ def _array(tensor: _Tensor, bytes_of: Callable[[_Storage], bytes]) -> np.ndarray
 
 
 def _interpreted(description: bytes | BinaryIO) -> Any:
-    """Returns the content of a pickle of plain tensors, without importing or calling what the pickle names."""
+    """Parses a pickle of plain tensors without importing or calling anything.
+
+    Args:
+        description: The pickle.
+
+    Returns:
+        Content of the pickle, with a `_Tensor` in place of each tensor.
+
+    Raises:
+        ValueError: If the pickle contains anything but tensors, numbers, strings and collections of these.
+    """
     stack, marks, known = list[Any](), list[int](), dict[int, Any]()
 
     def since_mark() -> list[Any]:
@@ -239,7 +254,9 @@ def _interpreted(description: bytes | BinaryIO) -> Any:
 
 
 def _storage(word: str, kind: _Name, key: str, device: str, count: int, *views: Any) -> _Storage:
-    """Parses the reference to a tensor's data in a PyTorch file. The arguments are the items of the pickled reference.
+    """Parses the reference from a pickled tensor to its data in a PyTorch file.
+
+    The arguments are the items of that reference.
 
     Args:
         word: Always `storage`.
@@ -269,7 +286,7 @@ def _construct(maker: Any, arguments: tuple[Any, ...]) -> Any:
         Description of a tensor; a dictionary; or, for a parameter of a network, the tensor in the first argument.
 
     Raises:
-        ValueError: If the function is none of those for tensors, parameters and ordered dictionaries.
+        ValueError: If the function does not build a tensor, a parameter or an ordered dictionary.
     """
     name = maker.name if isinstance(maker, _Name) else ""
     if name == "collections OrderedDict":  # Python 2 passes its pairs as the argument

@@ -18,16 +18,17 @@ CHECK_VIEWS = 16
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """Measures the training loss in a fixed sample of views under fixed simulated packet losses.
+    """Measures the training loss of Gaussians in a fixed sample of views, with and without simulated packet losses.
 
-    The loss of a view is its mean squared error, divided by the error at the start of the fine-tuning.
+    The loss of a view is its mean squared error, divided by its error at the start of the fine-tuning.
 
     Attributes:
-        scene: Background, origin and antialiasing of the scene.
-        pictures: Views of the sample.
-        receptions: Simulated packet losses, each applied to all views.
-        least: Lower limit on the error by which the loss of a view is divided.
-        first: Mean squared errors at the start. Rows: no packet loss, then each simulated one; columns: views.
+        scene: Scene with the background, the origin and the antialiasing; its Gaussians are not used.
+        pictures: The sampled views.
+        receptions: Simulated packet losses. Each is applied to all views.
+        least: Lower limit of the divisor. It replaces errors at the start that are smaller.
+        first: Mean squared error of each view at the start. Row 0 is without packet loss, row i + 1 with
+            `receptions[i]`.
     """
 
     # The Gaussians of `scene` are ignored. All receptions together have the same weight as the views without packet
@@ -48,15 +49,14 @@ class Check:
         min_divisor: float,
         rng: np.random.Generator,
     ) -> "Check":
-        """Prepares a check: chooses views at random, and measures their errors at the start of the fine-tuning.
+        """Chooses views at random, and measures their errors at the start of the fine-tuning.
 
         Args:
             scene: The scene.
             splats: The Gaussians at the start, rounded.
-            pictures: All fitted pictures.
+            pictures: All pictures of the fine-tuning.
             receptions: Simulated packet losses; empty for none.
-            min_divisor: Lower limit of the divisor of a view's loss. The divisor is the view's error at the start of
-                the fine-tuning.
+            min_divisor: Lower limit of the divisor of a view's loss.
             rng: Random generator for the choice of views.
         """
         count = pictures.cameras.num_views

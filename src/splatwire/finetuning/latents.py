@@ -200,7 +200,7 @@ def gradients_of(
 def harmonic_gradient(
     basis: Float[np.ndarray, "N D"], seen: Gaussians, colors: Float[np.ndarray, "N 3"]
 ) -> Float[np.ndarray, "N D 3"]:
-    """Converts the gradient with respect to a view's colours to the gradient with respect to spherical harmonics.
+    """Back-propagates the gradient from the colours of Gaussians in a view to their spherical harmonics.
 
     Args:
         basis: Values of the harmonic functions in the viewing directions.

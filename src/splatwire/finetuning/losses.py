@@ -19,13 +19,14 @@ _MOST_OPAQUE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class Reception:
-    """Received Gaussians of one iteration with packet loss, and their enlargement by the concealer `grow`.
+    """Gaussians that arrive when packets are lost in a training iteration, and how the receiver enlarges them.
+
+    The receiver's concealer `grow` makes the received Gaussians larger and more opaque, so that they cover the gaps.
 
     Attributes:
         known: Mask of received Gaussians.
         size_gain: Factor on the standard deviations of the received Gaussians.
-        exponent: Exponent of the transmittance of the received Gaussians. An opacity o becomes
-            `1 - (1 - o) ** exponent`.
+        exponent: Exponent that changes their opacities: o becomes `1 - (1 - o) ** exponent`.
     """
 
     # The concealer enlarges a Gaussian according to the lost share of the Gaussian's neighbours. Here, the lost
@@ -54,11 +55,11 @@ class Reception:
         return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
 
     def gradients(self, splats: Splats, drawn_gradients: Gradients) -> Gradients:
-        """Converts gradients with respect to the drawn Gaussians to gradients of all Gaussians; 0 for lost ones.
+        """Back-propagates gradients from the drawn Gaussians to all Gaussians; gradients of lost Gaussians are 0.
 
         Args:
             splats: All Gaussians, including those lost with packets.
-            drawn_gradients: Gradients with respect to the drawn Gaussians.
+            drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `shown`.
         """
         clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
@@ -75,7 +76,7 @@ class Reception:
 
 
 def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random.Generator) -> Reception | None:
-    """Draws the random packet loss of one iteration; returns what is received.
+    """Simulates the random packet losses of one training iteration.
 
     Args:
         division: Division of the scene's Gaussians into packets.
@@ -83,7 +84,7 @@ def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random
         rng: Random generator.
 
     Returns:
-        The received Gaussians. None if no Gaussian is lost, or if all are lost: the iteration then has no loss.
+        The received Gaussians. None if all Gaussians are received, or none; the iteration then uses all Gaussians.
     """
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))

@@ -73,7 +73,7 @@ class Pictures:
 
 
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
-    """Places cameras around a scene at different distances, from close to the surfaces up to views of all Gaussians.
+    """Places cameras for fine-tuning around a scene: some close to the surfaces, some far enough to see all Gaussians.
 
     Args:
         scene: The scene.

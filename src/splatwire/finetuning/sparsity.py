@@ -15,13 +15,14 @@ WEIGHT = 0.3
 
 @dataclass(frozen=True, eq=False)
 class HarmonicCost:
-    """Term of the training loss for the harmonics above degree 0, roughly proportional to their bits in a stream.
+    """Term of the training loss that makes harmonics above degree 0 cheap to encode.
 
-    A coefficient `u` with the quantisation step `s` costs `log(1 + |u| / s)`.
+    It is roughly proportional to their bits in a stream. A coefficient `u` with the quantisation step `s` costs
+    `log(1 + |u| / s)`.
 
     Attributes:
-        transform: Matrix from the harmonics of a Gaussian (RGB of the first, then of the second ...) to the
-            coefficients that the codec quantises.
+        transform: Matrix that converts a Gaussian's harmonics, flattened from (K, 3), to the coefficients that the
+            codec quantises; C = 3 K.
         steps: Quantisation step of the coefficients of each Gaussian.
     """
 
@@ -45,12 +46,12 @@ class HarmonicCost:
         return HarmonicCost(transform.astype(np.float32), np.exp2(-rounded).astype(np.float32)[:, None])
 
     def value(self, harmonics: Float[np.ndarray, "N K 3"]) -> float:
-        """Returns the loss term for the size of harmonics: the mean cost per Gaussian, times the constant `WEIGHT`."""
+        """Returns the loss term: the mean cost of a Gaussian's harmonics, multiplied by the constant `WEIGHT`."""
         sums = np.log1p(np.abs(self._coefficients(harmonics)) / self.steps)
         return WEIGHT * float(sums.sum(dtype=np.float64)) / len(harmonics)
 
     def gradient(self, harmonics: Float[np.ndarray, "N K 3"]) -> Float[np.ndarray, "N K 3"]:
-        """Returns the gradient of the cost (`value`) with respect to the harmonics."""
+        """Returns the gradient of the loss term (`value`) with respect to the harmonics."""
         # Coefficients that are 0 have none.
         found = self._coefficients(harmonics)
         slopes = np.sign(found) * np.float32(WEIGHT / len(harmonics)) / (self.steps + np.abs(found))

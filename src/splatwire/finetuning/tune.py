@@ -114,8 +114,8 @@ def tuned_gaussians(
 
     Centres, rotations, scales, opacities and harmonics are optimised with Adam; the number of Gaussians stays the same.
     Rounding is simulated, with straight-through gradients. The loss of a view is its mean squared error, divided by the
-    error of the same view when it was first rendered. Harmonics above degree 0 add their estimated cost in bits, so
-    that most of them become 0.
+    error of the same view when it was first rendered. A further loss term is the estimated size of the encoded
+    harmonics above degree 0; it makes most of them 0.
 
     The result depends only on the arguments, not on the number of threads.
 
@@ -124,8 +124,8 @@ def tuned_gaussians(
         pictures: The pictures and their cameras, relative to the origin of the scene.
         options: The options.
         progress: Called after each iteration.
-        classes: Precision class of each Gaussian, 0 for the finest and negative for coarser classes; None to measure
-            them.
+        classes: Precision class (set of quantisation steps) of each Gaussian, 0 for the finest and negative for coarser
+            ones; None to measure them.
 
     Returns:
         The Gaussians before rounding, and their quantisation steps.
@@ -151,7 +151,7 @@ def tuned_gaussians(
     optimizer = _Adam(_step_sizes(coding))
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()
-    check = _first_check(scene, latents.splats(), coding, pictures, options)
+    check = _create_check(scene, latents.splats(), coding, pictures, options)
     cost, costly = HarmonicCost.of(coding) if latents.harmonics.size else None, None
 
     def loss_of(latents: Latents) -> float:
@@ -220,8 +220,8 @@ def picture_gradients(
         view: Index of the camera.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Number by which the gradients are divided; None for the mean squared error. Smaller numbers than
-            `LEAST_SCALE` are replaced by `LEAST_SCALE`.
+        scale: Divisor of the gradients, raised to `LEAST_SCALE` if it is smaller. None to divide by the mean squared
+            error.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
     # pixels of the view, also with a mask. Small Gaussians of antialiased scenes are drawn with reduced opacity;
@@ -252,7 +252,7 @@ class _Adam:
     """The Adam optimiser.
 
     Args:
-        sizes: Factor of each Gaussian on the learning rates.
+        sizes: Factor on all learning rates of each Gaussian.
     """
 
     def __init__(self, sizes: Float[np.ndarray, "N"]) -> None:
@@ -279,7 +279,7 @@ class _Adam:
         share(change, list(trained))
 
     def stop(self) -> None:
-        """Sets the first moments to 0."""
+        """Sets the first moments to 0, so that earlier gradients no longer move the parameters."""
         # Earlier gradients then no longer change the parameters.
         for first, _ in self._moments.values():
             first[:] = 0
@@ -295,7 +295,7 @@ def _step_sizes(coding: SplatCoding) -> Float32[np.ndarray, "N"]:
 
 
 def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
-    """Chooses the views in which the precision class (set of quantisation steps) of each Gaussian is measured."""
+    """Chooses the views for measuring the precision class (set of quantisation steps) of each Gaussian."""
     # The default views for this measurement only look inwards. They would give the surroundings of a scene the
     # coarsest quantisation.
     views = np.random.Generator(np.random.PCG64([seed, 2])).permutation(cameras.num_views)[:MEASURED_VIEWS]
@@ -303,12 +303,19 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
     return chosen.scaled(min(1.0, MEASURED_SIZE / max(chosen.width, chosen.height)))
 
 
-def _first_check(
+def _create_check(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
 ) -> Check:
-    """Returns the object that measures the training loss in a random sample of views and packet losses.
+    """Creates the object that measures the training loss during fine-tuning, with random views and packet losses.
 
-    The errors before the first step, to which this loss is relative, are measured here.
+    The loss is relative to the errors of the given Gaussians after rounding.
+
+    Args:
+        scene: The scene.
+        splats: The Gaussians at the start, before rounding.
+        coding: Their quantisation steps.
+        pictures: All pictures of the fine-tuning.
+        options: Options with the loss model and the random seed.
     """
     # Its random views and packet losses differ from those of the iterations.
     rounded, receptions = round_splats(splats, coding), list[Reception]()

@@ -13,7 +13,7 @@ _MAX_BYTES = 1 << 20
 
 
 def read_arguments(path: Path) -> str:
-    """Returns the text of a file of arguments.
+    """Returns the content of the file in which training software stores its arguments, such as `cfg_args`.
 
     Raises:
         DatasetError: If it cannot be read, or is too large.

@@ -200,7 +200,13 @@ def _background_of(folder: Path) -> Background:
 
 
 def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:
-    """Returns the quantisation steps that a PLY of decoded Gaussians stores; None if the file has none."""
+    """Returns the quantisation settings that a PLY of decoded Gaussians stores; None if the file has none.
+
+    Args:
+        path: The file.
+        kind: Detected kind of the file.
+        splats: Gaussians read from the file.
+    """
     steps = read_ply_steps(path) if kind is SPLATS_PLY else None
     if steps is None or len(steps.classes) != splats.num_gaussians:
         return None

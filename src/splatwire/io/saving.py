@@ -86,9 +86,10 @@ def save_scene(
 
 
 def _saved_as_own_type(scene: Scene, target: Path) -> bool:
-    """Writes a scene in a file format that is registered for the type of the scene.
+    """Writes a scene in a plug-in's file format, if the file name has the suffix of a format for this type of scene.
 
-    Returns False if no such format has the file's suffix.
+    Returns:
+        True if the scene was written; False if no such format has the suffix.
 
     Raises:
         InvalidValueError: If the format is for scenes of another type.

@@ -21,12 +21,12 @@ proportion to the size of their Gaussians."""
 
 @dataclass(frozen=True, eq=False)
 class BuiltLevels:
-    """Gaussians of all levels of detail of a scene, and how they derive from the original Gaussians.
+    """Levels of detail of a scene, and their relation to the original Gaussians.
 
     Attributes:
-        scene: Gaussians of all levels.
-        order: Index in the original scene of each Gaussian of the finest level, int64.
-        old: Mask of the Gaussians that are copies, not results of merging, bool (N).
+        scene: Gaussians of all levels, coarsest level first.
+        order: For each Gaussian of the finest level, its index in the original scene, int64.
+        old: Mask of Gaussians that are unchanged copies; all others are results of merging, bool (N).
         errors: Error of each tile, coarsest level first, float64: root mean square distance of the original Gaussians
             from those that replace them, world units.
     """
@@ -57,7 +57,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     for finer, shape in itertools.pairwise(shapes):
         below, end = whole.run(end - finer.count, end), end - finer.count
         level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
-        for parent, child, share, mass in _replacements(below, finer, shape):
+        for parent, child, share, mass in _gaussians_per_tile(below, finer, shape):
             some, kept, error = _reduced(below, finer, child, share, mass)
             if share:
                 level.fill(at - end + shape.count, some)
@@ -94,8 +94,10 @@ def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     return bounds[::-1]
 
 
-def _replacements(splats: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Chooses how many Gaussians represent each tile of a level of detail in the next coarser level.
+def _gaussians_per_tile(
+    splats: Splats, finer: LevelShape, shape: LevelShape
+) -> Iterator[tuple[int, int, int, np.ndarray]]:
+    """Decides how many Gaussians of the next coarser level represent each tile of a level of detail.
 
     Args:
         splats: Gaussians of the finer level.
@@ -103,9 +105,8 @@ def _replacements(splats: Splats, finer: LevelShape, shape: LevelShape) -> Itera
         shape: Sizes of the next coarser level and its tiles.
 
     Yields:
-        Four values for each tile of the finer level: index of the coarser tile that contains the tile; index of the
-        tile; number of Gaussians that represent the tile in the coarser level; and area times opacity of each of the
-        tile's own Gaussians.
+        For each tile of the finer level: index of the coarser tile that replaces it; index of the tile; number of
+        Gaussians of the coarser tile that represent it; and result of `footprints` for its own Gaussians.
     """
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
@@ -118,15 +119,17 @@ def _replacements(splats: Splats, finer: LevelShape, shape: LevelShape) -> Itera
 
 
 def distribute(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Divides the Gaussians of a coarser tile among the finer tiles that the coarser tile replaces.
+    """Divides the Gaussians of a coarser tile among the finer tiles that it replaces.
+
+    A finer tile with more or larger Gaussians gets a larger share.
 
     Args:
         size: Number of Gaussians of the coarser tile.
-        extents: Total size of the Gaussians of each finer tile, float64 (C).
+        extents: Sum of the sizes (square roots of `footprints`) of each finer tile's Gaussians, float64 (C).
         counts: Number of Gaussians of each finer tile, int64 (C).
 
     Returns:
-        Number of Gaussians that represent each finer tile, int64 (C); the sum is `size`.
+        Number of Gaussians that represent each finer tile, int64 (C); the sum is `size`, no number exceeds `counts`.
     """
     # `EVEN` is the weight of the number of Gaussians; the rest is the weight of their size.
     weights = EVEN * counts / counts.sum() + (1 - EVEN) * extents / max(extents.sum(), 1e-300)

@@ -58,7 +58,7 @@ def reduce_gaussians(splats: Splats, count: int, mass: np.ndarray | None = None)
 
 
 def _num_unchanged(mass: np.ndarray, count: int) -> int:
-    """Returns how many of the largest Gaussians stay unchanged when the others are merged.
+    """Returns the number of Gaussians to keep unchanged, largest first, while the others are merged.
 
     Args:
         mass: Area times opacity of each Gaussian.

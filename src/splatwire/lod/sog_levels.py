@@ -89,7 +89,7 @@ def write_sog_levels(
             _levels_of(splats.select(order[first:last]), num_levels) for first, last in itertools.pairwise(bounds)
         ]
         files = [len(names) + level for level in range(num_levels)]
-        nodes += _nodes(leaves, files)
+        nodes += _leaf_nodes(leaves, files)
         for level in range(num_levels):
             name = f"{level}_{number}"
             chunk = _joined([levels[level] for levels in leaves])
@@ -133,12 +133,12 @@ def _levels_of(finest: Splats, num_levels: int) -> list[Splats]:
     return [level.select(morton_order(level.means.astype(np.float64))) for level in levels]
 
 
-def _nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
-    """Builds the JSON objects in which a viewer looks up the data of each leaf of the k-d tree.
+def _leaf_nodes(leaves: list[list[Splats]], files: list[int]) -> list[dict[str, Any]]:
+    """Builds the JSON object of each leaf of the k-d tree: its bounding box, and where the Gaussians of each level are.
 
     Args:
         leaves: For each leaf, the Gaussians of each level.
-        files: For each level, index of the file that contains the Gaussians of this level of all `leaves`.
+        files: For each level, index of the file that contains the Gaussians of all `leaves`, one leaf after another.
     """
     offsets, nodes = [0] * len(files), []
     for levels in leaves:

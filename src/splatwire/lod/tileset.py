@@ -118,12 +118,12 @@ def write_tileset(
 
 
 def explicit_scene(scene: Scene, holder: str) -> SplatScene:
-    """Returns a scene of explicit Gaussians without the invisible and invalid ones, for writing to a file.
+    """Checks that a scene has explicit Gaussians, and removes invisible and invalid ones before the scene is written.
 
     Args:
-        scene: The scene to write.
-        holder: Beginning of the error message for scenes of anchors, such as "3D Tiles hold". It names the output
-            format, and " explicit Gaussians" follows.
+        scene: The scene.
+        holder: Output format and verb, such as "3D Tiles hold": the beginning of the error message about scenes of
+            anchors, before " explicit Gaussians".
 
     Raises:
         InvalidValueError: If there is no Gaussian, or the scene has anchors.
@@ -195,7 +195,7 @@ def _attach(nodes: list[dict[str, Any]], finer: list[dict[str, Any]]) -> None:
 
 
 def _root_of(nodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Returns a root tile without content, whose children are the given tiles."""
+    """Returns a root tile without content that has the given tiles as children."""
     corners = [_corners(node["boundingVolume"]["box"]) for node in nodes]
     low, high = np.min([low for low, _ in corners], axis=0), np.max([high for _, high in corners], axis=0)
     error = max(float(np.linalg.norm(high - low)), *(node["geometricError"] for node in nodes))

@@ -22,9 +22,9 @@ class Metric:
     """A metric of image quality.
 
     Attributes:
-        measure: Function of images and references, float32 (C, H, W, 3), RGB in [0, 1], and masks, bool (C, H, W), or
-            None. It returns the metric of each of C views. `measure` is None for LPIPS, which is computed by a separate
-            class.
+        measure: Function that returns the metric of each of C views. Its arguments are images and references, float32
+            (C, H, W, 3), RGB in [0, 1], and masks of the evaluated pixels, bool (C, H, W), or None. `measure` is None
+            for LPIPS, which has a separate class.
         label: Name in tables.
         digits: Decimal places in tables.
     """

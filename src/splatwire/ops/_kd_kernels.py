@@ -10,11 +10,11 @@ from splatwire.ops.compiled import njit
 @njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
-    """Sorts points into the leaves of a k-d tree, so that each leaf gets a given number of points.
+    """Sorts points into the leaves of a k-d tree; the number of points of each leaf is given.
 
     Args:
         points: Coordinates, float (N, 3).
-        bounds: Position of each leaf's first point in the sorted order, ascending, and the number of points at the end.
+        bounds: Leaf i gets the positions `bounds[i]` to `bounds[i + 1]` (exclusive) of the sorted order, int64.
         order: Indices of the points; permuted in place.
     """
     stack = [(np.int64(0), np.int64(len(bounds) - 1))]

@@ -18,8 +18,8 @@ def code_order(codes: np.ndarray, bits: int, groups: np.ndarray | None = None) -
     Args:
         codes: Codes of at most 2**32 elements, non-negative int64 (N) below `1 << bits`.
         bits: Number of bits of a code.
-        groups: Primary sort key of each element, 0 to 2**16 - 1, (N); codes order elements with equal primary keys.
-            None to sort by the codes alone.
+        groups: Primary sort key of each element, 0 to 2**16 - 1, (N). Elements with equal primary keys are sorted by
+            code. None to sort by the codes alone.
 
     Returns:
         Indices of the elements in sorted order, uint32 (N).

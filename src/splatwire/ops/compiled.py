@@ -77,19 +77,19 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
     def decorate(function: _F) -> _F:
         try:
-            return _cached_well(numba.njit(cache=True, **options)(function))
+            return _with_shared_cache(numba.njit(cache=True, **options)(function))
         except RuntimeError:  # numba found no writable cache folder
             folder = private_folder()
         if folder is None:
             return numba.njit(**options)(function)
         with _cache_in(folder):
-            return _cached_well(numba.njit(cache=True, **options)(function))
+            return _with_shared_cache(numba.njit(cache=True, **options)(function))
 
     return decorate
 
 
-def _cached_well(kernel: Any) -> Any:
-    """Changes how a numba kernel caches its machine code, and returns the kernel.
+def _with_shared_cache(kernel: Any) -> Any:
+    """Makes a numba kernel's cache of machine code safe, and returns the kernel.
 
     Of several processes, only one compiles the kernel; the others load the cached code. A change of a source file or of
     a constant invalidates the cached code.
@@ -98,16 +98,23 @@ def _cached_well(kernel: Any) -> Any:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
         file._load_index = _ignore_unreadable(file._load_index)
-        kernel.compile = _in_turn(kernel)
+        kernel.compile = _compile_once(kernel)
     return kernel
 
 
-def _in_turn(kernel: Any) -> Callable[[Any], Any]:
-    """Wraps a kernel's compilation so that one process compiles, and the other processes load the cached code."""
+def _compile_once(kernel: Any) -> Callable[[Any], Any]:
+    """Wraps a kernel's compilation so that only one process compiles, and the others then load the cached code.
+
+    Args:
+        kernel: The kernel, a dispatcher of numba.
+
+    Returns:
+        Function that compiles the kernel for a signature.
+    """
     make = kernel.compile
     file = Path(kernel._cache.cache_path, f"{kernel.py_func.__module__}.{kernel.py_func.__qualname__}.lock")
 
-    def compile_in_turn(signature: Any) -> Any:
+    def compile_once(signature: Any) -> Any:
         with global_compiler_lock:  # first, as numba takes it: threads would wait for each other otherwise
             if file in _HELD:  # a recursive kernel, or one of equal name
                 return make(signature)
@@ -118,7 +125,7 @@ def _in_turn(kernel: Any) -> Callable[[Any], Any]:
                 finally:
                     _HELD.discard(file)
 
-    return compile_in_turn
+    return compile_once
 
 
 @contextmanager
@@ -126,7 +133,7 @@ def _file_lock(path: Path, kernel: str) -> Iterator[None]:
     """Context that holds a file lock, so that only one process compiles a kernel.
 
     The context begins without the lock in three cases: the file cannot be opened, the system has no locks, or another
-    process keeps the lock longer than `_wait_for` waits. Two processes may then compile the same kernel.
+    process holds the lock for too long (see `_wait_for`). Two processes may then compile the same kernel.
 
     Args:
         path: The lock file; created if it is absent.
@@ -149,10 +156,10 @@ def _file_lock(path: Path, kernel: str) -> Iterator[None]:
 
 
 def _wait_for(handle: int, kernel: str) -> None:
-    """Locks an open file; if another process holds the lock, waits for it for at most `_TURN_S` seconds.
+    """Locks an open file; returns without the lock if another process holds it for longer than `_TURN_S` seconds.
 
-    Once a wait has timed out in this process, later calls try to lock only once, without a wait. A wait that is longer
-    than `_NOTICE_S` seconds is logged. During it, `is_compiling` is True.
+    After such a timeout, later calls in this process try only once. A wait longer than `_NOTICE_S` seconds is logged,
+    and `is_compiling` is True meanwhile.
 
     Args:
         handle: File descriptor of the lock file.
@@ -168,14 +175,14 @@ def _wait_for(handle: int, kernel: str) -> None:
 
 
 def _lock_within(duration_s: float, handle: int) -> bool:
-    """Tries to lock an open file until the time is over; returns False if another process still holds the lock.
+    """Tries to lock an open file for a limited time.
 
     Args:
         duration_s: Time for further attempts after the first one, seconds.
         handle: File descriptor of the file.
 
     Returns:
-        True if the file is locked, or if its file system has no locks.
+        True if the file is locked, or if its file system has no locks. False if another process still holds the lock.
     """
     end = time.monotonic() + duration_s
     while True:
@@ -192,10 +199,10 @@ def _lock_within(duration_s: float, handle: int) -> bool:
 
 
 def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """Returns a function that calls `load`, and returns an empty cache index if `load` fails.
+    """Wraps numba's function that reads the index of cached machine code: an unreadable index counts as empty.
 
     Args:
-        load: Function of numba that reads the index of cached machine code from a file.
+        load: The function of numba.
     """
 
     def index() -> dict[Any, str]:
@@ -222,10 +229,9 @@ def _sources_digest(module: str) -> str:
 
 
 def _collect_constants(module: str, constants_by_module: dict[str, list[str]]) -> None:
-    """Collects the constants of a module and of the modules it imports.
+    """Collects the constants that may be compiled into the kernels of a module: its own, and those of imported modules.
 
-    Compiled kernels of the module can contain copies of these constants, so that machine code is valid only for the
-    same constants.
+    Cached machine code is valid only as long as these constants are the same.
 
     Args:
         module: Full name of the module.
@@ -296,8 +302,9 @@ class _Compilations(event.Listener):
     """Listener that logs each compilation of a kernel, and counts the compilations that are running.
 
     Attributes:
-        depth: Number of running compilations in the current thread, one inside another.
-        num_running: Number of running compilations in all threads, and of waits for those of other processes.
+        depth: Number of running compilations in the current thread; one compilation can start another.
+        num_running: Number of compilations running in this process, and of threads that wait for one in another
+            process.
     """
 
     def __init__(self) -> None:

@@ -13,9 +13,9 @@ def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
 
     Args:
         points: (N, 3), finite.
-        nested: Bounds of the groups on each level of the tree, the level with the largest groups first. The bounds of a
-            level are int64, ascending from 0 to N; a group has the sorted points from one bound to the next. Each level
-            divides the groups of the previous one, and so contains the bounds of the previous level.
+        nested: Group boundaries for each level of the tree, largest groups first. Group i of a level has the positions
+            `bounds[i]` to `bounds[i + 1]` (exclusive) of the sorted order; `bounds` is int64, ascending from 0 to N. It
+            contains all boundaries of the previous level.
 
     Returns:
         Indices of the points in sorted order, int64 (N).

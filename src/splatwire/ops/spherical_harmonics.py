@@ -1,12 +1,13 @@
 """Real spherical harmonics up to degree 3, in the order and with the signs of the 3DGS file format."""
 
 import math
+import operator
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, shown
 
 MAX_DEGREE = 3
 DC = 0.5 / math.sqrt(math.pi)
@@ -19,9 +20,13 @@ def num_functions(degree: int) -> int:
     Raises:
         InvalidValueError: If the degree is not 0 to 3.
     """
-    if not 0 <= degree <= MAX_DEGREE:
-        raise InvalidValueError(f"spherical harmonics of degree 0 to {MAX_DEGREE} are supported, not {degree}")
-    return (degree + 1) ** 2
+    try:
+        number = -1 if isinstance(degree, bool) else operator.index(degree)
+    except TypeError:
+        number = -1
+    if not 0 <= number <= MAX_DEGREE:
+        raise InvalidValueError(f"spherical harmonics of degree 0 to {MAX_DEGREE} are supported, not {shown(degree)}")
+    return (number + 1) ** 2
 
 
 def degree_of(functions: int) -> int:

@@ -93,7 +93,10 @@ def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int)
 
 
 def _extents(context: ReceivedScene) -> Float[Tensor, "N 3"]:
-    """Returns the sizes of anchors along the world axes, with which distances are normalised."""
+    """Returns the sizes of anchors along the world axes, by which the Mahalanobis distance is normalised.
+
+    Anchors with lost sizes get the mean size.
+    """
     # The mean size for anchors with missing scaling.
     size = context.scene.anchors.scalings[:, :3]
     known = context.loss_mask.column(Attribute.SCALING) & (size > 0).all(dim=1)

@@ -103,7 +103,16 @@ class Kriging:
         return Concealed.filled(replace(filled, scalings=_with_floor(context, filled.scalings)))
 
     def _fit(self, context: ReceivedScene, received: Bool[Tensor, "N"], fields: list["_Field"]) -> list[Correlogram]:
-        """Chooses a correlogram for each attribute by leave-one-out prediction of received anchors."""
+        """Chooses the correlogram of each attribute that predicts received anchors best from their neighbours.
+
+        Args:
+            context: The received scene.
+            received: Mask of the anchors whose attributes were received.
+            fields: Values of each attribute.
+
+        Returns:
+            One correlogram per attribute.
+        """
         support = received.nonzero()[:, 0]
         if len(support) < 2:
             return [Correlogram(0.0, 1.0)] * len(fields)

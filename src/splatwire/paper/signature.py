@@ -41,7 +41,7 @@ class Residuals:
 
     Attributes:
         parts: Residuals of N anchors: one tensor (N, D) for each feature group, then one for the scalings and one for
-            the offsets (offset-major).
+            the offsets. Order of the offsets: x, y, z of the first one, then of the second, and so on.
         exists: True for offsets that have a residual.
     """
 

@@ -10,7 +10,7 @@ from splatwire.types import Anchors, ReceivedScene
 @register_concealer("zero", needs=[Anchors], listed=False)
 @dataclass(frozen=True)
 class Zero:
-    """Draws lost anchors with zeros for missing values, as a baseline for comparisons."""
+    """Concealer that sets missing values to zero, as a baseline for comparisons."""
 
     # Received values remain, also those of a feature of which only some channels arrived. An anchor without its
     # offset mask is not drawn. If each packet contains all attributes of its anchors, the result equals that of the

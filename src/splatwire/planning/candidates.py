@@ -101,7 +101,9 @@ def candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanConstraint
 
 @checked
 def largest_head(load: StreamLoad) -> int:
-    """Returns the approximate size of the largest init segment that the planner may try, in bytes.
+    """Returns the approximate size of the largest init segment that the planner considers, in bytes.
+
+    The init segment has the side information, and may also have the most important packets.
 
     Args:
         load: Sizes of the stream's packets.
@@ -110,7 +112,7 @@ def largest_head(load: StreamLoad) -> int:
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
-    """Returns how many importance tiers the planner may bundle in the init segment.
+    """Lists the numbers of importance tiers that the planner may bundle in the init segment.
 
     The init segment has all packets of the bundled tiers, which are the most important ones.
 
@@ -161,7 +163,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
 
 @checked
 def arrival_within(model: TransferModel, traces: np.ndarray, budget_bytes: float | int) -> SimulatedTransfers:
-    """Simulates transfers that stop when a budget of bytes is spent; returns what the receiver has then.
+    """Simulates transfers that stop when a budget of bytes is spent, and returns the data that arrives until then.
 
     Args:
         model: Datagrams of a transfer in sending order.
@@ -253,10 +255,14 @@ def _least_repair(
 def _margin_assignments(tiers: int) -> Sequence[tuple[float | None, ...]]:
     """Lists the combinations of safety margins that the planner compares, one margin for each importance tier.
 
-    A safety margin is the redundancy of a tier beyond what its mean loss needs.
+    A safety margin is the redundancy beyond that for the mean loss. A more important tier never has a smaller margin.
 
     Args:
         tiers: Number of tiers.
+
+    Returns:
+        Margins of the tiers, most important first, in standard deviations of the number of lost packets; None for a
+        tier without redundancy.
     """
     return [
         tuple(SAFETIES[level] for level in combination)

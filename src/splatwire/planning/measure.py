@@ -229,9 +229,9 @@ def measured_variant(
 
 @checked
 def packet_members(stream: SceneStream) -> list[np.ndarray]:
-    """Returns the indices of the elements in each packet.
+    """Returns the indices of the elements in each packet; packets are in sending order.
 
-    Packets are in sending order. An index is the element's position in the coding order.
+    An index is the position of an element in the coding order.
     """
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]

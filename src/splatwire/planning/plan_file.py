@@ -26,7 +26,7 @@ class Plan:
         psnr: Mean PSNR over simulated transfers (and frames of a sequence), decibels.
         lost: Mean lost fraction of each part of the stream, 0 to 1. The parts of a scene are its importance tiers;
             those of a sequence are the motion of each group of pictures.
-        sent_bytes: Bytes sent within the budget, without retransmissions of keyframe packets.
+        sent_bytes: Bytes that a transfer sends within the budget. Retransmissions of keyframe packets do not count.
     """
 
     protection: Protection

@@ -220,11 +220,12 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates how much the reported PSNR grows if the PSNR that the search measures grows by one decibel.
+    """Estimates the ratio of changes in the reported PSNR to changes in the PSNR that the search measures, 0.5 to 2.
+
+    The search measures the PSNR in other views than those of the reported PSNR.
 
     Args:
-        pairs: PSNR in the views used for the search, and reported PSNR (in held-out views), for each stream so far,
-            decibels.
+        pairs: PSNR in the views of the search, and PSNR in the held-out views, for each stream so far, decibels.
     """
     # The estimate is limited to the range from 0.5 to 2.
     if len(pairs) < 2:
@@ -309,13 +310,13 @@ class _Plan:
         return Quality(quality_level, precision=self.precision)
 
     def with_precision_for_tuning(self, quality: Quality) -> "_Plan":
-        """Returns this plan with the precision of each attribute that suits fine-tuning.
+        """Returns this plan with a precision of each attribute that suits fine-tuning.
 
-        It is the mean of two precisions: that of this plan, which was measured as the best one without fine-tuning, and
-        that of `quality`, from which the measurement started.
+        This precision is halfway between that of `quality` and that of this plan. The latter was measured as the best
+        one without fine-tuning.
 
         Args:
-            quality: Quality setting from which the precision was measured.
+            quality: Quality setting with the precision from which the measurement started.
         """
         # Fine-tuning compensates for the rounding of colours and opacities, but hardly for that of rotations, which the
         # measurement makes much coarser: with half of the change, truck takes 0.48 instead of 0.55 of the bytes of all
@@ -546,6 +547,8 @@ class _Trials:
     ) -> bool:
         """Tries quantisation levels until the stream has a wanted size or PSNR.
 
+        If no level gives an accepted value, also tries to keep fewer Gaussians at the next finer level.
+
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
@@ -553,8 +556,7 @@ class _Trials:
             slope: Expected increase of the measured value per level.
 
         Returns:
-            True if no quantisation level gave an accepted value, so that different shares of kept Gaussians were tried,
-            too; else False.
+            True if different shares of kept Gaussians were tried, too.
         """
         # If no level gives an accepted value, the next finer level is used with fewer Gaussians.
         first = len(self._found)
@@ -575,14 +577,15 @@ class _Trials:
         known: tuple[float, EncodedScene],
         slope: float,
     ) -> None:
-        """Tries shares of Gaussians to keep until the stream has a wanted size or PSNR.
+        """Tries shares of Gaussians to keep, at a fixed quantisation level, until the stream has a wanted size or PSNR.
 
         Args:
             measure: Function that measures an encoded scene: its size or PSNR, depending on the target.
             permitted: Range of accepted values.
-            known: Pair of the measured value of a stream, and this stream, from which the search starts.
-            slope: Expected increase of the measured value if the quantisation level increases by 1. The function
-                derives the increase per share from it.
+            known: Measured value of an encoded scene, and this scene. Its quantisation level is used, and its share is
+                the first to be changed.
+            slope: Expected increase of the measured value per quantisation level. The increase per share is estimated
+                from it.
         """
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known

@@ -191,12 +191,12 @@ def match_by_position(before: Float[np.ndarray, "F 3"], after: Float[np.ndarray,
 
 
 def _changed(at_receivers: Splats, known: np.ndarray, newest: Splats, drawable: np.ndarray) -> Int64[np.ndarray, "K"]:
-    """Returns the indices of all Gaussians that are new or differ from the version of the receivers.
+    """Returns the indices of the Gaussians that receivers do not have, or have with other values.
 
     Args:
-        at_receivers: Versions of the Gaussians that the receivers have.
+        at_receivers: Values of the Gaussians at the receivers.
         known: Mask of the Gaussians that the receivers have.
-        newest: The newest Gaussians.
+        newest: The newest values of the same Gaussians.
         drawable: Mask of the Gaussians that can be drawn; the other ones are not returned.
     """
     differs = ~known

@@ -48,15 +48,16 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Pairs of a weight and a set of views with pictures of the complete scene. Empty for large scenes (more
-            than `PART` Gaussians) without given cameras; their parts are measured one after another.
+        sets: Sets of views with pictures of the complete scene, each with a weight. Empty for scenes of more than
+            `PART` Gaussians without given cameras. The parts of such a scene are measured separately, each in its own
+            views.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
 
     @staticmethod
     def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
-        """Chooses the views of `measure_gaussians`.
+        """Chooses the views for measuring removals, which are the same as those of `measure_gaussians`.
 
         Args:
             source: The complete scene.
@@ -153,12 +154,12 @@ class PruningCurve:
         return float(np.interp(share, self.shares, self.errors))
 
     def share(self, error: float) -> float:
-        """Returns the smallest share of Gaussians with which pictures have at most a given mean squared error."""
+        """Returns the smallest share of Gaussians for which pictures have at most a given mean squared error."""
         errors = np.maximum.accumulate(self.errors[::-1])
         return float(np.interp(error, errors, self.shares[::-1]))
 
     def best_share(self, quality_level: float) -> float:
-        """Returns the best share of Gaussians to keep at a quantisation level.
+        """Returns the share of Gaussians to keep that balances pruning and quantisation at a quantisation level.
 
         With this share, saving a byte by pruning costs the same error as saving it by coarser quantisation.
 

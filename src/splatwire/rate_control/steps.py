@@ -90,11 +90,11 @@ def measured_precision(
 
 
 def _only(offsets: Offsets, name: str) -> Offsets:
-    """Returns the rounding errors with only one attribute's errors kept, and those of all others set to none.
+    """Returns rounding errors in which all attributes except one are exact.
 
     Args:
         offsets: Rounding errors of all attributes.
-        name: Name of the attribute.
+        name: Name of the attribute whose errors are kept.
     """
     none = {each: np.zeros_like(values) for each, values in vars(offsets).items()}
     none["quats"][:, 0] = 1

@@ -102,7 +102,7 @@ def tuned_to_pictures(
     tuning: Tuning,
     progress: Callable[[str, float], None],
 ) -> SplatScene:
-    """Fine-tunes Gaussians so that the Gaussians quantised at a quality setting match given pictures.
+    """Fine-tunes Gaussians so that their rendering after quantisation matches given pictures.
 
     Args:
         pruned: The Gaussians to fine-tune.

@@ -82,7 +82,7 @@ def not_held_out(cameras: Cameras, count: int) -> Cameras:
 
 
 def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
-    """Selects at most `count` of the given views, evenly spread, and reduces large images.
+    """Selects at most `count` of the given views, evenly spread, and reduces the size of large images.
 
     Args:
         cameras: All cameras.

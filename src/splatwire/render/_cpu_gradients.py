@@ -161,13 +161,14 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, gaussian_indices, pair_rows, pair_starts, sums):
-    """Sums the gradients of each Gaussian over all its tiles, and adds the results to `sums`.
+    """Sums the gradients of each Gaussian over its tiles, and adds the results to `sums`.
 
     Args:
-        rows_of_sums: Gradient of each pair of Gaussian and tile.
-        gaussian_indices: Indices of the Gaussians.
-        pair_rows: Rows of `rows_of_sums` that belong to each Gaussian, Gaussian after Gaussian.
-        pair_starts: Start of each Gaussian's entries in `pair_rows`, and the end of the last.
+        rows_of_sums: Gradients, one row for each pair of Gaussian and tile, from `draw_tiles_back`.
+        gaussian_indices: Index of the k-th Gaussian in `sums`.
+        pair_rows: Row numbers of `rows_of_sums`, sorted by Gaussian.
+        pair_starts: The k-th Gaussian has the entries `pair_starts[k]` to `pair_starts[k + 1]` of `pair_rows`
+            (exclusive).
         sums: Gradient of each Gaussian, changed in place.
     """
     # The sums are from `draw_tiles_back`, `pair_rows` and `pair_starts` from `fill_tiles`. The order of addition is

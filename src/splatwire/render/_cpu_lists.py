@@ -83,11 +83,11 @@ def _covered_rows(splats, g, left, columns, top, bottom, strips, strip):
         splats: Projected Gaussians.
         g: Index of the Gaussian.
         left: First column of tiles that the Gaussian overlaps.
-        columns: Number of these columns.
-        top: Smallest possible pixel row.
-        bottom: End of the possible pixel rows (exclusive).
-        strips: Output: first row and end of the rows (exclusive) for each column.
-        strip: Row of `strips` for the first column.
+        columns: Number of columns of tiles that it overlaps.
+        top: Lower limit of the pixel rows.
+        bottom: Upper limit of the pixel rows (exclusive).
+        strips: Output: first pixel row and end (exclusive), one row of this array for each column.
+        strip: Row of `strips` for the column `left`.
     """
     # A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. The rows range from the highest to the
     # lowest such pixel in the column. In a single column, the full height of the ellipse is used, which is faster
@@ -140,11 +140,11 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     Returns:
         Five arrays:
 
-        * Start of each tile's list, and the end of the last list.
+        * Start of each tile's list in the next array, and the end of the last list.
         * Lists of all tiles, one after another: indices of Gaussians.
-        * Pixel rows of the tile that the Gaussian of each list entry covers.
-        * For the gradient, the list entries of each Gaussian, Gaussian after Gaussian.
-        * Start of each Gaussian's entries in the previous array, and the end of the last.
+        * Pixel rows that each entry of the lists covers in its tile: first row and end (exclusive).
+        * The same entries sorted by Gaussian: positions in the lists.
+        * Start of each Gaussian's entries in the previous array, in the order of `order`, and the end of the last.
     """
     # Rows are shifted instead of divided, and array views (reference-counted) are avoided: together this halves the
     # time.
@@ -182,15 +182,15 @@ def _build_tile_lists(order, corners, strips, starts, grid_x):
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: Two numbers for each Gaussian: index of the image's topmost tile in the first tile column that the
-            Gaussian covers, and number of tile columns that it covers.
-        strips: First and end (exclusive) of the pixel rows that a Gaussian covers in a tile column: one row for each of
-            its tile columns, Gaussian after Gaussian.
-        starts: Start of each tile's part in the result, and the total length.
+        corners: For each Gaussian of `order`: index of the topmost tile in the first tile column that it overlaps, and
+            number of tile columns that it overlaps.
+        strips: Pixel rows that a Gaussian covers in a tile column: first row and end (exclusive). One row of the array
+            for each tile column of the first Gaussian, then of the second, and so on.
+        starts: Start of each tile's list in the result, and the total length.
         grid_x: Number of tile columns of the image.
 
     Returns:
-        The lists of Gaussians, the pixel rows of each list entry, and the list entries of each Gaussian.
+        Second to fourth result of `fill_tiles`.
     """
     num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)

@@ -53,7 +53,16 @@ def _clamped(value, focal, center, size, margin):
 @njit(borrows=True, error_model="numpy", fastmath={"nsz", "arcp", "contract"})
 @no_type_check
 def _project_chunk(work, pose, intrinsics, width, height, constants):
-    """Projects `CHUNK` Gaussians, whose values are in the buffer `work`, to the image."""
+    """Projects `CHUNK` Gaussians to the image.
+
+    Args:
+        work: Buffer with the parameters of the Gaussians; receives the results.
+        pose: World-to-camera transform.
+        intrinsics: Focal lengths and principal point, pixels.
+        width: Width of the image, pixels.
+        height: Height of the image, pixels.
+        constants: Minimum depth, dilation of the projected covariance, frustum margin, side of a tile.
+    """
     # The loop has no branches, so that the compiler vectorises it. The buffer contains the input and receives the
     # result. It has `CHUNK` numbers for each quantity; constants such as `QUAT` and `OUT` are the index of the
     # first number of a quantity.
@@ -155,9 +164,27 @@ def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
-    """Converts gradients of projected Gaussians to gradients of the Gaussians' parameters.
+    """Back-propagates gradients from projected Gaussians to the parameters of the Gaussians.
 
-    The results are written to the arrays `d_means`, `d_quats`, `d_scales`, `d_opacities`, `d_colors` and `d_means2d`.
+    Args:
+        means: Centres, world coordinates.
+        quats: Unit quaternions, (w, x, y, z).
+        scales: Standard deviations along the axes, world units.
+        opacities: Opacities.
+        pose: World-to-camera transform.
+        intrinsics: Focal lengths and principal point, pixels.
+        width: Width of the image, pixels.
+        height: Height of the image, pixels.
+        constants: Minimum depth, dilation of the projected covariance, frustum margin, side of a tile.
+        splats: Projected Gaussians.
+        tiles: Range of tiles of each Gaussian.
+        sums: Gradient of each projected Gaussian, from `add_rows`.
+        d_means: Output: gradient with respect to `means`.
+        d_quats: Output: gradient with respect to `quats`.
+        d_scales: Output: gradient with respect to `scales`.
+        d_opacities: Output: gradient with respect to `opacities`.
+        d_colors: Output: gradient with respect to the colours.
+        d_means2d: Output: gradient with respect to the projected means.
     """
     # `sums` are the gradient sums of each projected Gaussian, from `draw_tiles_back` and `add_rows`. The arguments
     # up to `tiles` are those of `project_splats`.

@@ -39,9 +39,9 @@ def add_squared(
         quats: Unit quaternions of the Gaussians, (w, x, y, z).
         splat_opacities: Opacities of the Gaussians.
         order: Axes of each Gaussian sorted by length, longest first.
-        symmetry_axis: Axis of symmetry of each Gaussian, as index in `order`: 2 (shortest axis) for flat Gaussians, 0
-            (longest axis) for long ones.
-        sums: Sums to increase, (N, 8), with the columns `POSITION` to `COLOUR`.
+        symmetry_axis: Column of `order` with the axis of symmetry of each Gaussian: 2 (shortest axis) for flat
+            Gaussians, 0 (longest axis) for long ones.
+        sums: Sums to increase, (N, 8). The constants `POSITION` to `COLOUR` are the column of each attribute.
         first: Index of the first Gaussian.
         last: End of the Gaussians (exclusive).
     """

@@ -34,9 +34,9 @@ class Drawing:
     """Result of rendering one view for training.
 
     Attributes:
-        image: RGB, not clamped; differentiable in the Gaussians.
-        centers: Tensor whose `.grad` after `backward` is the gradient with respect to the 2D centres, per pixel; None
-            if not requested.
+        image: RGB, not clamped; differentiable with respect to the Gaussians.
+        centers: 2D centres of the Gaussians, pixels. After `backward`, `centers.grad` is the gradient with respect to
+            them. None if not requested.
     """
 
     image: Float[Any, "H W 3"]
@@ -44,7 +44,7 @@ class Drawing:
 
     @property
     def d_centers(self) -> Float[Any, "G 2"] | None:
-        """Gradient with respect to the 2D centres, per pixel; None if not requested, or before `backward`."""
+        """Gradient with respect to the 2D centres in pixels; None if not requested, or before `backward`."""
         return None if self.centers is None or self.centers.grad is None else self.centers.grad[0]
 
 

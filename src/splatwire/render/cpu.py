@@ -85,7 +85,17 @@ def keep_freed_memory() -> None:
 
 
 class _Band(NamedTuple):
-    """Consecutive rows of image tiles, with a list of Gaussians for each tile."""
+    """Consecutive rows of image tiles, with a list of Gaussians for each tile.
+
+    Attributes:
+        first_row: First row of tiles.
+        order: Indices of the Gaussians in the band, nearest first.
+        starts: Start of each tile's list in `ids`, and the end of the last list.
+        ids: Lists of all tiles, one after another: indices of Gaussians, nearest first.
+        spans: Pixel rows that each entry of `ids` covers in its tile: first row and end (exclusive).
+        places: Positions in `ids`, sorted by Gaussian in the order of `order`.
+        place_starts: Start of each Gaussian's entries in `places`, and the end of the last.
+    """
 
     first_row: int
     order: np.ndarray
@@ -97,13 +107,14 @@ class _Band(NamedTuple):
 
 
 class Picture:
-    """Drawing of one view on the CPU, and the gradients of the picture.
+    """Renders one view on the CPU, and computes the gradients of the image.
 
     Args:
         arrays: Means, quats, scales, opacities, colors.
         cameras: The cameras.
         view: Index of the camera.
-        kept: True if gradients may be requested after drawing.
+        kept: True to keep data for computing gradients after drawing. The gradients then do not depend on the number of
+            threads.
     """
 
     # Threads divide the work by ranges of Gaussians and by bands (consecutive rows of tiles). The image does not
@@ -175,11 +186,11 @@ class Picture:
         share(some, _pieces(len(sums)))
 
     def _gradient_sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
-        """Computes the sums over pixels from which the gradient of each projected Gaussian follows, float32 (G, SUMS).
+        """Computes the gradients with respect to the projected Gaussians, summed over all pixels, float32 (G, SUMS).
 
         Args:
             image: The rendered picture.
-            d_image: Gradient with respect to the picture.
+            d_image: Gradient of the loss with respect to the picture.
         """
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)

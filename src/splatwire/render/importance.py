@@ -52,7 +52,7 @@ views around a scene."""
 
 
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around a scene without cameras, for measurements of the scene's appearance.
+    """Places cameras around a scene that has no cameras of its own, to measure how the scene looks.
 
     Args:
         scene: The scene.
@@ -86,7 +86,7 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
         size: Width and height of the images, pixels.
 
     Returns:
-        For each camera, the sum of the areas of all Gaussians in its image, divided by the area of the image.
+        For each camera, the sum of opacity times projected area over all Gaussians, divided by the area of the image.
 
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.

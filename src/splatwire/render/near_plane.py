@@ -67,8 +67,9 @@ class _View:
     Attributes:
         depths: Depth of each element, world units.
         inside: Mask of the elements whose centres are in the picture.
-        reaches_in: Mask of the elements that are drawn and may cover a part of the picture, or are `inside`.
-        is_dot: True if most elements of the scene are in the picture and are together not larger than a pixel.
+        reaches_in: Mask of the elements that may overlap the picture. Elements nearer than the near plane are not
+            drawn; of these, only those in `inside` are included.
+        is_dot: True if most elements of the scene are in the picture, but together cover no more than about a pixel.
     """
 
     depths: Float64[np.ndarray, "M"]

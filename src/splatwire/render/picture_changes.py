@@ -15,7 +15,7 @@ from splatwire.types.splats import Splats
 
 
 def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int = 0) -> Float64[np.ndarray, "G"]:
-    """Estimates the change of pictures that the change of each Gaussian causes.
+    """Estimates how much the change of each Gaussian alters rendered pictures.
 
     Args:
         before: Gaussians before the change.
@@ -24,7 +24,7 @@ def picture_changes(before: Splats, after: Splats, cameras: Cameras, seed: int =
         seed: Random seed.
 
     Returns:
-        Squared differences of colour values, summed over all pixels, for each Gaussian; 0 outside of all pictures.
+        For each Gaussian, squared differences of colour values, summed over all pixels; 0 outside of all pictures.
     """
     # To first order, a pixel changes by its derivatives times the changes of the attributes. For the sum of all pixels
     # with random signs, the expected square of this product is the sum of the squares of all pixels. See

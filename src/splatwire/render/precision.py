@@ -99,7 +99,7 @@ def scene_precision_classes(
 def precision_classes(
     splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, part: int = PART,
 ) -> np.ndarray:  # fmt: skip
-    """Computes the precision class of each Gaussian from the sensitivity of images to its attributes.
+    """Computes the precision class (set of quantisation steps) of each Gaussian from its effect on images.
 
     Args:
         splats: The Gaussians.
@@ -109,7 +109,8 @@ def precision_classes(
         part: Maximum number of Gaussians that are measured together, if no cameras are given.
 
     Returns:
-        Class of each Gaussian, int8 (N). The quantisation steps double with each class below 0.
+        Class of each Gaussian, int8 (N). The quantisation steps of class c - 1 are twice as large as those of class c.
+        Nearly all classes are 0 or negative.
     """
     # The sensitivity is estimated from gradients of sums of pixels with random signs (see
     # `splatwire.render.pruning`). Without cameras there are 12 views around the Gaussians or, with several parts, 6
@@ -173,7 +174,7 @@ def measure_gaussians(
 
 
 def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, "G"]:
-    """Returns the estimated mean squared error of the pictures if one Gaussian is removed, for each Gaussian.
+    """Estimates the mean squared error of the pictures if a Gaussian is removed, for each Gaussian.
 
     Args:
         found: Sensitivity of the pictures to each attribute of each Gaussian, by attribute name.
@@ -183,12 +184,15 @@ def _removal(found: dict[str, Float64[np.ndarray, "G"]]) -> Float64[np.ndarray, 
 
 @dataclass(frozen=True, eq=False)
 class FurtherRemoval:
-    """Effect of removing one more Gaussian from a pruned scene.
+    """Effect of removing each Gaussian from a pruned scene.
+
+    Without the Gaussian, the mean squared error of the images, relative to the complete scene, grows by
+    `alone + together`.
 
     Attributes:
-        alone: Mean squared change of the images without each Gaussian, estimated.
-        together: Increase of the mean squared error of the images, with those of the complete scene as references,
-            minus `alone`. It is positive if the removal enlarges an error that is already there, such as a hole.
+        alone: Estimated mean squared change of the images.
+        together: Interaction with the error that pruning has already caused. It is positive if both errors add up, such
+            as at a hole, and negative if they cancel.
     """
 
     alone: Float64[np.ndarray, "N"]
@@ -198,7 +202,7 @@ class FurtherRemoval:
 def measure_further_removal(
     pruned: SplatScene, cameras: Cameras, references: Float[np.ndarray, "V H W 3"], *, seed: int = 0
 ) -> FurtherRemoval:
-    """Measures how much the image error of a pruned scene grows if one more Gaussian is removed, for each Gaussian.
+    """Measures, for each Gaussian of a pruned scene, how much the image error grows if this Gaussian is removed, too.
 
     Args:
         pruned: The remaining Gaussians.
@@ -231,8 +235,8 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     Args:
         splats: All Gaussians.
         part: Maximum number of Gaussians per part.
-        measure: Function that is called as `measure(members, splats, whole=...)`: with the indices of the part's
-            Gaussians, these Gaussians, and True if there is only one part.
+        measure: The function, called as `measure(members, splats, whole=...)` with the indices of the part's Gaussians,
+            the part's Gaussians, and True if there is only one part. It is called from several threads.
     """
     # Several parts are processed in parallel.
     count = -(-splats.num_gaussians // part)

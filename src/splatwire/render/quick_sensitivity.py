@@ -37,12 +37,12 @@ def quick_sensitivity(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
-    """Estimates how much the pictures change if anchors are removed or changed, for the most important anchors.
+    """Estimates how much the pictures change if an anchor is removed or changed, for the most important anchors.
 
     Args:
         scene: The complete scene, on the CPU; not a result of loss concealment.
         cameras: Cameras; at least two views.
-        chosen: Number of most important anchors. The error of removing or changing any other anchor is set to 0.
+        chosen: Number of anchors that count as most important. The estimate for all others is 0.
         probes: Number of back-propagations per view; more give a more precise estimate.
         seed: Random seed.
         progress: Called with the finished share of views.
@@ -84,15 +84,15 @@ def quick_sensitivity(
 
 @dataclass(frozen=True, eq=False)
 class _NetworkErrors:
-    """Estimated errors of one picture if attributes change: sums over selected anchors.
+    """Estimated errors of one picture if attributes of anchors change, summed over selected anchors.
 
     Attributes:
-        metric: Matrix M for features and logarithms of scalings: a change of an anchor's values by the vector d causes
-            the error `d . M d`.
-        offset: Error if one coordinate of an offset changes by 1.
-        offset_share: Error if one Gaussian is removed, weighted: the error of each Gaussian is multiplied by
-            `_relative_size` of its anchor. The ratio of `offset` to `offset_share` relates the two kinds of error.
-        removal: Error if one Gaussian is removed, not weighted.
+        metric: Matrix M for changes of features and logarithms of scalings: a change by the vector d in all selected
+            anchors causes the error `d . M d`.
+        offset: Error if one coordinate of an offset changes by 1, summed over the offsets.
+        offset_share: Error if one Gaussian is removed, times `_relative_size` of its anchor, summed over the Gaussians.
+            The error of an offset is estimated from it: `offset / offset_share` is their ratio.
+        removal: Error if one Gaussian is removed, summed over the Gaussians.
     """
 
     metric: Float64[np.ndarray, "D D"]
@@ -108,17 +108,17 @@ def _back_propagate(
     drawn: tuple[SpawnedGaussians, list[np.ndarray]],
     each: Float64[np.ndarray, "R K"],
 ) -> _NetworkErrors:
-    """Estimates the picture errors in one view if attributes of the selected anchors change.
+    """Estimates the errors of one picture if attributes of the selected anchors change.
 
-    The errors are derived from one number, the signed sum: the sum of all pixel values, each multiplied by a random
+    The estimates are squared derivatives of the signed sum: the sum of all pixel values, each multiplied by a random
     sign.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
-        rows: Indices of the selected anchors.
+        rows: Indices of the R selected anchors.
         drawn: Gaussians of the view, and gradients of the signed sum with respect to the Gaussians.
-        each: Decrease of the signed sum if one Gaussian is removed, for each Gaussian of each selected anchor.
+        each: Change of the signed sum if one Gaussian is removed, for each of the K Gaussians of the selected anchors.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.
@@ -153,15 +153,14 @@ def _relative_size(anchors: Anchors) -> Float64[np.ndarray, "N"]:
 def _distribute(
     removal: np.ndarray, offset_removal: np.ndarray, relative: np.ndarray, view_errors: list[_NetworkErrors], width: int
 ) -> Sensitivity:
-    """Estimates the picture errors of single anchors from the errors summed over a selection of anchors.
+    """Estimates the picture errors of each anchor from the errors summed over the selected anchors.
 
-    Each anchor gets a share of the sum, in proportion to the picture error that removing the anchor causes.
+    An anchor gets a share of the sum in proportion to the picture error that its removal causes.
 
     Args:
-        removal: Picture error of removing each anchor; 0 for anchors that were not selected, (N).
-        offset_removal: Picture error of removing each Gaussian, (N, K).
-        relative: Squared ratio of the scale of an anchor's offsets to the size of its Gaussians, from `_relative_size`,
-            (N).
+        removal: Picture error if an anchor is removed, (N); 0 for anchors that are not selected.
+        offset_removal: Picture error if a Gaussian is removed, (N, K).
+        relative: Result of `_relative_size`, (N).
         view_errors: For each view, errors if attributes change, summed over the selected anchors.
         width: Number of features and scalings per anchor, D.
     """

@@ -60,7 +60,7 @@ def _drawn_views(
     renderer: str | Renderer,
     background: Float[np.ndarray, "3"] | Sequence[float] | None,
 ) -> Iterator[Float[np.ndarray, "H W 3"]]:
-    """Like `iterate_views`, for a scene and cameras that were checked before."""
+    """Renders one view after another, as `iterate_views` does, for a scene and cameras that are already checked."""
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
     if not callable(draw) or isinstance(draw, type):
         raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {shown(draw)}")

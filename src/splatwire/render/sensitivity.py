@@ -94,7 +94,9 @@ def render_sensitivity(
 
 
 class GatheredGradients:
-    """Collects the gradients of a number, such as a sum of pixels, with respect to a view's Gaussians.
+    """Buffer for the gradients of a function of an image with respect to the Gaussians of the view.
+
+    The function is a number, such as a weighted sum of all pixel values. Its gradients arrive in parts.
 
     Args:
         gaussians: The Gaussians.
@@ -114,16 +116,13 @@ class GatheredGradients:
 
     @property
     def presence(self) -> Float64[np.ndarray, "G"]:
-        """Estimated contribution of each Gaussian to a function of the image, such as a sum of pixels, (G).
-
-        To first order, the function decreases by this value if the Gaussian is removed.
-        """
+        """Estimated decrease of the function if a Gaussian is removed, to first order, (G)."""
         # The derivative with respect to a factor on the Gaussian's opacity; the effect has the opposite sign.
         return (self.fields[3] * self._opacities).astype(np.float64)
 
 
 def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, probes: int) -> None:
-    """Adds to `total` the picture errors of one view that removing each anchor, or each single Gaussian, would cause.
+    """Adds the picture errors of one view that are caused by removing each anchor, or each single Gaussian, to `total`.
 
     A probe is the sum of all pixel values, each multiplied by a random sign. The squared change of a probe estimates
     the picture error.
@@ -131,8 +130,8 @@ def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, 
     Args:
         total: Errors summed over views; changed in place.
         indices: Index of each Gaussian among all N * K possible Gaussians of the scene, int64 (G).
-        presence: Decrease of a probe if a Gaussian is removed, float64 (G).
-        probes: Number of probes per view, each with other signs; the error of a view is the mean over its probes.
+        presence: Decrease of the probe if a Gaussian is removed, float64 (G).
+        probes: Number of probes per view. The function is called once per probe; the errors are averaged.
     """
     # Errors are estimated from gradients of one sum of all pixels, each with a random sign, and averaged over the
     # probes.
@@ -145,15 +144,15 @@ def _add_removal(total: Sensitivity, indices: np.ndarray, presence: np.ndarray, 
 def _add_changes(
     total: Sensitivity, rows: np.ndarray, scalings: np.ndarray, spawned: Spawning, gradients: GatheredGradients
 ) -> None:
-    """Adds to `total` the picture errors of one view that changes of features, scalings or offsets would cause.
+    """Adds the picture errors of one view that are caused by changes of features, scalings and offsets to `total`.
 
     Args:
         total: Errors summed over views; changed in place.
         rows: Indices of the anchors in view, int64 (n).
         scalings: Scalings of all anchors, (N, 6).
         spawned: Gaussians of the anchors in view.
-        gradients: Gradients of a sum of all pixel values, each multiplied by a random sign, with respect to the
-            Gaussians `spawned`.
+        gradients: Gradients of the probe (the sum of all pixel values, each multiplied by a random sign) with respect
+            to the Gaussians `spawned`.
     """
     # The gradients are back-propagated to the anchors, through the networks that generate the Gaussians.
     back = spawned.gradients(gradients.fields)

@@ -14,7 +14,13 @@ _MAX_SCALE = float(np.finfo(np.float32).max)
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _rotate(quat, offset, out):
-    """Rotates the unit quaternion `quat` by the rotation `offset`, and writes the product to `out`."""
+    """Rotates a keyframe Gaussian by the change of its track in one frame.
+
+    Args:
+        quat: Unit quaternion of the keyframe Gaussian, (w, x, y, z).
+        offset: Changes of the track, see `GroupMotion.at`; entries 3 to 5 are the rotation.
+        out: Output: the rotated unit quaternion.
+    """
     # A rotation vector: its direction is the axis, and its length is 4 tan(angle / 4).
     x, y, z = offset[3] / np.float64(4.0), offset[4] / np.float64(4.0), offset[5] / np.float64(4.0)
     square = x * x + y * y + z * z
@@ -32,12 +38,13 @@ def _rotate(quat, offset, out):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _scale(scales, offset, out):
-    """Applies the change of a track's size in one frame to the three scales of its keyframe Gaussian.
+    """Scales a keyframe Gaussian by the change of its track in one frame.
 
     Args:
-        scales: Scales of the keyframe Gaussian.
-        offset: Changes of the track.
-        out: Output: the changed scales.
+        scales: Standard deviations of the keyframe Gaussian along its axes.
+        offset: Changes of the track, see `GroupMotion.at`; entries 6 to 8 are changes of the logarithms, largest axis
+            first.
+        out: Output: the changed standard deviations.
     """
     # Entries 6, 7 and 8 are the changes of the natural logarithms of the largest, the middle and the smallest scale.
     if offset[6] == 0.0 and offset[7] == 0.0 and offset[8] == 0.0:
@@ -55,13 +62,14 @@ def _scale(scales, offset, out):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def move(bases, tracks, offsets, out):
-    """Computes the Gaussians of tracks in one frame: keyframe Gaussians moved by decoded motion.
+    """Computes the Gaussians of tracks in one frame: keyframe Gaussians, changed by decoded motion.
 
     Args:
-        bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T), harmonics (T, 3 B); float32.
+        bases: Keyframe means (T, 3), quaternions (T, 4), scales (T, 3), opacities (T) and spherical harmonics,
+            flattened from (T, B, 3) to (T, 3 B); float32.
         tracks: Indices of the n tracks in `bases`, int64 (n).
         offsets: Changes of these tracks since their keyframe, float32 (n, C), as from `GroupMotion.at`.
-        out: Output: arrays of the same attributes for the n moved Gaussians.
+        out: Output: arrays of the same attributes for the n tracks.
     """
     means, quats, scales, opacities, harmonics = bases
     for n in range(len(tracks)):

@@ -209,7 +209,7 @@ class FolderSource:
 
 
 class Patience:
-    """Decides how long to wait for a frame whose file cannot be read yet."""
+    """Waiting time for the file of one frame that cannot be read yet, for example because it is being written."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -252,7 +252,7 @@ class Patience:
 
 
 class Backlog:
-    """Policy of a live encoder for dropping waiting frames, which limits the delay of the stream.
+    """Policy of a live encoder for dropping frames that wait too long, which limits the delay of the stream.
 
     Args:
         rate: Frames per second.

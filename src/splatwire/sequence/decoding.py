@@ -56,8 +56,8 @@ def decode_frames(
         sequence: Received sequence.
         concealer: Concealer for tracks with lost motion, or the name of a concealer.
         first: Number of the first frame to decode.
-        available: Function from the index of a group of pictures to a mask, bool (T). The mask has the keyframe
-            Gaussians that have arrived when the group is decoded. None for all received ones.
+        available: Function that returns the mask of keyframe Gaussians that may be used for a group of pictures, bool
+            (T), given the index of the group. None to use all received ones.
 
     Raises:
         InvalidValueError: If the sequence has no such frame.
@@ -96,7 +96,17 @@ def decode_group(
 
 @checked
 def decode_frame(sequence: SequenceScene, number: int, concealer: TemporalConcealer | str = DEFAULT) -> SequenceFrame:
-    """Decodes a single frame, with losses concealed from the frame's group of pictures only."""
+    """Decodes a single frame. Losses are concealed without the frames of earlier groups of pictures.
+
+    Args:
+        sequence: Received sequence.
+        number: Number of the frame, from 0.
+        concealer: Concealer for tracks with lost motion, or the name of a concealer.
+
+    Raises:
+        InvalidValueError: If the sequence has no such frame.
+        UnknownNameError: If the concealer is unknown.
+    """
     return next(decode_frames(sequence, concealer, first=number))
 
 
@@ -154,7 +164,7 @@ def pose_frame(
         poses: Motion of the tracks in the group.
         index: Frame index within the group.
         number: Frame number within the sequence.
-        hints: Factors on size and opacity of all tracks, which cover missing Gaussians; None if nothing is missing.
+        hints: Factors that enlarge the Gaussians of all tracks to cover missing ones; None if nothing is missing.
     """
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
@@ -201,14 +211,14 @@ def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
 def covering_gains(
     sequence: SequenceScene, available: np.ndarray, group: int, poses: GroupPoses, hidden: GroupPoses
 ) -> RenderHints | None:
-    """Computes how much the drawn Gaussians of a group are enlarged to cover missing ones.
+    """Computes factors that enlarge the drawn Gaussians of a group of pictures, so that they cover missing ones.
 
     Args:
         sequence: Received sequence of T tracks.
-        available: Mask of available keyframe Gaussians, bool (T).
+        available: Mask of received keyframe Gaussians, bool (T).
         group: Index of the group of pictures.
         poses: Motion of the drawn tracks in the group.
-        hidden: Motion of the tracks that the concealer (method for replacing lost data) does not draw.
+        hidden: Motion of the tracks that the concealer hides because their own motion was lost.
 
     Returns:
         Factors on size and opacity of all tracks; None if nothing is missing.
@@ -234,7 +244,7 @@ def _growth_factors(splats: Splats, index: np.ndarray, known: np.ndarray) -> tup
 
     Args:
         splats: All T Gaussians.
-        index: Indices of the Gaussians that the complete picture contains, ascending, int64.
+        index: Indices of the Gaussians that would be visible without losses, ascending, int64.
         known: Mask of received Gaussians, bool (T).
 
     Returns:

@@ -54,8 +54,9 @@ class SequenceEncoder:
 
     Args:
         options: Encoder options.
-        classes: Function that returns the precision class of each new Gaussian; None to measure classes by rendering.
-        live: True for low latency, at a higher total cost.
+        classes: Function that returns the precision class (set of quantisation steps) of each new Gaussian; None to
+            measure classes by rendering.
+        live: True to encode with less delay, at a higher total processing cost.
     """
 
     @checked
@@ -161,7 +162,10 @@ class SequenceEncoder:
         return []
 
     def _warn_of_other_frame(self, frame: Frame, *, moved: bool) -> None:
-        """Logs a warning, once, if a frame is too far from the first one, or differs from it in antialiasing.
+        """Logs a warning if a frame does not fit the first one; each of two warnings is logged once per sequence.
+
+        Either its Gaussians are too far from the origin of the sequence for precise positions, or its antialiasing
+        differs.
 
         Args:
             frame: The frame, relative to the origin of the sequence.
@@ -198,7 +202,11 @@ class SequenceEncoder:
         return self._writer.finish({**self._stated, **where})
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
-        """Returns manifest and side information of the groups of pictures encoded so far."""
+        """Returns manifest and side information of the groups of pictures encoded so far.
+
+        Args:
+            stream_id: Id of the stream, for the manifest.
+        """
         return self._writer.so_far(self._stated, stream_id)
 
     @property
@@ -242,15 +250,16 @@ class SequenceEncoder:
     def _encode_single_frames(
         self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
     ) -> list[Packet]:
-        """Encodes the buffered frames at the start of a sequence, and all later frames, as groups of one frame.
-
-        The caller has found that many of the buffered frames are scene cuts.
+        """Switches to groups of one frame, for a sequence with many scene cuts, and encodes the first frames.
 
         Args:
-            group: Tracks of the buffered frames.
-            frames: The buffered frames at the start of the sequence.
-            scenes: Indices of the buffered frames in which a new scene begins (scene cuts).
+            group: Tracks of the first frames.
+            frames: The first frames of the sequence, which were to become one group.
+            scenes: Indices of those frames in which a new scene begins (scene cuts).
             classes: Precision class of each track (its set of quantisation steps), (n).
+
+        Returns:
+            Packets of the first frames.
         """
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
@@ -265,7 +274,7 @@ class SequenceEncoder:
         return packets
 
     def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
-        """Chooses the precision class (set of quantisation steps) of each track in a group of pictures.
+        """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
         Tracks that begin at or after a scene cut are measured by rendering. In the first group, classes that are
         already known are used instead if they cover most tracks.
@@ -276,7 +285,7 @@ class SequenceEncoder:
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
-            Precision class of each track; None without a scene cut, and in later groups of a live sequence.
+            Precision class of each track. None without a scene cut, and in all groups of a live sequence but the first.
         """
         if not scenes or (self._live and self._groups):  # too slow for a live sequence
             return None

@@ -31,7 +31,8 @@ class GroupBuilder:
 
     Args:
         frames: Maximum number of frames of the group.
-        smooth: True if Gaussians moved like their neighbours in the previous group.
+        smooth: True if most tracks of the previous group moved like their neighbours. Neighbours are then searched
+            while frames arrive, which saves time at the end of the group.
     """
 
     def __init__(self, frames: int, *, smooth: bool = False) -> None:
@@ -91,7 +92,11 @@ class GroupBuilder:
             self._values[name] = grown
 
     def _find_neighbors(self, number: int) -> None:
-        """Finds the neighbours of tracks that begin in frame `number`, or ended in the frame before it."""
+        """Finds the neighbours of tracks that begin in a frame, or that ended just before it.
+
+        Args:
+            number: Index of the frame in the group.
+        """
         means, count = self._values["means"], NUM_AROUND + MORE_AROUND
         stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
         went = np.flatnonzero(self._ends == number)
@@ -151,7 +156,7 @@ def _moving(splats: Splats) -> dict[str, np.ndarray]:
 
 
 def _repeat_ends(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
-    """Repeats, in place, the first and the last value of an attribute in frames outside of a track's lifetime.
+    """Fills frames outside of a track's lifetime with the first or the last value of an attribute, in place.
 
     Args:
         values: Attribute of n tracks in F frames, (n, F, ...).

@@ -103,7 +103,7 @@ class LiveDecoder:
             yield from self._frames_before(len(self._manifest.tiers) // 2)
 
     def _complete(self) -> Iterator[SequenceFrame]:
-        """Yields the frames of the next group of pictures once the group is complete."""
+        """Yields the frames of the next group of pictures if all its packets have arrived; else nothing."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
         if tiers and self._have.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
@@ -143,7 +143,13 @@ class LiveDecoder:
             self._memory = after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
-        """Decodes new keyframe packets of a group, and stores the motion packets of the group."""
+        """Prepares a group of pictures for decoding: decodes its new keyframe packets, and stores its motion packets.
+
+        Args:
+            decoder: Decoder that stores the data.
+            manifest: Current manifest.
+            group: Index of the group.
+        """
         self._store_keyframes(decoder, manifest, complete_only=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.persistent(block) and plan.tier_of(block) < motion]:

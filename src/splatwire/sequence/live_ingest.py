@@ -164,9 +164,9 @@ class LiveIngest:
         assert self._kind is not None
         self._others += 1
         if self._others < OTHERS:
-            self._skip(f"{path} has {_described(kind)}, frames before have {_described(self._kind)}")
+            self._skip(f"{path} has {_frame_properties(kind)}, frames before have {_frame_properties(self._kind)}")
             return None
-        self._warn(f"{path}: {OTHERS} frames have {_described(kind)}: the clip goes on with them")
+        self._warn(f"{path}: {OTHERS} frames have {_frame_properties(kind)}: the clip goes on with them")
         self._encoder.restart()
         self._kind, self._others = kind, 0
         return frame
@@ -203,8 +203,8 @@ def _has_valid_rows(frame: Frame) -> bool:
     return bool(frame.drawn.any()) or validity_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
 
 
-def _described(kind: tuple[int, bool]) -> str:
-    """Returns a text for error messages about the properties in which all frames must agree.
+def _frame_properties(kind: tuple[int, bool]) -> str:
+    """Describes the degree and the antialiasing of a frame, which must be the same in all frames, for messages.
 
     Args:
         kind: Degree of the spherical harmonics, and the antialiasing flag.

@@ -35,7 +35,7 @@ class Match:
     """Matches between the Gaussians of a frame and the Gaussians of the previous frame.
 
     Attributes:
-        partner: Index of the same Gaussian in the previous frame, -1 for new Gaussians, int64 (M).
+        partner: For each Gaussian, index of its match in the previous frame, int64 (M); -1 for new Gaussians.
         velocity: Motion since the previous frame, float64 (M, 3); predicted for new Gaussians.
     """
 
@@ -180,14 +180,14 @@ def _match_one_to_one(
     candidates: int,
     weight: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Matches the Gaussians of two frames one to one, by expected position and appearance.
+    """Matches the Gaussians of two frames one to one, by position and appearance.
 
     Args:
-        expected: Positions of the previous frame's Gaussians, moved to the current frame.
-        now: Positions of the current frame's Gaussians.
-        appearance: Features of the previous frame's Gaussians.
-        appearance_now: Features of the current frame's Gaussians.
-        candidates: Number of nearest candidates per Gaussian.
+        expected: For the previous frame's Gaussians, their predicted positions in the current frame, (N, 3).
+        now: Positions of the current frame's Gaussians, (M, 3).
+        appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
+        appearance_now: Appearance of the current frame's Gaussians.
+        candidates: Number of nearest previous Gaussians that are compared with each current one.
         weight: Weight of the distance relative to the appearance.
 
     Returns:
@@ -220,13 +220,13 @@ def _match_one_to_one(
 def _implausible_matches(
     expected: np.ndarray, now: np.ndarray, appearance: np.ndarray, appearance_now: np.ndarray, partner: np.ndarray
 ) -> np.ndarray:
-    """Finds matches whose positions and appearance differ too much; returns indices of current Gaussians.
+    """Finds matches with a large difference in both position and appearance; returns indices of current Gaussians.
 
     Args:
-        expected: Predicted positions in the current frame of the previous frame's Gaussians, (N, 3).
+        expected: For the previous frame's Gaussians, their predicted positions in the current frame, (N, 3).
         now: Positions of the current frame's Gaussians, (M, 3).
-        appearance: Features of the previous frame's Gaussians.
-        appearance_now: Features of the current frame's Gaussians.
+        appearance: Appearance of the previous frame's Gaussians, from `_appearance`.
+        appearance_now: Appearance of the current frame's Gaussians.
         partner: Index of the match of each current Gaussian in the previous frame, (M); -1 for none.
     """
     found = np.flatnonzero(partner >= 0)
@@ -240,10 +240,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns the divisor that makes distances comparable: 1.5 times their median.
-
-    The divisor is above 0 even if all distances are 0.
-    """
+    """Returns a typical value of distances, by which they are divided: 1.5 times their median, and always above 0."""
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 
@@ -278,17 +275,17 @@ def _one_to_one(score: np.ndarray, candidates: np.ndarray, count: int) -> np.nda
 def _smooth(
     positions: np.ndarray, now: np.ndarray, partner: np.ndarray, confident: np.ndarray, expected: np.ndarray
 ) -> np.ndarray:
-    """Improves the predicted positions of Gaussians: adds the median error of confident matches nearby.
+    """Corrects predicted positions by the median prediction error of nearby confident matches.
 
     Args:
         positions: Positions of N Gaussians in the previous frame, (N, 3).
         now: Positions of M Gaussians in the current frame, (M, 3).
         partner: Index of the match of each current Gaussian in the previous frame, (M).
         confident: Mask of confident matches, (M).
-        expected: Prediction to improve, (N, 3).
+        expected: For the N Gaussians, their predicted positions in the current frame, (N, 3).
 
     Returns:
-        Improved prediction, (N, 3).
+        Corrected positions, (N, 3).
     """
     some = np.flatnonzero(confident)
     if len(some) < SMOOTHED:

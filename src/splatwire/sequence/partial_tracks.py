@@ -39,11 +39,11 @@ class TrackedFrame:
 
 @dataclass(frozen=True, eq=False)
 class NeighborSet:
-    """Nearest neighbours of tracks, with weights for interpolating the motion of a track.
+    """Nearest neighbours of n tracks, from which the motion of the tracks is interpolated.
 
     Attributes:
-        tracks: Indices of the tracks, int64 (n).
-        frames: For each track, the frame whose positions determine its neighbours, int64 (n).
+        tracks: Indices of the n tracks, int64 (n).
+        frames: Frame in which the distances of each track to its neighbours were measured, int64 (n).
         neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
         weights: Interpolation weights of the nearest `NUM_AROUND` neighbours, float32 (n, `NUM_AROUND` or fewer).
     """
@@ -60,7 +60,7 @@ class NeighborSet:
         Args:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
             tracks: Indices of the tracks, int64 (n).
-            frames: For each track, the frame whose positions determine its neighbours, int64 (n).
+            frames: Frame in which the distances of each track to its neighbours are measured, int64 (n).
             neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
         """
         positions = means[neighbors[:, :NUM_AROUND], frames[:, None]]
@@ -115,7 +115,7 @@ class NeighborSet:
 
 @dataclass(frozen=True, eq=False)
 class NeighborIndex:
-    """Search tree of possible neighbours, by their positions in one frame.
+    """Search tree for the nearest neighbours of tracks, by their positions in one frame.
 
     Attributes:
         frame: Index of the frame.
@@ -155,11 +155,11 @@ class NeighborIndex:
 
 
 def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
-    """Chooses an evenly spaced sample of the tracks in a search tree, and finds their nearest neighbours in the tree.
+    """Finds the nearest neighbours of a sample of the tracks in a search tree.
 
     Args:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
-        index: Search tree.
+        index: Search tree. The sample is evenly spaced in it; the neighbours are tracks of the tree.
     """
     some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE)).astype(np.int64)]
     return index.around(means, some, NUM_AROUND + MORE_AROUND + 1, begin=1)
@@ -168,14 +168,17 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
 def extrapolate_partial_tracks(
     means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[NeighborSet], sample: NeighborSet | None
 ) -> bool:
-    """Extrapolates positions to frames of the group in which a track does not exist, from the track's neighbours.
+    """Extrapolates the positions of tracks that begin or end within a group of pictures to all frames of the group.
+
+    A track is moved like its neighbours. Without enough similarity between the motion of neighbours, nothing is
+    changed.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
         begins: First frame of each track, int64 (n).
         ends: First frame after the end of each track, int64 (n).
         known: Neighbours that were already found for some of the tracks; may be empty.
-        sample: Sample of tracks for testing if most tracks move like their neighbours; None to choose the sample here.
+        sample: Sample of tracks with which the similarity is tested; None to choose the sample here.
 
     Returns:
         True if positions were extrapolated.

@@ -68,7 +68,7 @@ def sequence_format_for(path: str) -> SequenceFormat | None:
 
 
 def contents_of_sequence(sequence: Sequence) -> Iterator[FileContent]:
-    """Yields what a file of each frame contains: the visible Gaussians, and the metadata."""
+    """Yields the content of each frame for writing to a file: the visible Gaussians, and the metadata."""
     for frame in sequence.read():
         splats = frame.splats.select(frame.drawn)
         yield FileContent(splats, frame.origin, frame.antialiased, frame.metadata)

@@ -120,11 +120,11 @@ class Tracker:
         return self._matched(frame)
 
     def _by_rows(self, frame: Frame, count: bool) -> TrackedFrame:
-        """Gives each Gaussian the key of the Gaussian with the same index in the previous frame.
+        """Gives each Gaussian the track key of the Gaussian with the same index in the previous frame.
 
         Args:
             frame: The frame.
-            count: True to count new Gaussians in the statistics.
+            count: True to count Gaussians that were not visible in the previous frame as new, in the statistics.
         """
         keys = np.where(frame.drawn, self._keys, -1)
         # Gaussians that were invisible in the previous frame get new keys.

@@ -14,9 +14,9 @@ OBJECT_BYTES = 512
 class WaitingEvents:
     """Bounded event queue between the receiver of a live sequence and the decoding thread.
 
-    The queue contains packets and manifests with side information, because the decoder uses no other events. A full
-    queue drops new packets. A new manifest replaces the last event of the queue if that is a manifest of the same
-    stream; in a full queue, also if it is a manifest of another stream.
+    It contains only the events that the decoder uses: packets, and manifests with side information. A full queue drops
+    new packets. A manifest is never dropped. It replaces the last event in the queue if that is an older manifest of
+    the same stream; in a full queue, also a manifest of another stream.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,9 @@ class WaitingEvents:
 
 
 def _replaces(event: Event, last: Event, is_full: bool) -> bool:
-    """True if a new event replaces the last event in the queue: both have a manifest, and the new one suffices.
+    """True if a new event makes the last event in the queue unnecessary, because both are manifests.
+
+    Manifests of two different streams are both needed, unless the queue is full.
 
     Args:
         event: The new event.

@@ -143,7 +143,12 @@ def write_live_frames(waiting: WaitingEvents, folder: Path, concealer: str | Non
 
 
 def _never_empty(splats: Splats, path: Path) -> Splats:
-    """Returns the Gaussians of a frame; one transparent Gaussian if the frame is empty, for formats that need one."""
+    """Replaces an empty frame by one transparent Gaussian, for file formats that need at least one Gaussian.
+
+    Args:
+        splats: Gaussians of the frame.
+        path: The file, for the warning about an empty frame.
+    """
     if splats.num_gaussians:
         return splats
     LOG.warning("%s: the frame is empty: its file has a transparent Gaussian, because files cannot be empty", path)
@@ -157,7 +162,7 @@ def _never_empty(splats: Splats, path: Path) -> Splats:
 
 
 def numbered(frames: Iterable[SequenceFrame]) -> Iterator[tuple[SequenceFrame, int]]:
-    """Yields each frame with an increasing number for the file name."""
+    """Yields each frame with a number for its file name, which increases even if the server restarts."""
     # Even if the server restarts and counts its frames from 0 again, no file is overwritten.
     last, offset = -1, 0
     for frame in frames:

@@ -14,8 +14,8 @@ class Access:
     Attributes:
         private: Names of the scenes that need a token.
         unlisted: Names of scenes that need no token, but are not in lists of scenes either.
-        problem: Function of a token and the name of a scene; returns the reason why the token does not open the scene,
-            or None. Not needed without private scenes.
+        problem: Function that checks a token. It takes the token and the name of a scene, and returns the reason for
+            refusing the token, or None for a valid one. Not needed without private scenes.
     """
 
     private: frozenset[str] = frozenset()
@@ -32,7 +32,8 @@ class Access:
         Args:
             name: Name of the scene.
             token: Token of the request; empty if the request has none.
-            exists: False if there is no such scene; it is then refused like a private scene.
+            exists: False if the server has no such scene. If it has private scenes, the request is then refused like
+                one for a private scene, so that clients cannot find out which scenes exist.
         """
         if name not in self.private and (exists or not self.private):
             return None

@@ -51,7 +51,8 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Updates of the streams by name; None for an update that does not exist yet.
+            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. None
+                for an update that does not exist yet.
 
         Raises:
             InvalidValueError: If the files of the certificate are invalid.
@@ -68,7 +69,8 @@ class RunningServer:
 
         Args:
             streams: Prepared streams by name.
-            updates: Updates of the streams by name; None for an update that does not exist yet.
+            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. None
+                for an update that does not exist yet.
         """
         self.server.core.replace(streams, updates)
         if self.page is not None and isinstance(self.page.content, PageContent):

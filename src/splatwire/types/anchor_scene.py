@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float, Int8
 
-from splatwire.arguments import CheckedFields, check_fields
+from splatwire.arguments import CheckedFields, check_fields, checked
 from splatwire.reprs import summary_repr
 from splatwire.types.anchor_config import ModelConfig
 from splatwire.types.anchors import Anchors
@@ -15,6 +15,7 @@ from splatwire.types.causal_coding import CausalCoding
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.networks import Mlp
 from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.shapes import check_hints
 from splatwire.types.validity import ElementValidity, validity_of_anchors
 
 
@@ -40,11 +41,13 @@ class GaussianHeads(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class HashGrid(CheckedFields):
-    """Values -1 or 1 of the binary hash grid; the table entries of all levels are concatenated (HAC++).
+    """Values of the binary hash grid (HAC++): a 3D table and three tables of planes.
+
+    The entries of all levels of a table are concatenated. D is the number of features per entry.
 
     Attributes:
-        volume: The 3D table, values -1 or +1.
-        planes: The tables of xy, xz and yz, values -1 or +1.
+        volume: The 3D table, values -1 or 1.
+        planes: The tables of the xy, xz and yz planes, values -1 or 1.
         bounds_min: Lower corner of the box that maps to [0, 1], world units.
         bounds_max: Upper corner.
     """
@@ -98,7 +101,7 @@ class AnchorScene:
 
     Attributes:
         anchors: The anchors.
-        heads: The networks that draw them.
+        heads: The networks that compute the Gaussians of the anchors.
         coding: Parameters of the codec, specific to its schema (`hacpp` or `causal`).
         hints: Size and opacity factors and hidden anchors, set by loss concealment; None if no losses were concealed.
         background: RGB of the background that the scene was trained with.
@@ -121,6 +124,7 @@ class AnchorScene:
     def __post_init__(self) -> None:
         object.__setattr__(self, "background", check_background(self.background))
         check_fields(self)
+        check_hints(self.hints, self.num_elements)
 
     @property
     def elements(self) -> Anchors:
@@ -141,9 +145,13 @@ class AnchorScene:
         """Returns the scene with only the anchors at `index` (integers or mask).
 
         Removes `hints`, the results of loss concealment.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
         """
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
+    @checked
     def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":
         """Returns the scene with its anchors replaced.
 

@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from splatwire.arguments import check_fields
+from splatwire.errors import InvalidValueError, check_kind, shown
 from splatwire.ops.arrays import lower_median, to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.types.attributes import Attribute
 from splatwire.types.loss_mask import LossMask
-from splatwire.types.shapes import Shape, check_arrays
+from splatwire.types.shapes import Shape, check_arrays, check_mask, indices_of
 
 MIN_SIZE = 1e-9
 """Lower bound of sizes before their logarithm is taken, world units."""
@@ -62,8 +63,15 @@ class Anchors:
         return where(self.mask[:, :, None], self.offsets, 0)
 
     def select(self, index: Any) -> "Anchors":
-        """Returns the anchors at `index` (integers or a boolean mask over N), in that order."""
-        return Anchors(**{f.name: getattr(self, f.name)[index] for f in dataclasses.fields(self)})
+        """Returns the anchors at `index` (integers, a boolean mask over N or a slice), in that order.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
+        """
+        chosen = indices_of(index, self.num_anchors)
+        if isinstance(index, slice) or hasattr(index, "is_floating_point"):  # views, and indices on the device
+            chosen = index
+        return Anchors(**{f.name: getattr(self, f.name)[chosen] for f in dataclasses.fields(self)})
 
     @property
     def log_sizes(self) -> Float[Any, "N"]:
@@ -76,7 +84,15 @@ class Anchors:
         Args:
             known: Mask of received anchors.
             positions: Positions for the lost anchors, world coordinates; other rows are ignored.
+
+        Raises:
+            InvalidValueError: If an array has another shape or type.
         """
+        check_mask(known, self.num_anchors, "known")
+        if tuple(getattr(positions, "shape", ())) != (self.num_anchors, 3):
+            raise InvalidValueError(
+                f"positions: expected a float32 array ({self.num_anchors:,}, 3), not {shown(positions)}"
+            )
 
         def gap(values: Any, instead: Any = 0) -> Any:
             return where(known.reshape(-1, *[1] * (values.ndim - 1)), values, instead)
@@ -90,7 +106,16 @@ class Anchors:
         Args:
             loss_mask: Mask of received attributes.
             proposed: All anchors, with estimates of lost attributes.
+
+        Raises:
+            InvalidValueError: If an argument has another type, or is for other numbers of anchors, channels or offsets.
         """
+        check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
+        check_kind(proposed, Anchors, "open_scene(...).anchors", "proposed")
+        check_mask(loss_mask.known, self.num_anchors, "loss_mask")
+        shapes = [tuple(getattr(one, name).shape for name in _SHAPES) for one in (self, proposed)]
+        if shapes[0] != shapes[1]:
+            raise InvalidValueError(f"proposed: arrays of shapes {shapes[1]}, not {shapes[0]}")
         received = loss_mask.received
 
         def merge(attribute: Attribute, decoded: Any, filled: Any) -> Any:

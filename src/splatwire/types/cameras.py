@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.arguments import check_fields
-from splatwire.errors import InvalidValueError, whole_number
+from splatwire.arguments import check_fields, checked
+from splatwire.errors import InvalidValueError, shown, whole_number
 from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
-from splatwire.types.origin import NO_ORIGIN, Origin
+from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.types.shapes import check_arrays, indices_of
 
 MAX_PIXELS = 1 << 27
@@ -98,7 +98,7 @@ class Cameras:
             return self.select(list(range(len(self)))[views])
         view = whole_number(views, "the index of a camera", -len(self))
         if view >= len(self):
-            raise IndexError(f"there is no camera {view}: there are {len(self)}, counted from 0")
+            raise IndexError(f"there is no camera {shown(view)}: there are {len(self)}, counted from 0")
         return self.select([view])
 
     @property
@@ -113,7 +113,12 @@ class Cameras:
         return -(rotation * translation[:, :, None]).sum(1)
 
     def relative_to(self, origin: Origin) -> "Cameras":
-        """Returns the cameras with pose matrices relative to a different origin."""
+        """Returns the cameras with pose matrices relative to a different origin.
+
+        Raises:
+            InvalidValueError: If the origin is not three finite numbers.
+        """
+        origin = check_origin(origin)
         if origin == self.origin:
             return self
         viewmats = to_numpy(self.viewmats)
@@ -131,8 +136,17 @@ class Cameras:
         names = tuple(self.names[view] for view in chosen)
         return replace(self, viewmats=self.viewmats[chosen], Ks=self.Ks[chosen], names=names)
 
+    @checked
     def scaled(self, factor: float) -> "Cameras":
-        """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels)."""
+        """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels).
+
+        Raises:
+            InvalidValueError: If the factor is not a finite number above 0, or the images exceed `MAX_PIXELS`.
+        """
+        if not 0 < factor < np.inf:
+            raise InvalidValueError(f"factor: expected a finite number above 0, not {shown(factor)}")
+        if self.width * factor * self.height * factor > 2 * MAX_PIXELS:  # also keeps the sides printable
+            raise InvalidValueError(f"factor: {shown(factor)} exceeds the limit of {MAX_PIXELS:,} pixels")
         width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
         Ks = to_numpy(self.Ks)
         scale = np.array([[width / self.width], [height / self.height], [1.0]], Ks.dtype)

@@ -58,14 +58,15 @@ class CausalConfig(CheckedFields):
 class CausalCoding(CheckedFields):
     """Networks and quantisation steps of the codec schema `causal`, unused by renderers.
 
+    Offset scale (one number per anchor) and base size (three numbers, one per axis) are quantised as logarithms.
+
     Attributes:
         networks: The networks of `CausalConfig.shapes`, by name.
         steps: Quantisation step sizes: one for each feature group, then one each for offset scale, base size and
-            offsets. Offset scale and base size are quantised as logarithms.
-        centres: Value subtracted from each of the four logarithms before quantisation: offset scale, and base size
-            along three axes.
+            offsets.
+        centres: Values subtracted from these four logarithms before quantisation.
         middle: Centre of the scene, voxels.
-        spread: Extent along each axis, voxels; about half of the anchors are this close to the centre.
+        spread: Distance from the centre along each axis that contains about half of the anchors, voxels.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

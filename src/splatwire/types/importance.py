@@ -11,11 +11,11 @@ from splatwire.reprs import summary_repr
 
 @dataclass(frozen=True, eq=False)
 class Importance:
-    """Relative importance of N anchors: opacity times projected area, summed over a set of views and normalised.
+    """Relative importance of N anchors: opacity times projected area, summed over a set of views.
 
     Attributes:
-        share: Fraction of the total that each anchor contributes; the fractions add up to 1. All are 0 if no anchor was
-            visible.
+        share: Importance of each anchor as a fraction of the total. The fractions add up to 1; all are 0 if no anchor
+            is visible.
     """
 
     share: Float[np.ndarray, "N"]

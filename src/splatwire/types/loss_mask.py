@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from splatwire.arguments import CheckedFields
-from splatwire.ops.arrays import to_numpy
+from splatwire.arguments import CheckedFields, array_of
+from splatwire.errors import InvalidValueError, shown
 from splatwire.reprs import summary_repr
 from splatwire.types.attributes import Attribute
 
@@ -35,10 +35,22 @@ class LossMask(CheckedFields):
         return int((~self.known).sum())
 
     def column(self, attribute: Attribute) -> Bool[Any, "N"]:
-        """Mask of anchors with a received `attribute`."""
+        """Mask of anchors with a received `attribute`.
+
+        Raises:
+            InvalidValueError: If there is no such attribute.
+        """
+        if not isinstance(attribute, int) or attribute not in tuple(Attribute):
+            names = ", ".join(known.name for known in Attribute)
+            raise InvalidValueError(f"attribute: expected an Attribute ({names}), not {shown(attribute)}")
         return self.received[:, int(attribute)]
 
     @staticmethod
     def of_anchors(known: Bool[Any, "N"]) -> "LossMask":
-        """Builds the mask for anchors that were received or lost as a whole."""
-        return LossMask(np.repeat(to_numpy(known)[:, None], len(Attribute), axis=1))
+        """Builds the mask for anchors that were received or lost as a whole.
+
+        Raises:
+            InvalidValueError: If `known` is not a one-dimensional array of booleans.
+        """
+        known = array_of(known, "known", ("N",), "b")
+        return LossMask(np.repeat(known[:, None], len(Attribute), axis=1))

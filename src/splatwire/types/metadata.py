@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from splatwire.arguments import checked
 from splatwire.types.origin import Origin
 
 MAX_TEXT = 500
@@ -80,6 +81,7 @@ class SceneMetadata:
         )
         return replace(self, view=replace(self.view, eye=eye, target=target))
 
+    @checked
     def over(self, other: "SceneMetadata") -> "SceneMetadata":
         """Returns this metadata, with empty fields filled from `other`."""
         known = self.known()

@@ -41,7 +41,12 @@ def check_origin(values: object) -> Origin:
     if (
         not isinstance(values, Sequence)
         or len(values) != 3
-        or not all(type(value) in (int, float) and abs(value) <= _MAX_COORDINATE for value in values)
+        or not all(
+            isinstance(value, int | float | np.integer | np.floating)
+            and not isinstance(value, bool)
+            and abs(value) <= _MAX_COORDINATE
+            for value in values
+        )
     ):
         raise InvalidValueError(f"an origin is three numbers within {_MAX_COORDINATE:g}, not {shown(values)}")
     x, y, z = (float(value) + 0.0 for value in values)  # no -0
@@ -49,7 +54,7 @@ def check_origin(values: object) -> Origin:
 
 
 def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
-    """Returns the origin to subtract from positions, so that float32 is precise enough for the differences.
+    """Chooses an origin for positions, so that positions relative to it are precise enough as float32.
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
@@ -59,7 +64,7 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
         The origin; `NO_ORIGIN` if none is needed.
 
     Raises:
-        InvalidValueError: If the positions are farther from 0 than an origin may be.
+        InvalidValueError: If the positions are too far from 0 for an origin.
     """
     found = _middle_and_spread(means)
     if found is None:
@@ -72,7 +77,7 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
 
 
 def choose_origin_of_small(means: np.ndarray) -> Origin:
-    """Returns the origin to subtract from float64 positions if the scene is small and far from 0.
+    """Chooses an origin for float64 positions if the scene is so small and far from 0 that float32 would be too coarse.
 
     Args:
         means: World coordinates, float64 (N, 3); rows that are not finite are ignored.
@@ -81,7 +86,7 @@ def choose_origin_of_small(means: np.ndarray) -> Origin:
         The origin; `NO_ORIGIN` if float32 is precise enough for the positions.
 
     Raises:
-        InvalidValueError: If the positions are farther from 0 than an origin may be.
+        InvalidValueError: If the positions are too far from 0 for an origin.
     """
     found = _middle_and_spread(means)
     if found is None or not _is_far_and_small(found[1], found[2]):
@@ -90,14 +95,13 @@ def choose_origin_of_small(means: np.ndarray) -> Origin:
 
 
 def _middle_and_spread(means: np.ndarray) -> tuple[np.ndarray, float, float] | None:
-    """Returns where positions are and how far they extend; None if no position is finite.
+    """Returns the median and the extent of positions; None if no position is finite.
 
     Args:
         means: World coordinates, float (N, 3).
 
     Returns:
-        The median position; the largest absolute coordinate of the median; and the largest extent along an axis without
-        outliers (spread).
+        The median position; its largest absolute coordinate; and the largest extent along an axis, without outliers.
     """
     some = np.asarray(means[:: max(1, -(-len(means) // _SAMPLE))], np.float64)
     some = some[np.isfinite(some).all(axis=1)]
@@ -127,7 +131,7 @@ def _rounded(middle: np.ndarray, spread: float) -> Origin:
         spread: Largest extent of the scene along an axis, in the same unit; 0 if unknown.
 
     Raises:
-        InvalidValueError: If the median is farther from 0 than an origin may be.
+        InvalidValueError: If the median is too far from 0 for an origin.
     """
     far = float(np.abs(middle).max())
     if far > _MAX_COORDINATE:
@@ -164,14 +168,14 @@ def check_precision(means: np.ndarray, name: str) -> None:
 
 
 def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
-    """Detects a declared origin so far from the positions that float32 differences are imprecise.
+    """Tests if an origin is so far from the positions that positions relative to it are imprecise as float32.
 
     Args:
         origin: The origin that a file declares.
         means: World coordinates, float64 (N, 3).
 
     Returns:
-        Largest distance on an axis between the median position and the origin, world units; None if float32 is precise
+        Largest distance on an axis between the median position and the origin, world units. None if float32 is precise
         enough.
     """
     apart = means - np.array(origin)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.arguments import CheckedFields
+from splatwire.arguments import CheckedFields, checked
 from splatwire.ops.arrays import to_numpy, where
 from splatwire.reprs import summary_repr
 from splatwire.types.anchors import Anchors, mean_log_size
@@ -64,6 +64,7 @@ class Prior(CheckedFields):
         """
         return mean_log_size(self.scaling.mean)
 
+    @checked
     def filled(self, elements: Anchors, loss_mask: LossMask) -> Anchors:
         """Returns the anchors with every missing attribute replaced by its predicted mean."""
         missing = ~loss_mask.received
@@ -82,14 +83,14 @@ class Prior(CheckedFields):
 
 
 def plausible_scalings(anchors: Anchors, loss_mask: LossMask, scalings: Float[Any, "M 6"]) -> Float[Any, "M 6"]:
-    """Raises estimated scalings of lost anchors to at least the minimum of the received scalings, per component.
+    """Raises estimated scalings to at least the minimum over the received anchors, for each of the six components.
 
     If no scaling was received, the minimum is 0.
 
     Args:
-        anchors: The received anchors.
+        anchors: All anchors.
         loss_mask: Mask of received attributes.
-        scalings: Estimates for M lost anchors.
+        scalings: Estimated scalings of M anchors.
     """
     received = anchors.scalings[loss_mask.column(Attribute.SCALING)]
     if not len(received):

@@ -7,7 +7,7 @@ from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int64
 
-from splatwire.arguments import CheckedFields, check_fields
+from splatwire.arguments import CheckedFields, array_of, check_fields, checked
 from splatwire.errors import InvalidValueError, shown
 from splatwire.ops.arrays import to_numpy
 from splatwire.reprs import summary_repr
@@ -21,9 +21,9 @@ Record = TypeVar("Record")
 
 @runtime_checkable
 class Expectation(Protocol):
-    """Typing protocol (structural type) for values predicted by the side information.
+    """Typing protocol (structural type) for predicted values of all elements (Gaussians or anchors), such as `Prior`.
 
-    They are predicted for all elements (Gaussians or anchors).
+    The values are predicted from the side information, without any packet.
     """
 
     @property
@@ -31,7 +31,7 @@ class Expectation(Protocol):
         """Number of elements, N."""
 
     def expected_log_sizes(self) -> Float[np.ndarray, "N"]:
-        """Returns the expected logarithm of the size of each element."""
+        """Returns the predicted logarithm of the size of each element."""
 
     def filled(self, elements: Any, loss_mask: LossMask) -> Any:
         """Returns the elements with missing attribute values replaced by predicted ones."""
@@ -39,10 +39,10 @@ class Expectation(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPlaces(CheckedFields):
-    """Expected positions of elements, for streams that code positions inside packets.
+    """Predicted positions of elements, for streams in which exact positions can be lost with their packets.
 
     Attributes:
-        positions: Expected positions of all elements, world coordinates; lost elements are placed at these positions.
+        positions: Predicted positions of all elements, world coordinates. Lost elements are placed there.
     """
 
     positions: Float[Any, "N 3"]
@@ -54,7 +54,7 @@ class ExpectedPlaces(CheckedFields):
 class TierSizes(CheckedFields):
     """Approximate size of every element (Gaussian or anchor), received or lost, for the concealment of losses.
 
-    The encoder sends one typical size for each importance tier, a group of elements of similar importance.
+    An importance tier is a group of elements of similar importance. The encoder sends one typical size for each tier.
 
     Attributes:
         sizes: Typical size in the tier of each element, above 0, in an arbitrary unit.
@@ -72,9 +72,8 @@ class Copies(CheckedFields):
     Attributes:
         indices: For each copy, index of its original Gaussian in coding order, without duplicates.
         splats: Attributes of the copies.
-        growth: Three strengths, chosen by the sender, with which lost Gaussians without a copy are concealed:
-            enlargement of their neighbours; increase of the opacity of these neighbours; and correction by the network
-            of the concealer `scene_free`.
+        growth: Strengths of concealing lost Gaussians that have no copy, chosen by the sender: size increase of the
+            neighbours; opacity increase of the neighbours; and correction by the network of the concealer `scene_free`.
     """
 
     indices: Int64[np.ndarray, "C"]
@@ -86,7 +85,7 @@ class Copies(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class ReceivedScene(Generic[S]):
-    """A received scene with possibly lost elements (Gaussians or anchors), and its side information.
+    """A decoded scene with possibly lost elements (Gaussians or anchors), and its side information.
 
     Attributes:
         scene: The scene; lost elements have placeholder values.
@@ -114,6 +113,7 @@ class ReceivedScene(Generic[S]):
         if len(rows) != 1:
             raise InvalidValueError(f"scene, loss mask and records have different numbers of elements: {sorted(rows)}")
 
+    @checked
     def get(self, kind: type[Record]) -> Record | None:
         """Returns the side information of a given type, such as `TierSizes`, or None if absent."""
         return next((record for record in self.records if isinstance(record, kind)), None)
@@ -190,7 +190,12 @@ class ReceivedScene(Generic[S]):
         return self.elements if expected is None else expected.filled(self.elements, self.loss_mask)
 
     def masked(self, known: Bool[np.ndarray, "N"]) -> "ReceivedScene[S]":
-        """Simulates losses: returns a copy in which only the elements of the mask `known` count as received."""
+        """Simulates losses: returns a copy in which only the elements of the mask `known` count as received.
+
+        Raises:
+            InvalidValueError: If `known` is not a boolean for each element.
+        """
+        known = array_of(known, "known", (self.scene.num_elements,), "b")
         there = self.scene.elements.with_losses(known, self.positions)
         return replace(
             self, scene=self.scene.with_elements(there, self.scene.hints), loss_mask=LossMask.of_anchors(known)
@@ -198,10 +203,7 @@ class ReceivedScene(Generic[S]):
 
 
 def _element_counts(records: tuple[Any, ...]) -> set[int]:
-    """Returns the set of the element counts in records of side information.
-
-    The set has one entry if all records agree.
-    """
+    """Returns the distinct numbers of elements in records of side information; more than one if records disagree."""
     rows = set()
     for record in records:
         if isinstance(record, Expectation):

@@ -36,8 +36,9 @@ class RenderHints(CheckedFields):
 class Coverage(CheckedFields):
     """Strength with which the concealer `grow` enlarges received elements next to lost ones, for one type of scene.
 
-    If the share r of an element's neighbours was received, its size is multiplied by `r ** -(exponent * size)`. Its
-    opacity o becomes `1 - (1 - o) ** (r ** -(exponent * opacity))`, with the concealer's parameter `exponent`.
+    Let r be the received share of an element's neighbours, and `exponent` the parameter of the concealer. The element's
+    size is multiplied by `r ** -(exponent * size)`. Its opacity o becomes
+    `1 - (1 - o) ** (r ** -(exponent * opacity))`.
 
     Attributes:
         size: Strength for sizes; 0 leaves them unchanged.

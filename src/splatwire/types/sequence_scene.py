@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
 from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background
@@ -117,12 +118,12 @@ class SequenceScene:
     Attributes:
         timeline: Frame rate, number of frames, and groups of pictures.
         tracks: The keyframe Gaussians.
-        motion: Function that decodes the received motion of a group, given the index of the group and the mask of
-            received keyframe Gaussians, bool (T).
+        motion: Function that decodes the received motion of a group. Its arguments are the index of the group and the
+            mask of received keyframe Gaussians, bool (T).
         count: Number of elements, N: the keyframe Gaussians, and for each group the tracks whose motion is coded.
         background: RGB of the background.
-        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
-            that it widens to a pixel (Mip-Splatting).
+        antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
+            opacity of Gaussians that they widen to a pixel.
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """
@@ -196,6 +197,7 @@ class SequenceScene:
         # Motion refers to tracks by index.
         return self
 
+    @checked
     def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "SequenceScene":
         """Returns the sequence with its keyframe Gaussians replaced.
 

@@ -66,6 +66,39 @@ def _wrong(record: Any, name: str, kind: str, shape: Shape, found: str) -> Inval
     return InvalidValueError(f"{type(record).__name__}.{name}: expected a {kind} array ({extents}), not {found}")
 
 
+def check_mask(mask: Any, count: int, name: str) -> None:
+    """Checks a mask of elements.
+
+    Args:
+        mask: The argument; a boolean array or tensor is expected.
+        count: Number of elements.
+        name: Name of the argument, for the message.
+
+    Raises:
+        InvalidValueError: If it is anything else, or has another length.
+    """
+    if str(getattr(mask, "dtype", "")).removeprefix("torch.") != "bool" or tuple(mask.shape) != (count,):
+        raise InvalidValueError(f"{name}: expected a bool array ({count:,},), not {summarize(mask)}")
+
+
+def check_hints(hints: Any, count: int) -> None:
+    """Checks that the hints of a scene are for as many elements as it has.
+
+    Args:
+        hints: `RenderHints` of the scene, or None.
+        count: Number of elements of the scene.
+
+    Raises:
+        InvalidValueError: If an array of the hints has another length.
+    """
+    if hints is None:
+        return
+    for name in ("size_gain", "left_out", "opacity_gain"):
+        values = getattr(hints, name)
+        if values is not None and values.shape[0] != count:
+            raise InvalidValueError(f"hints.{name} is for {values.shape[0]:,} elements, and the scene has {count:,}")
+
+
 def indices_of(index: Any, count: int) -> np.ndarray:
     """Converts a selection of elements to their indices.
 

@@ -7,14 +7,14 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int64, UInt8
 
-from splatwire.arguments import CheckedFields, check_fields
+from splatwire.arguments import CheckedFields, check_fields, checked
 from splatwire.errors import InvalidValueError
 from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.types.scene import Coverage, RenderHints
-from splatwire.types.shapes import indices_of
+from splatwire.types.shapes import check_hints, indices_of
 from splatwire.types.splats import Splats
 from splatwire.types.validity import ElementValidity, validity_of_splats
 
@@ -23,7 +23,7 @@ Own = TypeVar("Own", bound="SplatScene")
 
 @dataclass(frozen=True, eq=False)
 class SplatCoding(CheckedFields):
-    """Quantisation parameters of decoded Gaussians, with which encoding the Gaussians again is lossless.
+    """Quantisation parameters of decoded Gaussians. Encoding them again with these parameters is lossless.
 
     Attributes:
         size_log: log2 of the scene's size in world units.
@@ -43,13 +43,16 @@ class SplatCoding(CheckedFields):
 
     __repr__ = summary_repr
 
-    def select(self, index: np.ndarray) -> "SplatCoding":
+    def select(self, index: Any) -> "SplatCoding":
         """Returns the quantisation steps of a selection of Gaussians.
 
         Args:
-            index: Indices or mask of the selected Gaussians.
+            index: Indices (integers, a mask or a slice) of the selected Gaussians.
+
+        Raises:
+            InvalidValueError: If an index is out of range, or a mask has another length.
         """
-        return replace(self, classes=self.classes[index])
+        return replace(self, classes=self.classes[indices_of(index, len(self.classes))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +64,8 @@ class SplatScene:
         hints: Size and opacity factors and hidden Gaussians, set by loss concealment; None if no losses were concealed.
         background: RGB of the background.
         coding: Quantisation steps with which the scene was decoded; None if it was not decoded.
-        antialiased: True if the scene was trained with antialiased rendering, which lowers the opacity of Gaussians
-            that it widens to a pixel (Mip-Splatting).
+        antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
+            opacity of Gaussians that they widen to a pixel.
         origin: World coordinates of the point that positions are relative to.
         metadata: Title, author, license, and the initial view.
     """
@@ -92,6 +95,11 @@ class SplatScene:
         object.__setattr__(self, "background", check_background(self.background))
         object.__setattr__(self, "origin", check_origin(self.origin))
         check_fields(self)
+        check_hints(self.hints, self.num_elements)
+        if self.coding is not None and len(self.coding.classes) != self.num_elements:
+            raise InvalidValueError(
+                f"coding is for {len(self.coding.classes):,} Gaussians, and the scene has {self.num_elements:,}"
+            )
 
     @property
     def elements(self) -> Splats:
@@ -117,6 +125,7 @@ class SplatScene:
         coding = None if self.coding is None else self.coding.select(index)
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)
 
+    @checked
     def with_elements(self: Own, elements: Splats, hints: RenderHints | None = None) -> Own:
         """Returns the scene with its Gaussians replaced.
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from splatwire.arguments import array_of
+from splatwire.errors import InvalidValueError, check_kind, whole_number
 from splatwire.files.mmap_array import large_empty
 from splatwire.ops.sort3 import sort3
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
@@ -15,8 +17,8 @@ from splatwire.reprs import summary_repr
 from splatwire.types.anchors import MIN_SIZE
 from splatwire.types.gaussians import Gaussians
 from splatwire.types.loss_mask import LossMask
-from splatwire.types.origin import Origin
-from splatwire.types.shapes import Shape, check_arrays, indices_of
+from splatwire.types.origin import Origin, check_origin
+from splatwire.types.shapes import Shape, check_arrays, check_mask, indices_of
 
 ROWS = 1 << 16
 """Number of Gaussians copied at a time."""
@@ -66,12 +68,18 @@ class Splats:
     @staticmethod
     def empty(count: int, degree: int) -> "Splats":
         """Allocates `count` Gaussians with undefined values."""
+        whole_number(count, "count")
         shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (num_functions(degree), 3)}
         rows = {name: large_empty((count, *shape), np.float32) for name, shape in shapes.items()}
         return Splats(**rows)
 
     def run(self, begin: int, end: int) -> "Splats":
-        """Returns the Gaussians from index `begin` to `end` (exclusive), without copying them."""
+        """Returns the Gaussians from index `begin` to `end` (exclusive), without copying them.
+
+        Raises:
+            InvalidValueError: If an index is negative or no whole number.
+        """
+        begin, end = whole_number(begin, "begin"), whole_number(end, "end")
         return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
 
     def gathered(self, index: Any) -> "Splats":
@@ -86,7 +94,18 @@ class Splats:
         return found
 
     def fill(self, begin: int, source: "Splats") -> None:
-        """Overwrites consecutive Gaussians, from index `begin` on, with the Gaussians of `source`, in place."""
+        """Overwrites consecutive Gaussians, from index `begin` on, with the Gaussians of `source`, in place.
+
+        Raises:
+            InvalidValueError: If `source` has another degree, or more Gaussians than there are from `begin` on.
+        """
+        check_kind(source, Splats, "open_scene", "source")
+        left = self.num_gaussians - whole_number(begin, "begin")
+        if source.num_gaussians > left or source.degree != self.degree:
+            raise InvalidValueError(
+                f"source: {source.num_gaussians:,} Gaussians of degree {source.degree} do not fit in the place of "
+                f"{max(left, 0):,} of degree {self.degree}"
+            )
         for name, values in vars(self.run(begin, begin + source.num_gaussians)).items():
             values[:] = getattr(source, name)
 
@@ -129,7 +148,12 @@ class Splats:
         return dataclasses.replace(self, sh=self.sh[:, : num_functions(degree)])
 
     def moved_origin(self, before: Origin, after: Origin) -> "Splats":
-        """Converts positions from coordinates relative to the origin `before` to coordinates relative to `after`."""
+        """Converts positions from coordinates relative to the origin `before` to coordinates relative to `after`.
+
+        Raises:
+            InvalidValueError: If an origin is not three finite numbers.
+        """
+        before, after = check_origin(before), check_origin(after)
         if before == after:
             return self
         shift = np.array(before) - np.array(after)
@@ -155,7 +179,12 @@ class Splats:
         Args:
             known: Mask of received Gaussians.
             positions: Positions for the lost Gaussians; other rows are ignored.
+
+        Raises:
+            InvalidValueError: If an array has another shape or type.
         """
+        check_mask(known, self.num_gaussians, "known")
+        array_of(positions, "positions", (self.num_gaussians, 3))
         opacities = np.where(known, self.opacities, np.float32(0))
         return dataclasses.replace(self, means=np.where(known[:, None], self.means, positions), opacities=opacities)
 
@@ -165,7 +194,15 @@ class Splats:
         Args:
             loss_mask: Mask of received Gaussians.
             proposed: All Gaussians, with estimates of the lost ones.
+
+        Raises:
+            InvalidValueError: If an argument has another type, or is for another number of Gaussians.
         """
+        check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
+        check_kind(proposed, Splats, "open_scene", "proposed")
+        check_mask(loss_mask.known, self.num_gaussians, "loss_mask")
+        if proposed.sh.shape != self.sh.shape:
+            raise InvalidValueError(f"proposed: Gaussians with sh {proposed.sh.shape}, not {self.sh.shape}")
         if proposed is self:
             return self
         known, merged = loss_mask.known, {}
@@ -174,10 +211,18 @@ class Splats:
         return Splats(**merged)
 
     def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:
-        """Returns the Gaussians with the colours seen by a camera at `camera_center`."""
-        colors = _compiled_colors(self, camera_center)
+        """Returns the Gaussians with the colours seen by a camera at `camera_center`.
+
+        Raises:
+            InvalidValueError: If the centre is not three finite numbers.
+        """
+        center = array_of(camera_center, "camera_center", (3,))
+        if not np.isfinite(center).all():
+            raise InvalidValueError("camera_center: expected three finite numbers")
+        center = np.require(center, np.float32, ("C", "W"))
+        colors = _compiled_colors(self, center)
         if colors is None:
-            colors = _colors(self, camera_center)
+            colors = _colors(self, center)
         return Gaussians(self.means, self.quats, self.scales, self.opacities, colors)
 
 

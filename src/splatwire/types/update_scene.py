@@ -8,7 +8,7 @@ from splatwire.types.splat_scene import SplatScene
 
 @dataclass(frozen=True, eq=False)
 class UpdateScene(SplatScene):
-    """Content of an update: new Gaussians (the elements of this scene), and a mask of removed Gaussians.
+    """Difference between two versions of a scene: the new Gaussians (elements of this object), and the removed ones.
 
     Attributes:
         base_digest: SHA-256 of the manifest of the stream before the update, hexadecimal.

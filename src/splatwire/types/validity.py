@@ -85,7 +85,7 @@ def _valid_and_visible(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _largest_colours(splats: Splats) -> np.ndarray:
-    """Returns an upper bound of each Gaussian's colour in any viewing direction, (N)."""
+    """Returns an upper bound of each Gaussian's colour components in any viewing direction, (N)."""
     return 2 * (np.abs(splats.sh).reshape(len(splats.sh), -1) @ np.ones(3 * splats.sh.shape[1], np.float32))
 
 

@@ -83,7 +83,7 @@ def test_codes_refuse_positions_outside_the_box() -> None:
 def test_centres_of_cells_equal_their_reference() -> None:
     means, shifts = gaussians(500).means, np.random.default_rng(1).integers(0, 20, 500)
     found = means.copy()
-    kernels.move_to_cells(found, shifts, 2.0**20, 2.0**-21)
+    kernels.snap_to_cells(found, shifts, 2.0**20, 2.0**-21)
     np.testing.assert_array_equal(found, reference_centres(means, shifts, 22, 2))
 
 

@@ -229,10 +229,12 @@ def test_report_starts_with_summary_pictures_and_curve(folder, tmp_path):
     assert "drop" in labels
     assert "idw" not in labels or len(labels) == 4
     assert [loss.model for loss in curve.study.losses] == ["bernoulli:0.05", "bernoulli:0.1", "bernoulli:0.5"]
-    figures = {s.row.key: s for s in summarize(curve) if s.loss.model == "bernoulli:0.5"}
+    figures = {s.row.key: s for s in summarize(result) if s.loss is not None and s.row.key in labels}
     uncovered, best = (f(figures.values(), key=lambda s: s.figures["psnr"].mean) for f in (min, max))
     text = write_report(result, store, tmp_path / "out", {}, curve=curve).read_text(encoding="utf-8")
     sentence = re.search(r'<p class="lead">(.*?)</p>', text)[1]
+    lost = uncovered.lost_packets  # of the loss in the title, not of the highest loss of the curve
+    assert sentence.startswith(f"With {100 * lost:.0f} % of the packets lost")
     for summary in (uncovered, best):
         assert f"{summary.figures['psnr'].mean:.1f} dB" in sentence
         assert f"({summary.row.label})" in sentence

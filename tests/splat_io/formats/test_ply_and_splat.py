@@ -1,3 +1,4 @@
+import gzip
 import lzma
 import struct
 from pathlib import Path
@@ -7,7 +8,7 @@ import pytest
 
 from close import assert_close, unit
 from random_numbers import Numbers
-from splat_io.formats.handmade import ply
+from splat_io.formats.handmade import ksplat, ply
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import read_splats, splats_kind, write_splats
@@ -86,6 +87,37 @@ def test_splat_record_bytes_are_pinned(tmp_path: Path) -> None:
     assert one.seen_from(np.zeros(3, np.float32)).colors[0].tolist() == pytest.approx([1, 128 / 255, 0], abs=1e-6)
     write_splat([one], tmp_path / "b.splat")
     assert (tmp_path / "b.splat").read_bytes() == record
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_ksplat_files_with_another_name_are_read_as_what_they_are(level: int, tmp_path: Path) -> None:
+    data = ksplat(level)
+    for name in ("a.ksplat", "a.splat", "a"):
+        (tmp_path / name).write_bytes(data + bytes(-len(data) % 32))
+        assert splats_kind(tmp_path / name) == "ksplat"
+    found = [read_splats(tmp_path / name).means.tolist() for name in ("a.ksplat", "a.splat")]
+    assert found[0] == found[1]
+
+
+def test_packed_spz_files_named_splat_are_recognised(tmp_path: Path) -> None:
+    data = gzip.compress(b"NGSP" + bytes(20))
+    (tmp_path / "a.splat").write_bytes(data + bytes(-len(data) % 32))
+    assert splats_kind(tmp_path / "a.splat") == "spz"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        np.random.default_rng(0).bytes(32 * 500),
+        np.arange(4000, dtype="<i4").tobytes(),
+        np.random.default_rng(0).normal(size=(500, 8)).astype("<f4").tobytes(),
+    ],
+    ids=["noise", "integers", "negative sizes"],
+)
+def test_other_binary_files_named_splat_are_refused(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.splat").write_bytes(content)
+    with pytest.raises(DatasetError, match="500 records of 32 bytes have impossible positions or sizes"):
+        read_splats(tmp_path / "a.splat")
 
 
 def test_file_kinds_are_detected_by_content(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from splat_io.formats.handmade import FORMATS, ply, some_splats, write
 from splatwire.errors import DatasetError
+from splatwire.files.kinds import OTHER_PLY, file_kind
 from splatwire.io.formats import read_splats, write_splats
 from splatwire.io.formats.ply_file import read_ply, read_ply_elements
 
@@ -26,6 +27,21 @@ def test_handmade_ply_is_read(tmp_path):
     assert vertices.columns("w_", 1).tolist() == [[-2.0], [np.float32(1e-30)]]
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        GOOD.replace(b"end_header", b"end_header \t"),
+        GOOD.replace(b"ply\n", b"ply \n"),
+        GOOD.replace(b"float x", b"float x  "),
+        HEAD.replace(b"\n", b" \r\n") + b"end_header \r\n" + BODY,
+    ],
+)
+def test_spaces_at_the_end_of_header_lines_are_accepted(content, tmp_path):
+    (tmp_path / "a.ply").write_bytes(content)
+    assert read_ply(tmp_path / "a.ply").rows["x"].tolist() == [1.5, 3.25]
+    assert file_kind(tmp_path / "a.ply") == OTHER_PLY
+
+
 def test_xz_is_unpacked(tmp_path):
     (tmp_path / "a.ply.xz").write_bytes(lzma.compress(GOOD))
     assert read_ply(tmp_path / "a.ply.xz").rows["x"][1] == 3.25
@@ -41,7 +57,7 @@ BAD = {
     "another format": (GOOD.replace(b"little", b"middle"), r"not a PLY file of version 1.0 \(it starts with"),
     "another version": (GOOD.replace(b"1.0", b"1.1"), r"not a PLY file of version 1.0"),
     "double": (GOOD.replace(b"float w_0", b"double w_0") + bytes(8), "float64 w_0"),
-    "list": (GOOD.replace(b"float w_0", b"list uchar int w_0"), "element vertex has lists"),
+    "list": (GOOD.replace(b"float w_0", b"list uchar int w_0"), r"vertex has list properties \(w_0\)"),
     "same name": (GOOD.replace(b"w_0", b"x"), "all different"),
     "negative": (GOOD.replace(b"vertex 2", b"vertex -2"), "no element with a number of rows"),
     "huge": (GOOD.replace(b"vertex 2", b"vertex 99999999999"), "more than the limit"),

@@ -214,8 +214,9 @@ export class Controller {
   }
 
   picture(camera: FixedCamera): Promise<string> {
-    const signals = [this.#released.signal, this.#workerFailed.signal];
-    if (!this.stage.view) signals.push(this.#drawingFailed.signal);
+    const signals = [this.#released.signal, this.#workerFailed.signal],
+      { signal } = this.#drawingFailed;
+    if (!this.stage.view || !signal.aborted) signals.push(signal);
     return this.#comparison.withoutComparison(() => unlessAborted(this.#picture(camera), ...signals));
   }
 

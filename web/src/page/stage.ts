@@ -29,10 +29,10 @@ const WEBGL_GAUSSIANS = 50_000,
 /** Time limit for an animation frame, milliseconds. An invisible page has none, but its promises must resolve. */
 const FRAME_TIMEOUT_MS = 100;
 /**
- * Delay before a lost WebGL context is requested again, milliseconds, which doubles with each failure, and number of
- * failures. After an error of the GPU, browsers refuse contexts for two minutes.
+ * Delay before a lost WebGL context is requested again, milliseconds, which doubles with each failure from the first
+ * one on, and number of failures. After an error of the GPU, browsers refuse contexts for two minutes.
  */
-const CONTEXT_RETRY_MS = 1000,
+const CONTEXT_RETRY_MS = 500,
   MAX_CONTEXT_FAILURES = 8;
 
 /** Display time of a hint, milliseconds. */
@@ -94,7 +94,7 @@ export class Stage implements ContextOwner {
   #shown: (() => void)[] = [];
   #opening = false;
   #destroyed = false;
-  #isContextLost = false;
+  /** Number of lost or refused WebGL contexts in a row, 0 before the first loss. */
   #contextFailures = 0;
   #retryTimer = 0;
   #startWebGL: () => void = () => undefined;
@@ -150,7 +150,7 @@ export class Stage implements ContextOwner {
 
   /** Loads the renderer and starts drawing, if the element is visible and a WebGL context is free. */
   async open(): Promise<void> {
-    if (this.#opening || this.view || this.#destroyed) return;
+    if (this.#opening || this.view || this.#destroyed || this.#contextFailures > MAX_CONTEXT_FAILURES) return;
     this.#opening = true;
     try {
       await this.#open();
@@ -158,8 +158,8 @@ export class Stage implements ContextOwner {
       this.release(); // a view that is incomplete
       releaseContext(this);
       if (this.#retryTimer) return; // visible again, or offered a context, before the retry
-      if (!this.#isContextLost || ++this.#contextFailures > MAX_CONTEXT_FAILURES) this.failed(error as Error);
-      else this.#openLater(CONTEXT_RETRY_MS * 2 ** this.#contextFailures);
+      if (!this.#contextFailures) this.failed(error as Error);
+      else this.#openLater(this.#contextFailures + 1, error as Error);
     } finally {
       this.#opening = false;
     }
@@ -184,7 +184,6 @@ export class Stage implements ContextOwner {
       throw new Error(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
     }
     const view = this.view;
-    this.#contextFailures = 0;
     canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
     view.watcher = (camera) => this.#reportCamera(camera);
     view.background(this.#background);
@@ -212,17 +211,22 @@ export class Stage implements ContextOwner {
     if (this.view !== view) return;
     this.release();
     releaseContext(this);
-    this.#isContextLost = true;
     this.onContextLost?.();
-    this.#openLater(CONTEXT_RETRY_MS);
+    this.#openLater(view.failuresAfter(this.#contextFailures), view.reason);
   }
 
-  #openLater(ms: number): void {
+  /** Opens after a pause, or reports the error after too many failures. */
+  #openLater(failures: number, error: Error): void {
     clearTimeout(this.#retryTimer);
-    this.#retryTimer = window.setTimeout(() => {
-      this.#retryTimer = 0;
-      void this.open();
-    }, ms);
+    this.#contextFailures = failures;
+    if (failures > MAX_CONTEXT_FAILURES) return this.failed(error);
+    this.#retryTimer = window.setTimeout(
+      () => {
+        this.#retryTimer = 0;
+        void this.open();
+      },
+      CONTEXT_RETRY_MS * 2 ** failures,
+    );
   }
 
   /** Releases the WebGL context and paints in software. */

@@ -90,6 +90,8 @@ export class Orbit {
   touched = false;
   /** Initial state. */
   #initial: OrbitState = this.state;
+  /** Angle of the automatic rotation since the viewpoint was set, radians. */
+  #drifted = 0;
   #limits = NO_LIMITS;
   /** Point that the camera zooms towards, its smallest distance, and its window position. */
   #zoomTarget: { readonly point: Vec3; readonly near: number; readonly at: string } | null = null;
@@ -104,11 +106,12 @@ export class Orbit {
     readonly pick: (at: WindowPosition | null) => Vec3 | null = () => null,
   ) {}
 
-  /** Sets the initial state: a target and a distance. */
-  begin(target: readonly number[], distance: number, yaw = this.yaw): void {
+  /** Sets the initial state: a target, a distance, and an angle to which that of the automatic rotation is added. */
+  begin(target: readonly number[], distance: number, yaw = this.yaw - this.#drifted): void {
     this.target = new Vec3(...target);
     Object.assign(this, { distance, yaw });
     this.#storeInitial();
+    this.yaw += this.#drifted;
   }
 
   /** Sets the initial state: an eye position, a target and an up vector. */
@@ -116,6 +119,7 @@ export class Orbit {
     this.upRotation.setFromDirections(Vec3.UP, up.clone().normalize());
     this.#restore(this.stateOf(eye, target, false));
     this.placed = true;
+    this.#drifted = 0;
     this.#storeInitial();
   }
 
@@ -201,9 +205,10 @@ export class Orbit {
 
   /** Rotates without input of the visitor, by an angle in radians. */
   drift(yaw: number): void {
-    const { touched } = this;
+    const { touched, yaw: before } = this;
     this.rotate(yaw, 0);
     this.touched = touched;
+    this.#drifted += this.yaw - before;
   }
 
   /** Returns the eye, the target and the up axis. */

@@ -35,6 +35,7 @@ export class TiledMeshes {
     readonly app: AppBase,
     readonly gpu: GpuFence,
     readonly changed: () => void,
+    readonly failed: (error: Error) => void,
   ) {
     this.#slices = new UploadSlices(gpu, () => this.#destroyed);
   }
@@ -72,16 +73,20 @@ export class TiledMeshes {
     let shown = performance.now();
     this.#slices.begin();
     for (let next = this.#queue.shift(); next; next = this.#queue.shift()) {
-      if ("come" in next) await this.#swap(next.gone, next.come);
-      else {
-        this.#show();
-        await this.#applyGains(next.gains);
-        next.done();
+      try {
+        if ("come" in next) await this.#swap(next.gone, next.come);
+        else {
+          this.#show();
+          await this.#applyGains(next.gains);
+        }
+        if (!this.#destroyed && (!this.#queue.length || performance.now() - shown > SHOW_INTERVAL_MS)) {
+          this.#show();
+          shown = performance.now();
+        }
+      } catch (error) {
+        this.failed(error as Error); // such as too little memory
       }
-      if (!this.#destroyed && (!this.#queue.length || performance.now() - shown > SHOW_INTERVAL_MS)) {
-        this.#show();
-        shown = performance.now();
-      }
+      if ("done" in next) next.done();
     }
   }
 

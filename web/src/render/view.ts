@@ -50,10 +50,15 @@ const POLL_MS = 10;
 /** Largest number of canvas pixels per CSS pixel. */
 const MAX_PIXEL_RATIO = 2;
 
+/** Time after which a view counts as stable, milliseconds. */
+const STABLE_MS = 60_000;
+
 /** Internals of PlayCanvas's frame loop. */
 interface FrameLoop {
   readonly frameRequestId: number;
   requestAnimationFrame(): void;
+  tick(...given: unknown[]): void;
+  _inFrameUpdate: boolean;
 }
 
 /**
@@ -123,6 +128,11 @@ export class View {
   #destroyed = false;
   #drawnAt = 0;
   #loopStopped = false;
+  /** Error that ended drawing; null if there is none. */
+  #failure: Error | null = null;
+  /** State of the memory since the last check: unchanged, changed, or drawn. */
+  #memory: "checked" | "changed" | "drawn" = "checked";
+  readonly #openedAt = performance.now();
   /** Callback with the camera of each frame, world units. */
   watcher: ((camera: Camera) => void) | null = null;
 
@@ -174,6 +184,12 @@ export class View {
       this.#onSortReport(ready),
     );
     this.#app.on("postrender", () => this.#afterFrame());
+    const loop = this.#app as unknown as FrameLoop,
+      { tick } = loop;
+    loop.tick = (...given) => {
+      this.#try(() => tick(...given));
+      loop._inFrameUpdate = false; // else the app could not be destroyed after an error
+    };
     this.#app.on("frameend", () => this.#stopIdleLoop());
     this.resize();
     this.#applySize();
@@ -199,6 +215,45 @@ export class View {
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     this.canvas.remove();
     for (const waiting of [this.#frame, this.#sorted, this.#steady]) for (const resolve of waiting.splice(0)) resolve();
+  }
+
+  /** Runs work, and ends drawing if it throws, such as for lack of memory. */
+  #try(work: () => void): void {
+    try {
+      work();
+    } catch (error) {
+      this.#fail(error as Error);
+    }
+  }
+
+  /** Ends drawing: gives the context up, so that its owner decides what to do. */
+  #fail(error: Error): void {
+    if (this.#failure || this.#destroyed) return;
+    this.#failure = new Error(`This device cannot draw the scene: ${error.message}`);
+    this.#pending = [];
+    setTimeout(() => this.canvas.dispatchEvent(new Event("webglcontextlost")));
+  }
+
+  /** Ends drawing if the GPU refused memory. WebGL reports this only on request, and waits for the GPU. */
+  #checkMemory(): void {
+    const { gl } = this.#device;
+    this.#memory = "checked";
+    for (let n = 0, error = gl.getError(); error && n < 8; n++, error = gl.getError())
+      if (error === gl.OUT_OF_MEMORY) this.#fail(new Error("its GPU has too little memory"));
+  }
+
+  /** Reason for a lost context. */
+  get reason(): Error {
+    return this.#failure ?? new Error("The graphics processor (GPU) failed repeatedly.");
+  }
+
+  /**
+   * Returns the number of failures after the loss of this context and a number of failures before. It is infinite if
+   * another context would be lost, too: a scene without tiles is always as large.
+   */
+  failuresAfter(failures: number): number {
+    if (this.#failure && !this.#tiles) return Infinity;
+    return performance.now() - this.#openedAt > STABLE_MS ? 1 : failures + 1;
   }
 
   /** Requests a frame. */
@@ -280,11 +335,15 @@ export class View {
 
   /** Adds Gaussians, or replaces all with `instead`. */
   add(packed: Packed, instead = false): void {
-    if (!instead) {
-      this.#pending.push(packed);
-      this.#uploading ??= this.#upload().finally(() => (this.#uploading = null));
-      return;
-    }
+    if (this.#failure) return;
+    if (instead) return this.#try(() => this.#replace(packed));
+    this.#pending.push(packed);
+    this.#uploading ??= this.#upload()
+      .catch((error: Error) => this.#fail(error))
+      .finally(() => (this.#uploading = null));
+  }
+
+  #replace(packed: Packed): void {
     this.#pending = [];
     this.#hidden = [];
     this.#hiding = [];
@@ -358,7 +417,12 @@ export class View {
 
   /** Replaces tiles of a scene with levels once the new ones are uploaded. */
   replaceTiles(gone: readonly number[], come: readonly Tile[]): void {
-    this.#tiles ??= new TiledMeshes(this.#app, this.#gpu, () => this.touch());
+    this.#tiles ??= new TiledMeshes(
+      this.#app,
+      this.#gpu,
+      () => this.#changedMemory(),
+      (error) => this.#fail(error),
+    );
     this.#replaced = true;
     this.#tiles.replaceTiles(gone, come);
   }
@@ -372,7 +436,7 @@ export class View {
       this.#replaced = true;
       return this.#tiles.setGains(gains);
     }
-    this.#mesh.setGains(gains);
+    this.#try(() => this.#mesh.setGains(gains));
     this.#changed();
   }
 
@@ -462,6 +526,11 @@ export class View {
   #changed(): void {
     if (!this.#replaced) this.#mesh.resort();
     this.#tiles?.resort();
+    this.#changedMemory();
+  }
+
+  #changedMemory(): void {
+    this.#memory = "changed";
     this.touch();
   }
 
@@ -479,7 +548,9 @@ export class View {
       this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
     this.#sortWhenAtRest();
-    this.#waitsForGpu = this.#app.renderNextFrame && !this.#gpu.idle;
+    const { idle } = this.#gpu;
+    if (idle && this.#memory === "drawn") this.#checkMemory();
+    this.#waitsForGpu = this.#app.renderNextFrame && !idle;
     if (this.#waitsForGpu) this.#app.renderNextFrame = false;
     else if (this.#app.renderNextFrame) this.#applySize();
   }
@@ -502,6 +573,7 @@ export class View {
       return;
     }
     this.#target.show();
+    if (this.#memory === "changed") this.#memory = "drawn";
     this.#gpu.mark();
     for (const resolve of this.#frame.splice(0)) resolve();
     if (this.#isSorted) this.shows ||= this.count > 0;

@@ -35,7 +35,7 @@ from splatwire.types import AnchorScene, TierSizes
 
 @runtime_checkable
 class AnchorCoder(Protocol):
-    """Typing protocol (structural type) for an encoder of one scene's anchors, sorted in coding order."""
+    """Interface of an encoder for the anchors of one scene, in coding order."""
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
         """Encodes groups of anchors; may be called from several threads.
@@ -202,6 +202,8 @@ def update_digest(digest: Any, rows: SymbolRows) -> None:
 class AnchorDecoder:
     """Base class of the decoders of anchor streams.
 
+    Subclasses set `chunk_bytes`, the working memory per anchor in bytes.
+
     Args:
         manifest: The stream's manifest.
         sections: Named sections of its side information.
@@ -226,7 +228,14 @@ class AnchorDecoder:
         return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
-        """Allocates arrays for all anchors, and predicts every anchor from the side information."""
+        """Allocates arrays for all anchors, and fills them with attributes predicted from the side information.
+
+        These values remain for anchors whose packets are lost.
+
+        Args:
+            threads: Number of threads; None for one per processor.
+            progress: Called with the completed fraction of the work, 0 to 1.
+        """
         # If the packets of an anchor are lost, the predicted values remain.
         self.allocate()
 

@@ -19,12 +19,15 @@ UNIT = 1 << DIRECTION_BITS
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def predict_axis(near, count, primary, axis):
-    """Predicts the primary axis of a Gaussian (see `code_axis`) as the weighted sum of the neighbours' axes.
+    """Predicts the primary axis of a Gaussian as the weighted sum of its neighbours' primary axes.
+
+    The primary axis is the principal axis of the largest or of the smallest scale. Only neighbours whose primary axis
+    is of the same kind are used. Their axes are flipped to the side of the nearest one.
 
     Args:
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.
         count: Number of neighbours.
-        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
+        primary: Kind of primary axis: 0 for that of the largest scale, 2 for that of the smallest.
         axis: Output: the weighted sum, int64 (3).
 
     Returns:
@@ -102,14 +105,15 @@ def _quotient(number, divisor):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_axis(coder, row, primary, source, shift, near, count, running, axis, other, absolute):
-    """Encodes or decodes the primary principal axis of a Gaussian, predicted from the axes of neighbours.
+    """Encodes or decodes the primary axis of a Gaussian, predicted from the axes of its neighbours.
 
-    The primary axis is the axis of the largest or of the smallest scale. The rotation about it is coded separately.
+    The primary axis is the principal axis of the largest or of the smallest scale. The rotation about it is coded
+    separately.
 
     Args:
         coder: Entropy coder.
         row: Decoded integers of the Gaussian, int64 (columns); the axis is written.
-        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
+        primary: Kind of primary axis: 0 for that of the largest scale, 2 for that of the smallest.
         source: The exact axis; only used by an encoder.
         shift: log2 of the quantisation step.
         near: Working arrays of the packet (`Near`), with the neighbours of this Gaussian.

@@ -49,7 +49,7 @@ def code_cells(coder, codes, bits, stack):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _push(stack, top, begin, end, bit, run, prefix):
-    """Puts a node of the binary tree of Morton codes on the stack.
+    """Pushes a node of the binary tree of Morton codes onto the stack of nodes to code.
 
     Args:
         stack: Stack of nodes, int64 (nodes, 5).
@@ -57,7 +57,7 @@ def _push(stack, top, begin, end, bit, run, prefix):
         begin: Index of the node's first code.
         end: End of the node's codes (exclusive).
         bit: Bit at which the node is divided.
-        run: Number of zero bits directly above `bit`, part of the entropy coder's context.
+        run: Number of zero bits directly above `bit`; selects the context.
         prefix: Bits above `bit`, which all codes of the node share.
     """
     # Numbers are assigned separately, because numba takes seconds to compile the assignment of a tuple.

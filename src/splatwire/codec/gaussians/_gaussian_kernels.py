@@ -43,7 +43,7 @@ LN2 = np.log(2.0)
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def update_magnitude(running, steps):
-    """Updates the moving average of the magnitudes of a Gaussian's residuals.
+    """Updates the moving average of residual magnitudes, which selects the context of the next residual.
 
     Args:
         running: Moving average of the preceding residuals, in sixteenths of a quantisation step.
@@ -85,14 +85,14 @@ def code_class(coder, context, value):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def compand_thinness(ratio, thinness):
-    """Converts the ratio of the second to the third scale of a Gaussian to a coded integer with non-uniform steps.
+    """Quantises the ratio of a Gaussian's second to third scale to the nearest entry of a non-uniform table.
 
     Args:
         ratio: Base-2 logarithm of the ratio, in fixed point.
-        thinness: Table for decoding the ratio, from `thinness_table`.
+        thinness: The table, ascending, from `thinness_table`.
 
     Returns:
-        Index of the nearest entry of the table.
+        Index of the entry.
     """
     # The formula of the table gives the entry or one next to it, several times as fast as a binary search.
     last = len(thinness) - 1
@@ -194,7 +194,7 @@ def code_colour(coder, row, source, bases, precision_class, near, count, running
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def position_shifts(logs, precision_classes, bases, unit, coarsest, thinness, shifts):
-    """Computes the quantisation step of each Gaussian's position from its opacity and scales, which are rounded first.
+    """Computes the quantisation step of each Gaussian's position, which depends on its rounded opacity and scales.
 
     Args:
         logs: Logarithms of opacity and scales, int64 (n, 4).

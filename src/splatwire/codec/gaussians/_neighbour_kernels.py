@@ -27,20 +27,18 @@ OCTAVES = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 
 
 class Near(NamedTuple):
-    """Working arrays for predicting the n Gaussians of a packet from their nearest neighbours.
+    """Working arrays for finding a Gaussian's neighbours among the preceding ones of its packet, and for prediction.
 
     Attributes:
-        cells: int64 (3, n), grid cells of the Gaussians.
+        cells: int64 (3, n), grid cells of the packet's n Gaussians.
         narrow: float32 (3, `WINDOW` + n), the same cells for a faster search; the first columns are padding.
         keys: int32 (`WINDOW`), sort key of each preceding Gaussian: squared distance, then distance in coding order.
         close: int32 (`WINDOW` + 1), keys of the candidates for neighbours.
         lanes: int32 (`LANES`), smallest key of each group of `WINDOW / LANES` preceding Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
-        values: float64 (n, `PREDICTED`), attributes of the packet's Gaussians that are predicted by the mean of their
-            neighbours.
-        axes: float64 (n, 4), primary axis of each Gaussian, and its index (0 for the largest scale, 2 for the
-            smallest).
+        values: float64 (n, `PREDICTED`), decoded attributes that are predicted by the mean over the neighbours.
+        axes: float64 (n, 4), primary axis of each Gaussian, and its kind (0 for the largest scale, 2 for the smallest).
         means: int64 (`PREDICTED`), weighted mean of each attribute over the neighbours.
         deviations: int64 (`PREDICTED`), weighted mean deviation of the neighbours from this mean.
     """

@@ -72,7 +72,7 @@ def _spread_cells(codes, cells, narrow):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
-    """Returns the sort key by which Gaussians are divided into packets: reversed low bits of the cell's Morton code.
+    """Returns the sort key that spreads a block's Gaussians over its packets: the reversed low bits of a Morton code.
 
     Gaussians with consecutive keys are far apart, so that a lost packet leaves no large hole.
 
@@ -95,7 +95,8 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
         coder: Entropy coder.
         codes: int64 (n), the Morton codes; filled by a decoder.
         bits: Number of bits of a code.
-        interleaved: 1 if each packet has Gaussians from all over its block, otherwise 0; only used by an encoder.
+        interleaved: 1 if the packet's Gaussians are spread over the block, otherwise 0; only used by an encoder. The
+            low bits of the codes (`slot_of`) are then coded separately.
         slots: Working array, int64 (n).
         stack: Working array of `code_cells`.
     """
@@ -120,15 +121,16 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_position(coder, row, cell, position, cells_at, shift, absolute):
-    """Encodes or decodes the position of a Gaussian within a grid cell, as raw bits.
+    """Encodes or decodes the position of a Gaussian within its grid cell, as raw bits.
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in half units of `position`.
+        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in half lattice spacings.
         cell: Grid cell of the Gaussian, int64 (3).
-        position: Position relative to the corner of the block's bounding box, as integers; only used by an encoder.
-        cells_at: log2 of the side of a grid cell, in the units of `position`.
-        shift: log2 of the quantisation step, in the units of `position`.
+        position: Position relative to the corner of the block's bounding box, in lattice spacings; only used by an
+            encoder.
+        cells_at: log2 of the side of a grid cell, in lattice spacings.
+        shift: log2 of the quantisation step, in lattice spacings.
         absolute: True if a quantisation step may be larger than a grid cell; False for streams of version 2, where it
             is at most a cell.
     """
@@ -146,14 +148,14 @@ def _code_position(coder, row, cell, position, cells_at, shift, absolute):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_spin(coder, row, axes, primary, bits):
-    """Encodes or decodes the rotation of a Gaussian about the primary axis, as raw bits.
+    """Encodes or decodes a Gaussian's rotation angle about its primary axis (see `spin_angle`), as raw bits.
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (columns); the rotation is written.
+        row: Decoded integers of the Gaussian, int64 (columns). Contains the primary axis; the angle is written.
         axes: Exact principal axes as columns, float64 (3, 3); only used by an encoder.
-        primary: Index of the primary axis: 0 for that of the largest scale, 2 for that of the smallest.
-        bits: Number of bits of the rotation.
+        primary: Column of the primary axis in `axes`: 0 for that of the largest scale, 2 for that of the smallest.
+        bits: Number of bits of the angle.
     """
     value = np.int64(0)
     if not coder.decoding:
@@ -164,7 +166,9 @@ def _code_spin(coder, row, axes, primary, bits):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def spin_angle(row, axes, primary):
-    """Returns the rotation of a Gaussian about the primary axis, radians, -pi to pi.
+    """Returns the rotation angle of a Gaussian about its primary axis, radians, -pi to pi.
+
+    Together with the primary axis, the angle determines the Gaussian's rotation.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (columns). Columns `AXIS` to `AXIS + 2` are the x, y and z
@@ -393,11 +397,11 @@ def _weight(levels):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _count_within(levels, weight):
-    """Returns how many of the first Gaussians have together an estimated size of at most `weight`; at least 1.
+    """Returns how many Gaussians fit an estimated total size, counted from the first; at least 1.
 
     Args:
         levels: Precision class of each Gaussian, int64 (n).
-        weight: Maximum total size, in the unit of the function `_weight`.
+        weight: Maximum total size, in the unit of `_weight`.
     """
     count, total = 0, np.int64(0)
     while count < len(levels):

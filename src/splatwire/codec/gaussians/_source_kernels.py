@@ -142,7 +142,7 @@ def _write_axes(scales, quat, axes):
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def write_places(means, factor, places):
-    """Converts positions to indices of points of a cubic lattice, rounded down.
+    """Converts positions to integer coordinates on a cubic lattice, rounded down.
 
     Args:
         means: Positions, float32 (n, 3).
@@ -150,7 +150,7 @@ def write_places(means, factor, places):
         places: Output, int64 (n, 3).
 
     Returns:
-        Largest magnitude of an index.
+        Largest magnitude of a coordinate.
     """
     most = 0.0
     for i in range(len(means)):
@@ -195,17 +195,17 @@ def _spread(bits):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def move_to_cells(means, shifts, factor, half_unit):
-    """Moves positions to the centres of their cells, whose sizes are powers of two of the spacing of a lattice.
+def snap_to_cells(means, shifts, factor, half_unit):
+    """Moves each position to the centre of its grid cell. Every position has a cell size of its own.
 
     Args:
         means: Positions, float32 (n, 3), changed in place.
-        shifts: log2 of the size of each position's cell, in lattice spacings, int64 (n).
+        shifts: log2 of the side of each position's cell, in lattice spacings, int64 (n).
         factor: Reciprocal of the spacing of the lattice, a power of two.
         half_unit: Half the spacing of the lattice.
 
     Returns:
-        Largest magnitude of an index of a lattice point.
+        Largest magnitude of a lattice coordinate.
     """
     most = 0.0
     for i in range(len(means)):

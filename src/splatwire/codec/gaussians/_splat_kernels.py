@@ -73,12 +73,12 @@ def convert(
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _rotation(row, axes, quat):
-    """Computes the rotation quaternion of a Gaussian from the primary axis and the angle about this axis.
+    """Computes the quaternion of a Gaussian from its primary axis and the rotation angle about this axis.
 
     Args:
         row: Decoded integers of the Gaussian, int64 (columns).
         axes: Working array for the three axes, float64 (9).
-        quat: Output, float32 (4).
+        quat: Output: unit quaternion (w, x, y, z), float32 (4).
     """
     # The primary axis u was decoded. The second axis v is perpendicular to u, at the decoded angle. The third axis w is
     # their cross product. The quaternion is computed from the largest of its components (Shepperd, 1978).

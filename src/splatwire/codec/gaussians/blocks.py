@@ -31,7 +31,7 @@ BOX_BITS = 8
 
 @dataclass(frozen=True, eq=False)
 class Boxes:
-    """Bounding boxes of B blocks of Gaussians, whose corners lie on coarse grids.
+    """Bounding boxes of B blocks of Gaussians. The corners of each box lie on a grid with a power-of-two spacing.
 
     Attributes:
         shifts: int64 (B), log2 of the spacing of each box's grid, in spacings of the position lattice.
@@ -83,7 +83,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def compressed(positions: np.ndarray) -> np.ndarray:
-        """Maps positions logarithmically, so that few distant Gaussians do not dominate the extent of the scene."""
+        """Compresses positions far from the centre (asinh), so that outliers do not make the Morton codes coarse."""
         # Otherwise, distant Gaussians would make the Morton codes of all others coarse.
         places = positions - middle
         places /= spread / 2
@@ -113,14 +113,16 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 
 
 def cell_shift(positions: np.ndarray, bits: int) -> int:
-    """Returns log2 of the cell size of the grid with which a block's positions are coded.
+    """Chooses the grid for coding a block's positions, and returns log2 of its cell size.
 
-    A position is coded as a grid cell, and as bits within the cell.
+    A position is coded as a grid cell, followed by raw bits within the cell.
 
     Args:
-        positions: int64 (n, 3), positions relative to the corner of the block's box; the cell size is in the unit of
-            these positions.
+        positions: int64 (n, 3), positions relative to the corner of the block's box, in lattice spacings.
         bits: Number of bits of a coordinate within the box.
+
+    Returns:
+        log2 of the cell size, in lattice spacings.
     """
     # About `16 * sqrt(n)` cells per side, which suits n Gaussians on a surface.
     depth = 4 + (len(positions).bit_length() + 1) // 2
@@ -170,9 +172,7 @@ def check_codes(used: int, bits: int) -> None:
 
 
 def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
-    """Estimates the typical cell size of a block's grid; positions are coded as a cell, then as finer bits.
-
-    The estimate uses a sample of the scene's Gaussians.
+    """Estimates the cell size that `cell_shift` chooses for a typical block, from a sample of the scene's Gaussians.
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
@@ -192,7 +192,7 @@ def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
 
 
 def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
-    """Converts positions to indices of points of a cubic lattice, rounded down, int64 (N, 3).
+    """Converts positions to integer coordinates on a cubic lattice, rounded down, int64 (N, 3).
 
     Args:
         means: float64 (N, 3), positions.

@@ -77,7 +77,7 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     """
     if SECTION not in info.sections:
         return None
-    boxes, indices, growth, (rows, harmonics) = _read(info, num_gaussians)
+    boxes, indices, growth, (rows, harmonics) = _parse_section(info, num_gaussians)
     origins = np.broadcast_to(boxes.corners[0], (len(indices), 3))
     splats = to_splats(rows, harmonics, origins, info.unit, info.size_log, info.transform)
     return Copies(indices, splats, growth)
@@ -94,18 +94,26 @@ def copies_level(info: SideInfo, num_gaussians: int) -> int:
         UnsupportedVersionError: If a newer release wrote the section of copies.
         BitstreamError: If the section is damaged or belongs to another stream.
     """
-    rows, _ = _read(info, num_gaussians)[3]
+    rows, _ = _parse_section(info, num_gaussians)[3]
     return int(rows[0, CLASS])
 
 
-def _read(
+def _parse_section(
     info: SideInfo, num_gaussians: int
 ) -> tuple[Boxes, np.ndarray, tuple[float, float, float], tuple[np.ndarray, np.ndarray]]:
-    """Parses the redundant copies of Gaussians in a stream's side information, without dequantisation.
+    """Parses the section with redundant copies of Gaussians, without dequantisation.
+
+    Args:
+        info: The stream's side information, which contains the section.
+        num_gaussians: Number of Gaussians in the stream.
 
     Returns:
         Bounding box of the copies; indices of the copied Gaussians; parameters for enlarging received Gaussians
-        (exponents for size and opacity, and weight of the network that corrects both); decoded integers of the copies.
+        (`Copies.growth`); and decoded integers of the copies.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote the section.
+        BitstreamError: If the section is damaged or belongs to another stream.
     """
     reader = ByteReader(info.sections[SECTION], f"section '{SECTION}'")
     version = reader.u8()
@@ -122,11 +130,14 @@ def _read(
 
 
 def moved_copies(section: bytes, new_index: np.ndarray) -> bytes:
-    """Returns the section with redundant copies (`sketch`) for a stream whose packets were rearranged.
+    """Updates the redundant copies of Gaussians (section `sketch`) after the order of the Gaussians has changed.
 
     Args:
-        section: Content of the section before the rearrangement.
+        section: Content of the section before the change.
         new_index: Index in the new stream of each Gaussian of the old stream, int64 (N).
+
+    Returns:
+        The new content of the section.
     """
     # A copy refers to its Gaussian by index, which the rearrangement changes.
     reader = ByteReader(section, f"section '{SECTION}'")

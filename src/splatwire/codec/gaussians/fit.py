@@ -55,7 +55,7 @@ def fit_bits(counts: np.ndarray) -> np.ndarray:
 
 
 def fit_scales(residuals: np.ndarray) -> np.ndarray:
-    """Chooses the width of the probability distribution of each residual context, from the mean magnitude of residuals.
+    """Fits the standard deviation of the residual distribution in each context to the mean magnitude of residuals.
 
     Args:
         residuals: Number of residuals and sum of their magnitudes in each context, int64 (A, B, C, 2) for three context
@@ -95,5 +95,5 @@ def _rank_one_means(number: np.ndarray, total: np.ndarray) -> np.ndarray:
 
 
 def first_scales() -> np.ndarray:
-    """Returns initial widths of the residual distributions, for use before statistics exist; equal for all contexts."""
+    """Returns the same initial standard deviation for all residual contexts, for use before statistics exist."""
     return np.full((len(STREAMS), SPREADS, SECONDS), 24, dtype=np.int64)

@@ -37,11 +37,14 @@ def _can_repack(stream: SceneStream) -> bool:
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Returns a stream in other packets with redundant copies that refer to the new order of Gaussians.
+    """Updates the redundant copies of Gaussians after a stream was divided into other packets.
 
     Args:
         stream: The stream before the packets changed.
         packed: The same scene in other packets.
+
+    Returns:
+        `packed` with copies that refer to the new order of Gaussians.
     """
     # A copy refers to its Gaussian by index, and the rearrangement changes the order of the Gaussians.
     sections = sections_of(stream)

@@ -52,17 +52,17 @@ class SideInfo:
     Attributes:
         degree: Degree of the spherical harmonics.
         size_log: log2 of the scene's size in world units.
-        unit: Positions are multiples of a spacing of `2 ** (size_log - unit)` world units (lattice of positions).
+        unit: Resolution of positions, which lie on a lattice with a spacing of `2 ** (size_log - unit)` world units.
         bases: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0
             (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         coarsest: log2 of the largest quantisation step of positions, in lattice spacings; -1 in streams of version 2.
-        transform: int64 (K, K), transform of the spherical harmonics, one axis per row, with denominator
+        transform: int64 (K, K), decorrelating transform of the spherical harmonics, one axis per row, with denominator
             `TRANSFORM_UNIT`.
         boxes: Bounding boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in fixed point (4 fractional bits).
         bit_zero: int64 (contexts), initial probability that a bit is 0, for each adaptive bit model, out of 2**8.
-        scales: int64 (streams, spreads, seconds), width of the residual distribution of each context, as index in the
-            entropy coder's scale table divided by `SCALE_UNIT`.
+        scales: int64 (A, B, C) for three context indices (see `Coder`), standard deviation of each context's residuals,
+            as an index in the coder's table divided by `SCALE_UNIT`.
         sections: Named sections, content by name.
     """
 
@@ -89,7 +89,7 @@ class SideInfo:
         return (*_residual_tables(self.scales.tobytes()), *tables())
 
     def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
-        """Returns the parameters of the stream that the numba kernels need."""
+        """Returns the stream parameters of the numba kernels: `bases`, `unit`, `coarsest` and the thinness table."""
         return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:
@@ -180,9 +180,7 @@ def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray
     """Reads quantisation parameters serialised by `write_header`.
 
     Returns:
-        Fields of `SideInfo`: degree of the spherical harmonics; `size_log` (scene's size); `unit` (resolution of
-        positions); `bases` (quantisation steps); `coarsest` (largest step of positions); and transform of the
-        harmonics.
+        The fields `degree`, `size_log`, `unit`, `bases`, `coarsest` and `transform` of `SideInfo`.
 
     Raises:
         UnsupportedVersionError: If a newer release wrote the header.

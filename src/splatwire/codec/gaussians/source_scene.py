@@ -181,12 +181,20 @@ class SourceScene:
         return slice(int(self.edges[block]), int(self.edges[block + 1]))
 
     def pick(self, indices: slice | np.ndarray) -> Splats:
-        """Returns the Gaussians with the given indices in block order (see `order`)."""
+        """Returns Gaussians of the scene, given their positions in the attribute `order` (the order of the blocks).
+
+        Args:
+            indices: Range of positions, or an array of them.
+        """
         # numpy's `take` is several times as fast as indexing a tensor.
         return self.splats.select(self.order[indices])
 
     def classes_at(self, indices: slice | np.ndarray) -> np.ndarray:
-        """Returns the precision classes of the Gaussians with the given indices in block order (see `order`), int64."""
+        """Returns the precision classes of Gaussians, given their positions in the attribute `order`, int64.
+
+        Args:
+            indices: Range of positions, or an array of them.
+        """
         return self.classes[self.order[indices]].astype(np.int64)
 
     def summary(self, block: int) -> tuple[np.ndarray, np.ndarray]:
@@ -403,7 +411,7 @@ def _quantised_positions(
         own = classes[begin : begin + len(some)].astype(np.int64)
         kernels.position_shifts(to_logs(part, size_log), own, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means
-        check_reach(sources.move_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
+        check_reach(sources.snap_to_cells(some, shifts, 2.0 ** (unit - size_log), 2.0 ** (size_log - unit - 1)))
 
     share(find, range(0, len(centres), ROWS))
     return centres

@@ -67,11 +67,14 @@ def _prepare_repack(stream: SceneStream, packetization: Packetization, threads: 
 
 
 def _remap_sections(stream: SceneStream, packed: SceneStream) -> SceneStream:
-    """Returns a stream in other packets with an index of spatial tiles that matches these packets.
+    """Updates the index of tiles after a stream was divided into other packets.
 
     Args:
         stream: The stream before the packets changed.
         packed: The same scene in other packets.
+
+    Returns:
+        `packed` with an index of its tiles.
     """
     return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 

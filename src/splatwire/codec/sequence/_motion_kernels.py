@@ -91,7 +91,7 @@ def _code_headers(coder, headers, n, frames, first_new):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _magnitude_context(magnitude):
-    """Returns the entropy coder's context for a residual, from the magnitude of previously coded residuals."""
+    """Returns the context of a residual, given the magnitude of previously coded residuals."""
     level = 0
     while magnitude >> level and level < LEVELS - 1:
         level += 1
@@ -101,19 +101,21 @@ def _magnitude_context(magnitude):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_interval(coder, low, span, num_bytes, start, size, bits):
-    """Encodes or decodes one symbol with a given probability interval.
+    """Encodes or decodes one symbol, given its probability interval.
 
-    Returns the new state of the range coder.
+    The state of the range coder consists of `low`, `span` and `num_bytes`.
 
     Args:
         coder: Entropy coder of the packet.
-        low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
-            code value from this lower end (decoder). The code value is the bytes read, as a number.
+        low: Lower end of the range coder's interval (encoder), or distance of the code value from it (decoder).
         span: Size of the range coder's interval.
-        num_bytes: Number of bytes read or written so far.
+        num_bytes: Number of bytes written or read so far.
         start: Start of the symbol's probability interval, in units of `2**-bits`.
         size: Size of the symbol's probability interval, in units of `2**-bits`.
         bits: Number of bits of a probability.
+
+    Returns:
+        The new state: `low`, `span` and `num_bytes`.
     """
     # The state is passed as arguments and returned, so that it stays in registers.
     unit = span >> bits
@@ -145,8 +147,20 @@ def _code_interval(coder, low, span, num_bytes, start, size, bits):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _bit(coder, low, span, num_bytes, context, bit):
-    """Encodes or decodes a bit with an adaptive model; returns the bit and the new state of the range coder."""
+def _code_bit(coder, low, span, num_bytes, context, bit):
+    """Encodes or decodes a bit with an adaptive model.
+
+    Args:
+        coder: Entropy coder of the packet.
+        low: State of the range coder, see `_code_interval`.
+        span: State of the range coder.
+        num_bytes: State of the range coder.
+        context: Index of the adaptive model.
+        bit: The bit; ignored by a decoder.
+
+    Returns:
+        The bit, and the new state: `low`, `span` and `num_bytes`.
+    """
     zero = adaptive_size(coder.models, context)
     if coder.decoding:
         bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
@@ -162,20 +176,19 @@ def _bit(coder, low, span, num_bytes, context, bit):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _raw(coder, low, span, num_bytes, value, bits):
+def _code_raw(coder, low, span, num_bytes, value, bits):
     """Encodes or decodes an integer whose bits are equally probable.
 
     Args:
         coder: Entropy coder of the packet.
-        low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
-            code value from this lower end (decoder). The code value is the bytes read, as a number.
-        span: Size of the range coder's interval.
-        num_bytes: Number of bytes read or written so far.
-        value: The integer to encode; ignored by a decoder.
+        low: State of the range coder, see `_code_interval`.
+        span: State of the range coder.
+        num_bytes: State of the range coder.
+        value: The integer; ignored by a decoder.
         bits: Number of bits of the integer.
 
     Returns:
-        The integer, and the new values of `low`, `span` and `num_bytes`.
+        The integer, and the new state: `low`, `span` and `num_bytes`.
     """
     found = ZERO
     while bits > 0:
@@ -192,35 +205,34 @@ def _raw(coder, low, span, num_bytes, value, bits):
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_coefficient(coder, low, span, num_bytes, kind, order, magnitude_class, value):
-    """Encodes or decodes the prediction residual of one polynomial coefficient of a Gaussian's motion.
+    """Encodes or decodes the prediction residual of one motion coefficient of a track (Gaussian over time).
 
     Args:
         coder: Entropy coder of the packet.
-        low: First number of the range coder's state: the lower end of its interval (encoder), or the distance of the
-            code value from this lower end (decoder). The code value is the bytes read, as a number.
-        span: Size of the range coder's interval.
-        num_bytes: Number of bytes read or written so far.
-        kind: Kind of motion (position, rotation, scale, opacity or colour), part of the context.
-        order: Degree of the polynomial, part of the context.
-        magnitude_class: Octave of the magnitude of neighbouring residuals, part of the context.
+        low: State of the range coder, see `_code_interval`.
+        span: State of the range coder.
+        num_bytes: State of the range coder.
+        kind: Kind of motion (position, rotation, scale, opacity or colour); selects the context.
+        order: Degree of the coefficient's polynomial; selects the context.
+        magnitude_class: Octave of the magnitude of neighbouring residuals; selects the context.
         value: The residual; ignored by a decoder.
 
     Returns:
-        The residual, and the new state of the range coder.
+        The residual, and the new state: `low`, `span` and `num_bytes`.
     """
     zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + magnitude_class
-    some, low, span, num_bytes = _bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
+    some, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, np.int64(zero), ONE if value else ZERO)
     if not some:
         return ZERO, low, span, num_bytes
     magnitude, octave = abs(value), ZERO
     base = C_OCTAVE + (kind * LEVELS + magnitude_class) * MAGNITUDES
     while octave < MAX_OCTAVE:
         context, above = np.int64(base + min(octave, MAGNITUDES - 1)), ONE if magnitude >> (octave + 1) else ZERO
-        above, low, span, num_bytes = _bit(coder, low, span, num_bytes, context, above)
+        above, low, span, num_bytes = _code_bit(coder, low, span, num_bytes, context, above)
         if not above:
             break
         octave += 1
-    rest, low, span, num_bytes = _raw(coder, low, span, num_bytes, magnitude - (ONE << octave), octave)
+    rest, low, span, num_bytes = _code_raw(coder, low, span, num_bytes, magnitude - (ONE << octave), octave)
     magnitude = min((ONE << octave) + rest, MAX_QUANTISED)
     negative = ONE if value < 0 else ZERO
     if coder.decoding:

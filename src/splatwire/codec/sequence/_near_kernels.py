@@ -37,13 +37,13 @@ def add_known(positions, i, known, known_positions, count):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _find_candidates(squares, count, group_minima, candidates):
-    """Preselects tracks that can be nearest neighbours of a point, by a bound on their distance.
+    """Preselects the tracks that may be among the nearest neighbours of a point.
 
     Args:
         squares: Squared distance of each track from the point, float64.
         count: Number of tracks.
         group_minima: Working array for the minimum distances of groups of tracks, float64 (LANES).
-        candidates: Output: indices of the tracks that can be nearest neighbours, ascending.
+        candidates: Output: indices of the preselected tracks, ascending.
 
     Returns:
         Number of these tracks.
@@ -75,12 +75,12 @@ def _find_candidates(squares, count, group_minima, candidates):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _smallest_candidates(squares, candidates, count):
-    """Selects the nearest of the candidate tracks (Gaussians over time), given squared distances.
+    """Selects the nearest of the preselected tracks (Gaussians over time).
 
     Args:
         squares: Squared distances of all tracks, float64.
-        candidates: Indices of the candidates in `squares`.
-        count: Number of candidates.
+        candidates: Indices of the preselected tracks in `squares`.
+        count: Number of preselected tracks.
 
     Returns:
         `NUM_NEIGHBOURS` integers, nearest first: squared distance in the high bits, index in the low bits.

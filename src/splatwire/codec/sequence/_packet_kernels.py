@@ -51,7 +51,9 @@ def _no_tables():
 @njit(error_model="numpy")
 @no_type_check
 def _needed_orders(targets, rows, states, shifts, frames, orders):
-    """Determines how many polynomial coefficients of each channel of motion a packet must contain.
+    """Determines how many motion coefficients a packet must contain for each kind of channel.
+
+    Coefficients of higher degrees are less than half a quantisation step in all tracks of the packet.
 
     Args:
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
@@ -77,7 +79,7 @@ def _needed_orders(targets, rows, states, shifts, frames, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _trim(quantised, orders):
-    """Reduces `orders`: omits coefficients of high degrees that are 0 in all tracks (Gaussians over time) of a packet.
+    """Reduces the number of motion coefficients of a packet: omits high degrees that are 0 in all of its tracks.
 
     Args:
         quantised: Residuals of the polynomial coefficients in quantisation steps, int32 (n, channels, frames).
@@ -98,7 +100,10 @@ def _trim(quantised, orders):
 @njit(error_model="numpy")
 @no_type_check
 def _encode_packet(models, counts, frames, first_new, dead, headers, positions, shifts, targets, rows, buffer, out):
-    """Encodes the motion of one packet's tracks (Gaussians over time); returns the size of the packet in bytes."""
+    """Encodes the motion of tracks (Gaussians over time) as one packet, and returns the size of the packet in bytes.
+
+    The arguments are those of `encode_cut`, limited to the tracks of the packet.
+    """
     n, used = len(headers), 0
     orders, states = np.zeros(NUM_KINDS, np.int64), headers[:, STATE].copy()
     _needed_orders(targets, rows, states, shifts, frames, orders)
@@ -119,13 +124,16 @@ def _encode_packet(models, counts, frames, first_new, dead, headers, positions, 
 
 @njit(error_model="numpy")
 @no_type_check
-def _candidates(headers, begin, n):
-    """Returns the maximum number of tracks in the next packet, limited so that track indices are close together.
+def _max_tracks(headers, begin, n):
+    """Limits the number of tracks in a packet, so that their indices span less than `MAX_CANDIDATES`.
 
     Args:
         headers: Motion headers of the tracks, ascending by track index.
         begin: Row of the packet's first track.
         n: Number of tracks available from this row on.
+
+    Returns:
+        Maximum number of tracks, at most `n`.
     """
     while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
         n -= 1
@@ -199,7 +207,7 @@ def encode_cut(
     aim, scale = max_bytes - (max_bytes >> AIM), 1.0
     kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
-        left = _candidates(headers, begin, total - begin)
+        left = _max_tracks(headers, begin, total - begin)
         low, high, tries, last, length = 0, left + 1, 0, 0, 0
         n = _expected_tracks(costs, begin, begin + left, scale, aim)
         while high - low > 1 or last != low:

@@ -103,14 +103,14 @@ def _log_scale_changes(scales, opacities, base, opacity, begin, end, values):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _project(values, table, begin, end, coefficients):
-    """Adds the motion in a range of frames to a Gaussian's polynomial coefficients, by projection onto the basis.
+    """Adds a range of frames to the fit of a track's motion: projects the motion onto the basis polynomials.
 
     Args:
-        values: The Gaussian's motion in each frame, by channel.
+        values: Motion of the track in each frame, by channel, (channels, F).
         table: Basis polynomials, float64 (F, F).
         begin: First frame.
         end: End of the frames (exclusive).
-        coefficients: The Gaussian's polynomial coefficients, changed in place.
+        coefficients: Polynomial coefficients of the track, changed in place.
     """
     for c in range(NUM_CHANNELS):
         for f in range(begin, end):

@@ -181,7 +181,7 @@ class TracksDecoder:
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
             num += packet.num_elements
-            moved = self._ready.get(packet.id) or self._moved([packet], received)[0]
+            moved = self._ready.get(packet.id) or self._decode_packets([packet], received)[0]
             if moved is None:
                 continue
             rows, does = moved
@@ -210,7 +210,7 @@ class TracksDecoder:
         """
         there = self._received
         parts = [packets[begin : begin + TOGETHER] for begin in range(0, len(packets), TOGETHER)]
-        decoded = ordered_map(lambda part: self._moved(part, there), parts, 1 if len(parts) == 1 else threads)
+        decoded = ordered_map(lambda part: self._decode_packets(part, there), parts, 1 if len(parts) == 1 else threads)
         for part, found in zip(parts, decoded, strict=True):
             for packet, moved in zip(part, found, strict=True):
                 if moved is None:
@@ -219,7 +219,7 @@ class TracksDecoder:
                 self._held += moved[0].nbytes + moved[1].nbytes
                 check_memory(self._held, num_bytes, "motion that is ready")
 
-    def _moved(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
+    def _decode_packets(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
         """Decodes the given motion packets of one group of frames.
 
         Args:
@@ -227,7 +227,7 @@ class TracksDecoder:
             received: Mask of tracks with a received keyframe Gaussian, bool (T).
 
         Returns:
-            Headers and motion of each packet; None for a packet that cannot be used.
+            Headers and motion of each packet; None for a packet with damaged headers or missing keyframe Gaussians.
         """
         group, _ = self._spans.of(packets[0].id.block)
         counts = np.array([packet.num_elements for packet in packets])

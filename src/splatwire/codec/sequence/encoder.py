@@ -202,9 +202,9 @@ class TracksEncoder:
     def _current_header(
         self, sections: Mapping[str, bytes], lifetimes: Sequence[Lifetimes]
     ) -> tuple[bytes, tuple[TierShape, ...]]:
-        """Returns side information and tier sizes of the groups encoded so far.
+        """Returns the side information and the tier sizes of all groups of frames encoded so far.
 
-        Each group of frames has two tiers: its keyframe Gaussians, and its motion.
+        Each group has two tiers: its keyframe Gaussians, and its motion.
         """
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
@@ -240,10 +240,9 @@ class TracksEncoder:
     def _change_unit(
         self, targets: Targets, old: np.ndarray, track_indices: np.ndarray, moving: np.ndarray, before: int
     ) -> None:
-        """Converts the coded motion of tracks that began in earlier groups to the unit of positions of a new shot.
+        """Converts the motion of older tracks to a new unit of positions after a scene cut.
 
-        A shot is a range of groups of frames with the same quantisation steps and units; a scene cut may begin a new
-        one.
+        The groups of frames between cuts (a shot) share a unit. The converted tracks began in earlier groups.
 
         Args:
             targets: Motion of the group's tracks, changed in place.
@@ -359,11 +358,13 @@ class TracksEncoder:
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
+        Blocks of older tracks are encoded while the keyframe Gaussians of new tracks are still missing.
+
         Args:
-            coder: Motion coder of the tracks, first those that need no new keyframe Gaussian.
-            known: Number of tracks that need no new keyframe Gaussian.
-            births: Function that encodes the keyframe Gaussians of new tracks, and writes the motion of these tracks
-                into the coder's remaining entries.
+            coder: Motion coder of the tracks, as for `_encode_motion`.
+            known: Number of tracks with a keyframe Gaussian.
+            births: Function that encodes the keyframe Gaussians of the new tracks, and fills their entries in the
+                coder.
 
         Returns:
             Packets of all tracks, and the number of bytes used for each track, float64.
@@ -392,7 +393,7 @@ class TracksEncoder:
         return self._renumbered(packets, len(parts), seen), np.concatenate(costs)
 
     def _renumbered(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:
-        """Assigns the stream's next block numbers to newly encoded packets, and records the importance of the packets.
+        """Gives newly encoded packets the next block numbers of the stream, and records the importance of each packet.
 
         Args:
             packets: The packets, with blocks numbered from 0.

@@ -104,7 +104,7 @@ class KeyframeEncoder:
     def shots(self) -> tuple[Shot, ...]:
         """Side information of the keyframe Gaussians encoded so far, one entry for each shot.
 
-        A shot is a range of groups of frames that share quantisation steps and probability tables; a scene cut may
+        A shot is a range of groups of frames that share quantisation steps and probability tables. A scene cut may
         begin a new shot.
         """
         shots, block = list[Shot](), 0
@@ -120,19 +120,16 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information that defines the unit in which the current shot codes motion of positions.
+        """Side information whose lattice spacing is the unit of motion in the current shot (see `shots`).
 
-        It belongs to the first keyframe Gaussians of the shot, or to those of an earlier shot with almost the same
-        quantisation steps.
+        It belongs to the first keyframe Gaussians of the shot, or of an earlier shot with almost the same quantisation
+        steps.
         """
         return self._references[-1]
 
     @property
     def motion_spacing(self) -> int:
-        """log2 of the unit in which the current shot codes motion of positions, relative to the first shot's unit.
-
-        A shot is a range of groups of frames that share quantisation steps and units.
-        """
+        """log2 of the unit of motion in the current shot (see `shots`), relative to that of the first shot."""
         return self._spacing_to_first(self.reference) if self._references else 0
 
     def _spacing_to_first(self, info: SideInfo) -> int:
@@ -197,7 +194,12 @@ class KeyframeEncoder:
         )  # fmt: skip
 
     def _begin_shot(self, fitted: "_Fitted", group: int) -> CodedKeyframes:
-        """Encodes the keyframe Gaussians of a group of frames with new quantisation steps and probability tables."""
+        """Starts a new shot (see `shots`), and encodes the keyframe Gaussians of its first group of frames.
+
+        Args:
+            fitted: The keyframe Gaussians, with quantisation steps and probability tables of the new shot.
+            group: Index of the group of frames.
+        """
         self._infos.append((group, [fitted.info]))
         keep = self._references and spacing_of(fitted.info, self.reference) in KEPT_UNITS
         self._references.append(self.reference if keep else fitted.info)
@@ -205,10 +207,9 @@ class KeyframeEncoder:
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
-        """True if quantisation steps or lattice spacing of `info` differ from the side information in use.
+        """True if the quantisation steps of `info` differ enough from those in use to begin a new shot.
 
-        Small differences, below `LEAST_CHANGE`, do not count. False, too, if the units of positions differ by more than
-        the format allows (`MAX_SPACING`).
+        False, too, if the units of positions differ by more than the format allows (`MAX_SPACING`).
         """
         assert self._like is not None
         apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
@@ -283,14 +284,14 @@ def _num_bytes(coded: CodedKeyframes) -> int:
 
 
 def scene_positions(rows: np.ndarray, info: SideInfo, block: int, spacing: int) -> np.ndarray:
-    """Converts the positions of a block's Gaussians to the fixed-point unit in which the motion of positions is coded.
+    """Converts the positions of a block's Gaussians to the unit in which motion is coded.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, columns), with positions in halves of the lattice
             spacing.
         info: Side information with the bounding boxes of blocks.
         block: Index of the block in the side information.
-        spacing: log2 of half the lattice spacing, relative to the unit of the result.
+        spacing: log2 of half the lattice spacing, relative to the unit of motion.
 
     Returns:
         Positions in the unit of motion, int64 (n, 3).

@@ -54,11 +54,14 @@ class KnownTracks:
         return np.where(names[at] == keys, self.by_key[at], -1)
 
     def in_units(self, tracks: np.ndarray | slice, spacing: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns positions and quantisation steps of tracks, converted to a common unit of positions.
+        """Returns the positions and motion quantisation steps of tracks, converted to a common unit of positions.
 
         Args:
             tracks: Indices of the tracks.
             spacing: log2 of the common unit, relative to the unit of the first shot.
+
+        Returns:
+            Positions, int64 (n, 3); and log2 of the quantisation steps, int64 (n, channels).
         """
         return in_other_units(self.positions[tracks], self.shifts[tracks], self.spacings[tracks] - spacing)
 

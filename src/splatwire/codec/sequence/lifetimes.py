@@ -18,7 +18,9 @@ so the section adds about one byte per 200.
 
 @dataclass(frozen=True, eq=False)
 class Lifetimes:
-    """Lifetimes of tracks (Gaussians over time) as a list of exceptions: tracks that begin late or end early.
+    """Lifetimes of tracks (Gaussians over time), stored as exceptions: tracks that begin late or end early.
+
+    All other tracks exist from the first frame of their group to the end of the sequence.
 
     Attributes:
         late: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).
@@ -66,13 +68,11 @@ class Lifetimes:
         return begins, ends
 
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
-        """Returns the lifetimes without the exceptions for less visible tracks.
-
-        A track without an exception exists from the first frame of its group to the end of the sequence.
+        """Keeps the late beginnings and early ends of the most visible tracks only, and drops those of all others.
 
         Args:
             seen: Visibility of each track (squared opacity times area), float64 (T).
-            count: Maximum number of tracks with an exception.
+            count: Maximum number of tracks to keep.
         """
         some = np.union1d(self.late, self.early)
         keep = some[np.argsort(-seen[some], kind="stable")[:count]]

@@ -61,7 +61,7 @@ class FileScore:
 
     @property
     def psnr(self) -> float:
-        """Mean PSNR of the views whose picture differs from the reference, decibels; infinite if none differs."""
+        """Mean PSNR in decibels over the views that differ from the reference; infinite if none differs."""
         finite = [value for value in self.psnr_by_view if math.isfinite(value)]
         return statistics.fmean(finite) if finite else math.inf
 

@@ -43,14 +43,14 @@ class SequenceRow:
 class SequenceScore:
     """Image quality of a sequence in one experiment (loss model and concealer).
 
-    Means exclude the first group of pictures (GOP).
+    Mean values are over the frames after the first group of pictures (GOP).
 
     Attributes:
         row: The loss model and the concealer.
         psnr: PSNR of each frame against the render of the original frame, mean over views, decibels, float64 (F).
-        change: Flicker from each frame to the next, float64 (F - 1): mean square of the change of the error, which is
-            the rendered minus the original picture.
-        later: Index of the first frame that is included in means.
+        change: Flicker between each frame and the next, float64 (F - 1). The error is the rendered minus the original
+            picture; flicker is the mean square of the change of the error.
+        later: Index of the first frame after the first GOP.
         num_lost: Number of packets that were lost or late.
     """
 
@@ -178,14 +178,14 @@ class _ReceivedSequence:
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:
-    """Returns a function that gives the keyframe Gaussians received until a group of pictures is displayed.
+    """Returns a function that finds the keyframe Gaussians received before a group of pictures is displayed.
 
     Args:
         stream: The complete stream.
         arrival: Index of the group of pictures during which each packet arrives, int64; -1 if it never arrives.
 
     Returns:
-        Function that maps the index of a group of pictures to a mask of received keyframe Gaussians, bool (T).
+        Function that maps the index of a group of pictures to the mask of received keyframe Gaussians, bool (T).
     """
     plan = stream.manifest.plan
     starts: dict[int, int] = {}

@@ -16,10 +16,10 @@ RATES = (0.05, 0.1, 0.3, 0.5)
 
 
 class ComparedRows(NamedTuple):
-    """The three methods that the chart of PSNR against the loss rate shows.
+    """The three methods in the chart of PSNR against the loss rate.
 
     Attributes:
-        uncovered: Method without concealment, which does not draw lost elements.
+        uncovered: Method that does not draw lost elements, and does not cover the gaps.
         baseline: Baseline method of the evaluation.
         best: The method with the highest PSNR.
     """
@@ -89,7 +89,7 @@ def compared_rows(result: StudyResult, summaries: list[Summary]) -> ComparedRows
 
 
 def curve_losses(result: StudyResult, curve: StudyResult) -> tuple[Loss, ...]:
-    """Returns the loss models at which a chart of PSNR over loss rate is measured, ascending by loss rate.
+    """Returns the loss models in the chart of PSNR against the loss rate, ascending by loss rate.
 
     Args:
         result: Results of the evaluation; only its first loss model is used.

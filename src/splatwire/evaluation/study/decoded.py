@@ -21,7 +21,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
-    """Checks the decoded result of another codec (a scene or pictures).
+    """Checks a result of another codec that the user provides: a decoded scene, or rendered pictures.
 
     Args:
         row: The table row of the other codec.
@@ -29,7 +29,7 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
         references: The reference images of the scene.
 
     Returns:
-        Path, digest and size of the result; None if there is none for the scene.
+        Path, digest and size of the result; None if there is no result for the scene.
 
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.
@@ -59,10 +59,10 @@ def has_pictures(folder: Path) -> bool:
 
 
 def picture_paths(folder: Path, references: References) -> list[Path]:
-    """Finds the picture of each evaluated view in a folder of another codec.
+    """Finds the picture of each evaluated view in a folder with the pictures of another codec.
 
-    Pictures belong to the views with the same names. If the names differ, the pictures must be as many as the views of
-    the scene, and belong to them in the order of their names.
+    A picture belongs to the view with the same name. If names differ, the folder must have one picture for each view of
+    the scene, and both are matched in sorted order.
 
     Args:
         folder: Folder of PNG or JPEG files.

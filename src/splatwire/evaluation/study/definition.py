@@ -139,9 +139,9 @@ class Row:
 
     @property
     def variant(self) -> str:
-        """Name, for use in file names, of the variant of the scene's stream that this row uses.
+        """Name of the stream that this method uses, also for file names.
 
-        Variants differ in packetization and in the additional side information. Rows with equal names share a stream.
+        It follows from the packetization and the additional side information. Rows with equal names share a stream.
         """
         if self.decoded:
             return f"decoded-{self.key}"
@@ -280,7 +280,7 @@ class Study:
         return tuple(row for row in self.rows if not row.lossless)
 
     def row(self, key: str) -> Row:
-        """Returns the method with the given key."""
+        """Returns the method (row of the result table) with the given key."""
         return next(row for row in self.rows if row.key == key)
 
 

@@ -85,7 +85,7 @@ def default_workers() -> int:
 
 @dataclass(eq=False)
 class Attempts:
-    """Counts how often the worker of each task died.
+    """Counts how often the worker process of each task has died, and gives up after `MAX_ATTEMPTS` times.
 
     Attributes:
         listener: Called for each death of a worker.

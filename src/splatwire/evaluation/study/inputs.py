@@ -46,6 +46,8 @@ from splatwire.types import Anchors
 from splatwire.types.background import Background
 
 LOG = logging.getLogger(__name__)
+_LARGE_BYTES = 64 << 20
+"""Size of a reference, bytes, above which it is opened before it is hashed."""
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
 
@@ -57,10 +59,9 @@ class PreparedScene:
     Attributes:
         entry: Definition of the scene.
         references: The reference images.
-        streams: Encoded streams, by name of the packetization.
-        parts: Number of bytes of each part of a stream, by name of the packetization and of the part. A part is, for
-            example, one attribute.
-        masks: Loss masks, by name of the packetization, loss and seed.
+        streams: Encoded streams, by name of the stream (`Row.variant`).
+        parts: For each stream by its name, number of bytes of each part by name. A part is, for example, one attribute.
+        masks: Loss masks, by name of the stream, loss and seed.
         sections: Names of the additional side information in the scene's streams.
         codec: Name of the codec schema; empty if nothing is sent.
     """
@@ -74,7 +75,7 @@ class PreparedScene:
     codec: str
 
     def why_unsupported(self, row: Row) -> str:
-        """Returns why a method cannot be evaluated on this scene, or an empty text if the method can be evaluated."""
+        """Returns the reason why a method cannot be evaluated on this scene; an empty text if it can."""
         if row.needs_weights and self.entry.weights is None:
             return "it has no calibrated weights (splatwire calibrate makes them)"
         absent = [name for name in row.sections if name not in self.sections]
@@ -87,7 +88,7 @@ class PreparedScene:
         return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
 
     def _why_unfit(self, row: Row) -> str:
-        """Returns why a method cannot be applied to the scene's stream, or an empty text."""
+        """Returns the reason why a method's concealer or ablation does not apply to the scene; else an empty text."""
         # Its concealer may need data that the stream lacks, or it loses single attributes of elements (`Row.erode`).
         # Only streams of anchors have a packet for each attribute.
         name = row.conceal.partition(":")[0]
@@ -148,7 +149,7 @@ class Source:
 
     @property
     def received(self) -> Scene:
-        """Scene without the elements of lost packets."""
+        """The scene, without the elements of packets that are missing in the user's stream."""
         loaded = self.files.scene_file(self.entry.source).loaded if self.stream is None else decode_stream(self.stream)
         return concealed(loaded, create_concealer("drop"))
 
@@ -199,6 +200,8 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
+    if entry.reference is not None and not source.timed and entry.reference.stat().st_size > _LARGE_BYTES:
+        drawn()  # refuses a file that is no scene before gigabytes are hashed
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
     if entry.reference is not None and not source.timed and entry.kind != "model":
         _warn_of_another_scene(source, drawn, digest_of(first.digest, stamp, CODE), store)
@@ -220,7 +223,14 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
 
 
 def prepare_streams(study: Study, source: Source, store: Store, progress: Progress) -> dict[str, PreparedStream]:
-    """Encodes a scene once for each packetization that the methods use."""
+    """Encodes a scene once for each distinct stream that the methods of an evaluation use.
+
+    Returns:
+        The streams by name (`Row.variant`).
+
+    Raises:
+        InvalidValueError: If the scene cannot be encoded for any method.
+    """
     entry = source.entry
     stamp = "" if entry.sections is None else digest_of_files(entry.sections)
     digest = digest_of_files(entry.source)
@@ -239,14 +249,14 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if the position or size of the scene differs strongly from the reference.
+    """Logs a warning if the reference seems to be another scene, by its position and size.
 
-    Empty scenes are not compared.
+    The comparison is stored. Empty scenes are not compared.
 
     Args:
         source: The scene.
-        load_scene: Function that loads the reference; called only if the store has no result.
-        digest: Digest of scene and reference, part of the name of the result in the store.
+        load_scene: Function that loads the reference; called only if the result of the comparison is not stored yet.
+        digest: Digest of scene and reference, part of the file name of the stored result.
         store: Store for the result.
     """
     entry = source.entry
@@ -264,7 +274,7 @@ def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], dige
 
 
 def _background(first: PreparedStream, store: Store) -> Background:
-    """Returns the background colour of a scene, read from its first stream or scene file."""
+    """Returns the background colour of a scene, read from one of its streams or from its scene file."""
     path = store.root / first.path
     if first.num_packets:
         return BACKGROUND.of_stream(store.files.stream(path))
@@ -272,14 +282,15 @@ def _background(first: PreparedStream, store: Store) -> Background:
 
 
 def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
-    """Writes a cameras file with one camera for each frame of a sequence.
-
-    Returns the definition of the sequence with this file.
+    """Writes a cameras file for a sequence, with one camera for each frame, and adds it to the sequence's definition.
 
     Args:
         source: The sequence.
         reference_digest: Digest of the reference, part of the file's name.
         store: Store in which the file is written.
+
+    Returns:
+        The definition with the cameras file.
     """
     entry, stream = source.entry, source.stream
     assert stream is not None
@@ -295,7 +306,14 @@ def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEn
 def _with_cameras(
     entry: SceneEntry, load_scene: Callable[[], Scene], reference_digest: str, store: Store
 ) -> SceneEntry:
-    """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos."""
+    """Adds generated cameras to the definition of a scene if the user gave neither cameras nor photos.
+
+    Args:
+        entry: The definition.
+        load_scene: Function that loads the scene; called only if no cameras are stored.
+        reference_digest: Digest of the reference, part of the name of the cameras file.
+        store: Store in which the cameras file is written.
+    """
     if entry.cameras is not None or entry.photos is not None:
         return entry
     name = f"inputs/around_{digest_of(reference_digest, CODE)}.json"
@@ -353,7 +371,7 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
 
 
 def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
-    """Divides the elements of a stream into packets as a row of the result table requires.
+    """Divides a stream into other packets, as a row of the result table requires; quantised values stay the same.
 
     Args:
         whole: The stream.

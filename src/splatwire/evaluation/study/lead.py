@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from splatwire.evaluation.pixels import jpeg
 from splatwire.evaluation.study.charts import losses_chart
 from splatwire.evaluation.study.curve import ComparedRows, compared_rows, curve_losses
-from splatwire.evaluation.study.definition import Loss
 from splatwire.evaluation.study.pictures import Shot, ViewPictures
 from splatwire.evaluation.study.run import StudyResult
 from splatwire.evaluation.study.summary import Summary, summarize
@@ -83,7 +82,8 @@ def make_lead(
         worst: Images at the highest loss rate, shown instead of `pictures`; may be empty.
 
     Returns:
-        The first part; None if the evaluation has several scenes or losses, or if no PSNR is finite.
+        The first part. None if the evaluation has several scenes or several losses, or if a PSNR in the summary is not
+        finite.
     """
     if len(result.scenes) > 1 or len(result.study.losses) > 1:
         return None
@@ -94,12 +94,11 @@ def make_lead(
     drawn = None
     if curve is not None and rows is not None:
         keys = {row.key for row in rows}
-        summaries = [s for s in (*summaries, *summarize(curve)) if s.row.key in keys]
-        drawn = losses_chart(summaries, curve_losses(result, curve))
-    worst_loss = max((s.loss for s in summaries if s.loss), key=_rate, default=None)
-    at_worst = {s.row.key: s for s in summaries if s.loss == worst_loss}
+        drawn = losses_chart(
+            [s for s in (*summaries, *summarize(curve)) if s.row.key in keys], curve_losses(result, curve)
+        )
     source = next(iter(result.scenes.values())).references.source
-    sentence = _summary_sentence(at_worst, rows, source)
+    sentence = _summary_sentence({s.row.key: s for s in summaries}, rows, source)
     view = next(iter(worst or pictures), None)
     if sentence is None:
         return None
@@ -107,7 +106,8 @@ def make_lead(
     if view is None:
         return Lead(sentence, curve=drawn, opens=opens)
     left, right = _compared_images(view, rows)
-    return Lead(sentence, left, right, f"View {view.view}, {view.loss}.", drawn, opens)
+    higher = "; a higher loss than in the sentence above shows the difference" if worst else ""
+    return Lead(sentence, left, right, f"View {view.view}, {view.loss}{higher}.", drawn, opens)
 
 
 def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lead | None:
@@ -129,15 +129,11 @@ def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lea
     return Lead(sentence, left, right, "" if view is None else f"View {view.view}.")
 
 
-def _rate(loss: Loss) -> float:
-    return float(getattr(loss.process, "rate", 0.0))
-
-
 def _summary_sentence(summaries: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
     """Summarises in one sentence the PSNR with and without concealment under loss; None if a PSNR is not finite.
 
     Args:
-        summaries: Statistics under the highest loss, by key of the method.
+        summaries: Statistics under the loss of the evaluation, by key of the method.
         rows: The methods without and with concealment; None to state the PSNR of the only method.
         source: Kind of reference images, such as `photos`.
     """
@@ -199,6 +195,8 @@ def fold(table: Table, hidden: set[str]) -> tuple[Table, Table | None]:
 def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str]:
     """Returns the labels of methods that are worse than the baseline on every scene and under every loss.
 
+    Methods with another packetization than the baseline are not compared.
+
     Args:
         result: Results of the evaluation.
         summaries: Statistics of the results, with differences to the baseline.
@@ -215,7 +213,7 @@ def rows_that_lose(result: StudyResult, summaries: Sequence[Summary]) -> set[str
 
 
 def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
-    """Returns the explanations of the terms that occur in tables, by term.
+    """Returns the technical terms that occur in tables of the report, each with its explanation.
 
     Args:
         tables: Tables of the report.

@@ -13,7 +13,7 @@ from splatwire.evaluation.study.definition import Loss
 
 @dataclass(frozen=True)
 class PacketLossRates:
-    """Loss of a stream's packets that results from a loss of datagrams.
+    """Share of a stream's packets that is lost if datagrams are lost at a given rate.
 
     A packet is lost if any of its datagrams is lost.
 

@@ -199,10 +199,10 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 
 
 def _packet_loss_rates(result: StudyResult, store: Store, scene: str) -> dict[str, list[PacketLossRates]]:
-    """Measures which share of each stream's packets is lost at several loss rates of datagrams.
+    """Measures the lost share of each stream's packets at several loss rates of datagrams.
 
     Returns:
-        One result for each loss model, by name of the stream's packetization.
+        One result for each loss rate, by name of the stream.
     """
     # The share of lost packets is higher than that of lost datagrams if a packet takes several datagrams.
     found = {}

@@ -21,13 +21,14 @@ def concealment_rows(
     complete: bool = True,
     contiguous: Packetization | None = None,
 ) -> tuple[Row, ...]:
-    """Creates the standard table rows: one without loss, optionally one with contiguous packets, one per concealer.
+    """Creates the table rows for a comparison of concealers: one row per concealer, and optional rows for comparison.
 
     Args:
         concealers: Names of concealers.
         packetization: Packetization of the scene; None to send a stream without repacking.
-        complete: True if the stream is complete; adds a row without loss.
-        contiguous: Packetization of the row in which packets contain neighbouring elements; None for no such row.
+        complete: True to add a row without loss; the stream must be complete.
+        contiguous: Packetization of an additional row in which packets contain neighbouring elements; None for no such
+            row.
     """
     rows = [Row("no loss", "no loss", packetization, lossless=True)] if complete else []
     rows += [Row("contiguous drop", "contiguous drop", contiguous)] if contiguous else []
@@ -37,7 +38,7 @@ def concealment_rows(
 
 
 def plain_content(result: StudyResult) -> dict[str, Any]:
-    """Converts the results of a simple evaluation to JSON values."""
+    """Converts the results of an evaluation of one scene under one loss to JSON values."""
     study, (scene,), loss = result.study, result.scenes.values(), result.study.losses[0]
     rows = [_row(result, summary) for summary in summarize(result)]
     streams = {_stream_name(row): scene.streams[row.variant] for row in reversed(study.rows)}
@@ -87,8 +88,5 @@ def _row(result: StudyResult, summary: Summary) -> dict[str, Any]:
 
 
 def _stream_name(row: Row) -> str:
-    """Returns the name of a method's stream in the result.
-
-    It is "contiguous" if packets contain consecutive elements, otherwise "stream".
-    """
+    """Returns "contiguous" if the packets of a method's stream contain consecutive elements, otherwise "stream"."""
     return "contiguous" if row.packetization is not None and row.packetization.grouping == "contiguous" else "stream"

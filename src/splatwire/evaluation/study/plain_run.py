@@ -31,7 +31,7 @@ def run_plain_study(
     links: Mapping[str, str] | None = None,
     files: InputFiles | None = None,
 ) -> tuple[StudyResult, dict[str, Any]]:
-    """Runs a simple evaluation in the current process, and writes a report with a loss curve if requested.
+    """Evaluates one scene under one loss in the current process, and writes a report with a loss curve if requested.
 
     Args:
         study: The evaluation: one scene and one loss.

@@ -149,11 +149,11 @@ def records_to_bytes(records: Sequence[Record]) -> bytes:
 
 
 def table_to_bytes(rows: Sequence[Mapping[str, Any]], labels: Sequence[str] = ()) -> bytes:
-    """Serialises records as a Parquet file.
+    """Serialises records (scores of one view in one task) as a Parquet file.
 
     Args:
         rows: Records as mappings from column names to values.
-        labels: Names of text columns that describe the records; they precede the columns for the fields of `Record`.
+        labels: Names of additional text columns, which precede the columns for the fields of `Record`.
     """
     pq, pyarrow = parquet()
     known, buffer = {item.name for item in fields(Record)} | set(labels), io.BytesIO()

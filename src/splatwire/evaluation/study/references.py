@@ -135,9 +135,10 @@ def _render_missing(
     name: str, cameras: Cameras, background: Background, pictures: Callable[[], Iterable[Any]],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
-    """Renders the reference images that the store lacks.
+    """Renders the reference images into the store, unless they are already there.
 
-    Returns a digest of cameras, background and images.
+    Returns:
+        Digest of cameras, background and images.
     """
     about = store.root / folder / "views.json"
     if (known := read_json(about)) is None:

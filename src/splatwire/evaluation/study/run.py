@@ -39,10 +39,7 @@ class ReportImages:
     views: tuple[int, ...]
 
     def shows(self, cell: Cell) -> bool:
-        """Returns True if the report shows images of a table cell.
-
-        Cells without loss are shown, and cells with the selected loss model and seed.
-        """
+        """Returns True if the report shows images of a task: without loss, or with the selected loss model and seed."""
         return cell.loss is None or (cell.loss, cell.seed) == (self.loss, self.seed)
 
 
@@ -90,7 +87,7 @@ class StudyResult:
         return ", ".join([*notes, *([LPIPS_OF_MASKED] if masked else [])])
 
     def merged(self) -> list[dict[str, Any]]:
-        """Returns the scores of all views in table order, each with its table row."""
+        """Returns the scores of each view in each task as a flat list, with the method's key and label."""
         return [
             {"study": self.study.name, "row": cell.row.key, "label": cell.row.label, **record.row()}
             for cell in self.cells
@@ -144,7 +141,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
 
 @dataclass
 class _TaskRunner:
-    """Runner of the tasks whose results the store lacks; counts executed tasks and dead workers."""
+    """Executes the tasks whose results are not in the store yet; counts executed tasks and dead workers."""
 
     store: Store
     engine: Engine
@@ -177,9 +174,10 @@ def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequ
 
 
 def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
-    """Returns one task for each scene and loss, from which the report's views are chosen later.
+    """Returns one task for each scene and loss, by which the views of the report are chosen.
 
-    The report shows views with the lowest PSNR in these tasks.
+    The report shows the views with the lowest PSNR in these tasks. They are tasks of the baseline, or of the first
+    method with losses.
     """
     # A task of the baseline, or of the first row with losses if there is no baseline.
     judges = []
@@ -204,8 +202,8 @@ def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> Report
     Args:
         study: Definition of the evaluation.
         store: Store with the records of the tasks.
-        judges: Candidate tasks of the scene, one for each loss. The report shows the loss and the views of the
-            candidate with the lowest mean PSNR.
+        judges: Tasks of the scene to choose from, one for each loss. The task with the lowest mean PSNR is chosen; the
+            report shows its loss, and its views with the lowest PSNR.
     """
     # The views with the lowest PSNR of this task are chosen, to show the effect of losses.
 
@@ -226,7 +224,7 @@ def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:
 
     Args:
         cells: Tasks to sort.
-        first: Tasks that come first in the order.
+        first: Tasks whose streams and masks come first in the order.
     """
     place: dict[tuple[str, str], int] = {}
     for cell in (*first, *cells):

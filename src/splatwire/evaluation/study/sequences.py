@@ -72,7 +72,7 @@ def concealed_pictures(
     stream: SceneStream, mask: PacketLossMask | None, loss: Loss | None, seed: int, concealer: TemporalConcealer,
     cameras: Cameras, chosen: Sequence[int], renderer: str,
 ) -> Iterator[Picture]:  # fmt: skip
-    """Yields renders of a sequence after simulated and concealed packet losses, one for each selected frame.
+    """Simulates packet losses in a sequence, conceals them, and yields a render of each selected frame.
 
     Args:
         stream: The complete stream.

@@ -101,7 +101,7 @@ def _submitted(executor: Any, root: str, units: Sequence[Unit]) -> Any:
     """Submits a Slurm job that executes tasks of an evaluation; returns submitit's handle of the job.
 
     Raises:
-        BackendUnavailableError: If the cluster refuses it, for example because the partition does not exist.
+        BackendUnavailableError: If the cluster refuses the job, for example because the partition does not exist.
     """
     try:
         return executor.submit(_run, root, units)

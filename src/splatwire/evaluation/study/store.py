@@ -116,7 +116,7 @@ class Store:
 
 @dataclass(frozen=True)
 class MemoryStore(Store):
-    """Store for an evaluation that is not resumed: scores in memory, all other files in a folder."""
+    """Store for an evaluation that cannot be resumed: scores are kept in memory, all other files in a folder."""
 
     _finished: dict[str, list[Record]] = field(default_factory=dict)
 

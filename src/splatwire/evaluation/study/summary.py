@@ -176,7 +176,7 @@ def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Sum
 
 
 def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> list[Summary]:
-    """Averages the results of each method and loss over all scenes.
+    """Averages the results of each method and loss over all scenes; methods that lack a scene are omitted.
 
     Args:
         summaries: Statistics per scene and method.
@@ -184,7 +184,7 @@ def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> lis
         baseline: Key of the table row of the baseline; None without a baseline.
 
     Returns:
-        Means by method; empty for a single scene.
+        One mean for each method and loss; empty for a single scene.
     """
     # Methods that were not evaluated on every scene are left out.
     scenes = {s.scene for s in summaries}
@@ -291,13 +291,13 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
 
 
 def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
-    """Returns all pairs of methods. Pairs that are adjacent in the table precede the other pairs."""
+    """Returns all pairs of methods; pairs of neighbours in the table come first."""
     pairs = itertools.combinations(range(len(rows)), 2)
     return [(rows[a], rows[b]) for a, b in sorted(pairs, key=lambda pair: pair[1] - pair[0] > 1)]
 
 
 def streams_of(summaries: Sequence[Summary], scene: str) -> dict[str, Summary]:
-    """Returns one summary for each distinct stream of a scene, by name of the stream."""
+    """Returns the summary of a method for each distinct stream of a scene, by name of the stream."""
     # If several rows use the same stream, that of the first.
     found: dict[str, Summary] = {}
     for s in (s for s in summaries if not s.row.decoded):  # the parts of another codec's bytes are unknown

@@ -56,7 +56,14 @@ class Table:
 
 
 def result_tables(result: StudyResult, summaries: Sequence[Summary]) -> list[Table]:
-    """Returns one table per scene and loss; methods without loss appear in each table."""
+    """Returns one table of results for each pair of scene and loss model.
+
+    Methods that are evaluated without losses are listed in every table of their scene, for comparison.
+
+    Args:
+        result: The evaluation, with the methods that were skipped.
+        summaries: Mean scores, one per scene, method and loss model.
+    """
     study, tables = result.study, []
     for scene in dict.fromkeys(s.scene for s in summaries):
         for loss in study.losses:
@@ -120,7 +127,12 @@ def _figure(summary: Summary, metric: str) -> str:
 
 
 def number(estimate: Estimate | None, digits: int) -> str:
-    """Formats a value and, if known, the half width of the value's confidence interval."""
+    """Formats a value, such as `27.31 ± 0.12`; an empty text for None.
+
+    Args:
+        estimate: The value and, if known, half the width of its confidence interval.
+        digits: Number of decimals.
+    """
     if estimate is None:
         return ""
     half = "" if estimate.half_width is None else f" ± {estimate.half_width:.{digits}f}"
@@ -128,7 +140,7 @@ def number(estimate: Estimate | None, digits: int) -> str:
 
 
 def signed(estimate: Estimate | None) -> str:
-    """Formats a signed difference in decibels and, if known, the half width of its confidence interval."""
+    """Formats a difference in decibels with its sign, such as `+0.31 ± 0.12`; see `number`."""
     if estimate is None:
         return ""
     half = "" if estimate.half_width is None else f" ± {estimate.half_width:.2f}"
@@ -147,10 +159,10 @@ def _paper(values: Mapping[str, float] | None) -> str:
 
 
 def ordering_table(orderings: Sequence[Ordering]) -> Table | None:
-    """Returns a table that compares the published order of methods by PSNR with the measured order.
+    """Returns a table that shows whether the measured ranking of methods agrees with the published one.
 
     Args:
-        orderings: The compared pairs of methods.
+        orderings: Pairs of methods, with their published and their measured difference in PSNR.
 
     Returns:
         The table; None if `orderings` is empty.
@@ -173,13 +185,13 @@ def _where(scene: str, loss: Loss | None) -> str:
 
 
 def packet_loss_table(scene: str, by_variant: Mapping[str, Sequence[PacketLossRates]]) -> Table | None:
-    """Returns a table of the share of a stream's packets that is lost because datagrams are lost.
+    """Returns a table that compares the loss rates of datagrams with the resulting loss rates of packets.
 
-    A packet is lost if any of its datagrams is lost. The streams of one scene differ in how it is split into packets.
+    A packet is lost if any of its datagrams is lost, so that larger packets are lost more often.
 
     Args:
         scene: Name of the scene.
-        by_variant: Shares of lost datagrams and packets, by name of the packetization (the way to split the scene).
+        by_variant: Loss rates, one entry per loss model, by name of the packetization (the way to split the scene).
 
     Returns:
         The table, with one row per loss model; None if `by_variant` is empty.
@@ -209,7 +221,12 @@ def bytes_table(scene: str, streams: Mapping[str, Summary]) -> Table | None:
 
 
 def seconds_table(scene: str, summaries: Sequence[Summary]) -> Table:
-    """Returns the table of lost packets, and of the time of each processing step in seconds."""
+    """Returns a table with the numbers of lost packets and elements, and the seconds that each processing step took.
+
+    Args:
+        scene: Name of the scene.
+        summaries: Results of all scenes; those of other scenes are ignored.
+    """
     own = [s for s in summaries if s.scene == scene]
     phases = list(dict.fromkeys(phase for s in own for phase in s.seconds))
     rows = []

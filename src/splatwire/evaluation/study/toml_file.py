@@ -273,7 +273,16 @@ def _loss(location: str, table: dict[str, Any]) -> Loss:
 
 
 def _parse_published(location: str, table: dict[str, Any], metrics: Iterable[Any]) -> Published:
-    """Parses one table `[[published]]` of a protocol file: published results of a method on a dataset."""
+    """Parses one table `[[published]]` of a protocol file: published results of a method on a dataset.
+
+    Args:
+        location: Position of the table in the file, for messages.
+        table: Keys and values of the table.
+        metrics: Names of further metrics that the table may contain.
+
+    Raises:
+        InvalidValueError: If a key is missing or unknown, or the table has no result.
+    """
     figures = tuple(dict.fromkeys((*DEFAULT_METRICS, *SIZE_METRICS, *filter(_is_text, metrics))))
     _check_keys(location, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))
     values = {metric: float(table[metric]) for metric in figures if metric in table}

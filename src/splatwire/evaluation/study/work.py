@@ -226,7 +226,7 @@ class UnitRunner:
         return keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
     def _shared_fields(self, unit: Unit, arrived: ReceivedInput) -> dict[str, Any]:
-        """Returns the fields of a task's records that are equal in all views, by name."""
+        """Returns the part of a task's results that is the same for all views, such as the number of lost packets."""
         return {
             "unit": unit.key,
             "scene": unit.scene,

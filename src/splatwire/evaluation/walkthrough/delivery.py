@@ -74,7 +74,12 @@ class Delivery:
     sizes: np.ndarray
 
     def drawable(self, tiles: Tiles, seconds: float) -> np.ndarray:
-        """Returns the mask of tiles that can be drawn at a time, bool (B), for B tiles."""
+        """Returns the mask of tiles that are received far enough to be drawn, bool (B).
+
+        Args:
+            tiles: The B tiles.
+            seconds: Time since the request, seconds.
+        """
         return _drawable_tiles(tiles, self.blocks, self.arrivals <= seconds)
 
     def bytes_at(self, seconds: float) -> int:
@@ -170,6 +175,8 @@ class _Sender:
 
 def _drawable_tiles(tiles: Tiles, blocks: np.ndarray, received: np.ndarray) -> np.ndarray:
     """Returns the mask of tiles that can be drawn, bool (B).
+
+    A tile can be drawn once `MOST` of its packets are received. For tiles of the coarsest level, one packet suffices.
 
     Args:
         tiles: The B tiles.

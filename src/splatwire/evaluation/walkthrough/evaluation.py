@@ -99,13 +99,13 @@ def score_walk(
 
 
 def time_to_quality(moments: Sequence[QualitySample]) -> float | None:
-    """Returns the time in seconds from which on all pictures have nearly the quality of the complete scene.
+    """Returns the time after which every picture is at most `SETTLED_DB` worse than with the completely received scene.
 
     Args:
         moments: Quality of the pictures at several times, ascending by time.
 
     Returns:
-        The time; None if the last picture does not yet have this quality.
+        Seconds since the request; None if the last picture is still worse.
     """
     # From then on, the PSNR of each picture is at most `SETTLED_DB` below that of the completely received scene.
     found = None

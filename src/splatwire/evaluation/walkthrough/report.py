@@ -28,7 +28,13 @@ class Pictures:
         self.taken: list[tuple[float, str, str]] = []
 
     def add(self, seconds: float, shown: np.ndarray, reference: np.ndarray) -> None:
-        """Adds the images of a point in time, RGB, uint8, if the report shows images of this time."""
+        """Adds a rendered image and its reference image, if the report shows this point in time.
+
+        Args:
+            seconds: Time since the request, seconds.
+            shown: Rendered image, RGB, uint8 (H, W, 3).
+            reference: Reference image, RGB, uint8 (H, W, 3).
+        """
         if seconds in self._wanted:
             self.taken.append((seconds, jpeg(shown), jpeg(reference)))
 

@@ -45,7 +45,7 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
 
 
 def position_errors(means: np.ndarray) -> np.ndarray:
-    """Returns by how much quantisation moves each Gaussian along an axis at most, world units, float64 (N).
+    """Returns the largest quantisation error that a position can have along any axis, world units, float64 (N).
 
     Args:
         means: Centres in the order of the file, 256 for each chunk, float64 (N, 3).

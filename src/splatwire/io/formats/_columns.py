@@ -94,7 +94,7 @@ def build_splats(
 
 
 def warn_of_logits(path: Path, opacities: np.ndarray, kind: str) -> None:
-    """Logs a warning if opacities are outside of 0 to 1.
+    """Logs a warning if opacities are outside of 0 to 1, because they are then probably logits.
 
     Args:
         path: The file.
@@ -110,7 +110,7 @@ def warn_of_logits(path: Path, opacities: np.ndarray, kind: str) -> None:
 
 
 def _sizes(scales: np.ndarray | None) -> np.ndarray:
-    """Returns standard deviations with zeros raised to the minimum and negative values replaced by NaN."""
+    """Returns standard deviations, with small ones raised to `SMALLEST_SIZE` and negative ones replaced by NaN."""
     assert scales is not None
     wide = np.asarray(scales, np.float32)
     return np.where(wide < 0, np.nan, np.maximum(wide, SMALLEST_SIZE))
@@ -146,7 +146,7 @@ def of_degree(splats: Splats, degree: int) -> Splats:
 
 
 def filled(path: Path, batches: Iterable[Splats]) -> Iterator[Splats]:
-    """Yields the non-empty batches of Gaussians, after checking them and normalising their quaternions.
+    """Yields the non-empty batches of Gaussians, after checking their values and normalising their quaternions.
 
     Args:
         path: Path of the output, for messages.

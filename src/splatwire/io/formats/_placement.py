@@ -132,13 +132,13 @@ _OVERLAP = 200
 
 
 def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -> None:
-    """Logs a warning about ignored PLY comments that may change the meaning of the values, such as a shift.
+    """Logs a warning about each PLY comment that is not applied although it may change the scene, such as a shift.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
-        keyword: First word of the comments that state the scene's origin: `ORIGIN` or `OFFSET`. The reader uses these
-            comments, so that no warning is needed.
+        keyword: First word of the comments with the scene's origin: `ORIGIN` or `OFFSET`. The reader applies the first
+            valid one of them, so that only invalid or different ones cause a warning.
     """
     known = tuple(comments)
     used = stated_origin(keyword, known)
@@ -159,7 +159,7 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
             )  # fmt: skip
         elif word in ([ORIGIN], [OFFSET]):
             _warn(path, comment, "a shift of the positions")
-        elif (meaning := _unapplied_meaning(comment)) is not None:
+        elif (meaning := _unapplied_change(comment)) is not None:
             _warn(path, comment, meaning)
     axes = list(dict.fromkeys(axis for comment in known if (axis := named_up(comment)) is not None))
     if len(axes) > 1:
@@ -195,7 +195,7 @@ def warn_of_unused_fields(path: Path, content: object) -> None:
         field = f"{name:.200}: {text}"
         if names_up(field):
             _warn(path, field, "the axis that is up", "field")
-        elif (meaning := _unapplied_meaning(field)) is not None:
+        elif (meaning := _unapplied_change(field)) is not None:
             _warn(path, field, meaning, "field")
 
 
@@ -219,8 +219,8 @@ def _warn(path: Path, comment: str, meaning: str, kind: str = "comment") -> None
     )  # fmt: skip
 
 
-def _unapplied_meaning(comment: str) -> str | None:
-    """Describes a transformation of the values that a PLY comment probably requires and this package does not apply.
+def _unapplied_change(comment: str) -> str | None:
+    """Describes the change of the scene that a PLY comment declares and that this package does not apply.
 
     Returns:
         Description for a warning, such as `a shift of the positions`; None for all other comments.
@@ -229,13 +229,16 @@ def _unapplied_meaning(comment: str) -> str | None:
         return None
     begins = range(0, max(len(comment) - _OVERLAP, 1), _PIECE - _OVERLAP)
     pieces = (comment[begin : begin + _PIECE] for begin in begins)
-    return next((meaning for piece in pieces if (meaning := _unapplied_meaning_of_piece(piece)) is not None), None)
+    return next((meaning for piece in pieces if (meaning := _unapplied_change_in_part(piece)) is not None), None)
 
 
-def _unapplied_meaning_of_piece(comment: str) -> str | None:
-    """Describes the transform or unit that a piece of a file's comment declares, such as `a shift of the positions`.
+def _unapplied_change_in_part(comment: str) -> str | None:
+    """Describes the change of the scene that part of a comment declares (see `_unapplied_change`).
 
-    This package does not apply such declarations. Returns None if the comment declares nothing of the kind.
+    Long comments are searched in parts.
+
+    Returns:
+        Description for a warning, such as `a shift of the positions`; None if the part declares no change.
     """
     words = [word.lower() for word in _WORDS.findall(_TOOL.sub("", comment))]
     numbers = [_number(word) for word in words]
@@ -278,13 +281,11 @@ def _number(word: str) -> float | None:
 
 
 def _is_identity(values: list[float]) -> bool:
-    """Returns True if numbers describe no change of the positions.
-
-    The count of the numbers determines their meaning: a scale, a vector, a matrix row by row, or rotation, shift and
-    scale.
+    """Returns True if the numbers are those of a transform that leaves all positions unchanged.
 
     Args:
-        values: The numbers.
+        values: The numbers. Their count determines their meaning: 1 for a scale; 3 for a vector; 9, 12 or 16 for a
+            matrix row by row; any other for rotation, shift and scale.
     """
     if len(values) in (1, _VECTOR):
         return not any(values) or values == [1.0]
@@ -295,14 +296,17 @@ def _is_identity(values: list[float]) -> bool:
 
 
 def _numbers_after(words: list[str], numbers: list[float | None], keywords: frozenset[str]) -> list[float]:
-    """Returns all numbers after a keyword of a comment, such as `shift`.
+    """Returns all numbers in a comment after the first keyword that announces a number, such as `shift`.
 
-    The keyword is the first one with a number soon after it. The result is empty if there is none.
+    A keyword counts only if a number follows within a few words.
 
     Args:
         words: Words and numbers of the comment, in lower case.
         numbers: Value of each word; None for words that are no number.
         keywords: Words that announce a number, in lower case.
+
+    Returns:
+        The numbers; an empty list without such a keyword.
     """
     for place, word in enumerate(words):
         if word not in keywords:

@@ -1,6 +1,7 @@
 """PLY header: elements, the properties of their rows, and the encoding."""
 
 import logging
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ _MAX_HEADER_BYTES = 65_536
 _MAX_PROPERTIES = 1024
 _MAX_ELEMENTS = 16
 _MAX_LINE = 120
+_FIRST_LINE = re.compile(rb"ply[ \t]*(\r\n|\n|\r)")
 _REMARKS = (b"comment", b"obj_info")
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
@@ -52,6 +54,7 @@ class PlyHeader:
         order: Byte order of binary data, `<` or `>`; empty for text.
         elements: Number of rows and row type (structured dtype) of each element, up to the first one with lists.
         lists: Name of the first element with list properties, which is not read; None if no element has lists.
+        list_names: Names of the list properties of this element.
         comments: Text of each comment, without the word `comment`.
     """
 
@@ -59,6 +62,7 @@ class PlyHeader:
     elements: dict[str, tuple[int, np.dtype]]
     lists: str | None
     comments: tuple[str, ...] = ()
+    list_names: tuple[str, ...] = ()
 
     @property
     def num_bytes(self) -> int:
@@ -85,12 +89,13 @@ def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
     while True:
         piece = next(source, b"")
         data += piece
-        newline = b"\r\n" if data[3:5] == b"\r\n" else data[3:4] if data[3:4] in (b"\n", b"\r") else b"\n"
-        mark = newline + b"end_header" + newline
-        end = data.find(mark)
-        if 0 <= end <= _MAX_HEADER_BYTES:
-            return _parse(path, data[:end], newline), data[end + len(mark) :]
-        if data.startswith(b"ply" + newline) and len(data) > _MAX_HEADER_BYTES:
+        first = _FIRST_LINE.match(data)
+        newline = first[1] if first else b"\n"
+        # some programs write spaces at the end of lines
+        mark = re.search(newline + rb"end_header[ \t]*" + newline, data[: _MAX_HEADER_BYTES + _MAX_LINE])
+        if mark and mark.start() <= _MAX_HEADER_BYTES:
+            return _parse(path, data[: mark.start()], newline), data[mark.end() :]
+        if first and len(data) > _MAX_HEADER_BYTES:
             raise DatasetError(
                 f"{path}: the PLY header is longer than {_MAX_HEADER_BYTES:,} bytes: shorten its comments"
             )
@@ -114,7 +119,7 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
         raise DatasetError(is_not(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}"))
     order = _ORDERS[form[1]]
     rows, lists = _elements(path, words[2:], order or "<")
-    return PlyHeader(order, rows, lists, comments)
+    return PlyHeader(order, rows, next(iter(lists), None), comments, next(iter(lists.values()), ()))
 
 
 def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
@@ -138,9 +143,22 @@ def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str, tuple[int, np.dtype]], str | None]:
+def _elements(
+    path: Path, lines: list[list[str]], order: str
+) -> tuple[dict[str, tuple[int, np.dtype]], dict[str, tuple[str, ...]]]:
+    """Parses the lines of the elements of a PLY header.
+
+    Args:
+        path: The file, for messages.
+        lines: Words of each line.
+        order: Byte order of binary data, `<` or `>`.
+
+    Returns:
+        Number of rows and row type of each element before the first one with lists; and the names of list properties by
+        element.
+    """
     elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
-    lists = None
+    lists: dict[str, tuple[str, ...]] = {}
     for words in lines:
         line = " ".join(words)[:80]
         if words[0] == "element":
@@ -151,14 +169,15 @@ def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str,
         elif not elements or words[0] != "property":
             raise DatasetError(f"{path}: expected an element or a property of one, found {line!r}")
         elif len(words) == 5 and words[1] == "list" and words[2] in _TYPES and words[3] in _TYPES:
-            lists = lists or list(elements)[-1]
+            name = list(elements)[-1]
+            lists[name] = (*lists.get(name, ()), words[4])
         elif len(words) == 3 and words[1] in _TYPES:
             list(elements.values())[-1][1].append((words[2], order + _TYPES[words[1]]))
         else:
             raise DatasetError(f"{path}: expected a property of one number, found {line!r}")
     found: dict[str, tuple[int, np.dtype]] = {}
     for name, (count, fields) in elements.items():
-        if name == lists:
+        if name in lists:
             break
         if not 0 < len({field for field, _ in fields}) == len(fields) <= _MAX_PROPERTIES:
             wanted = f"1 to {_MAX_PROPERTIES}, all different, are allowed"

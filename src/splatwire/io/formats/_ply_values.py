@@ -109,11 +109,14 @@ def _extent(sample: PlyElement) -> float:
 
 
 def _unit_of_opacities(sample: PlyElement, values: np.ndarray) -> str | None:
-    """Returns the probable unit of opacities, such as `linear`, or None for logits.
+    """Guesses the form in which a file stores opacities.
 
     Args:
         sample: A sample of the vertices.
         values: Their opacities that are not NaN.
+
+    Returns:
+        Description for a warning, such as `linear`; None for logits, which are expected.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):

@@ -29,12 +29,12 @@ def checked_layers(path: Path, opening: Callable[[Path], None]) -> tuple[list[Sd
         opening: Called with each file before usd-core reads it.
 
     Returns:
-        The opened files (layers), which the caller keeps until usd-core has composed the scene, and the paths of files
-        that are missing or that usd-core cannot read.
+        The opened files (layers), and the paths of files that are missing or unreadable. The caller keeps the layers
+        until usd-core has composed the scene.
 
     Raises:
-        DatasetError: If a file is outside of the folder of the scene or is named by an expression, there are too many,
-            or usd-core cannot find the scene.
+        DatasetError: If a file is outside of the folder of the scene, a file name is a USD expression, there are too
+            many files, or usd-core cannot find the scene.
         Tf.ErrorException: If usd-core cannot open the scene.
     """
     opening(path)
@@ -83,7 +83,12 @@ def _named_files(layer: Sdf.Layer) -> Iterator[tuple[str, bool]]:
 
 
 def _clip_files(layer: Sdf.Layer, clips: Any) -> Iterator[str]:
-    """Yields the files with time samples (value clips) that the metadata `clips` of a scene element (prim) names."""
+    """Yields the paths of the files with time samples (value clips) of a prim.
+
+    Args:
+        layer: The layer that contains the prim.
+        clips: The prim's metadata `clips`, a nested dictionary with the file names.
+    """
     for key, value in clips.items():
         if isinstance(value, dict):
             yield from _clip_files(layer, value)

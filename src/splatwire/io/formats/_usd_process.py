@@ -27,7 +27,7 @@ _ONE_THREAD = ("PXR_WORK_THREAD_LIMIT", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS
 """Environment variables for the number of threads: each thread takes address space, which is limited."""
 
 
-def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
+def read_in_process(task: str, path: Path) -> Generator[Any, None, None]:
     """Reads an OpenUSD scene in a separate process, and logs the warnings of that process.
 
     Args:
@@ -35,10 +35,10 @@ def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
         path: Path of the scene.
 
     Yields:
-        The timeline is a list of time codes and the number of frames per second; None for a still scene.
-        * `SCENE`: one `FileContent`.
-        * `TIMES`: the timeline.
-        * `FRAMES`: the timeline, then a `FileContent` for each frame.
+        * For `SCENE`: one `FileContent`.
+        * For `TIMES`: the timeline, which is a list of time codes and the number of frames per second; None for a still
+          scene.
+        * For `FRAMES`: the timeline, then a `FileContent` for each frame.
 
     Raises:
         DatasetError: If the scene cannot be read, or reading it takes too much memory or time or ends the process.
@@ -59,7 +59,7 @@ def answers_about(task: str, path: Path) -> Generator[Any, None, None]:
             process.wait()
             printed.seek(0)
             text = printed.read().decode(errors="replace")
-            raise DatasetError(f"{path}: usd-core cannot read it: {_end(process.returncode, text)}") from None
+            raise DatasetError(f"{path}: usd-core cannot read it: {_exit_reason(process.returncode, text)}") from None
         finally:
             process.kill()
             process.stdout.close()
@@ -113,7 +113,7 @@ def _content(found: dict[str, Any], source: IO[bytes]) -> FileContent:
     return FileContent(splats, tuple(found["origin"]), metadata=metadata_from_json(found["metadata"]))
 
 
-def _end(status: int, printed: str) -> str:
+def _exit_reason(status: int, printed: str) -> str:
     """Describes why a process ended, as part of an error message.
 
     Args:

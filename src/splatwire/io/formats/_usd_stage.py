@@ -58,7 +58,11 @@ MAX_FRAMES = 20_000
 
 @contextmanager
 def as_dataset_errors(path: Path) -> Iterator[None]:
-    """Raises errors of usd-core as DatasetError."""
+    """Context manager that converts errors of usd-core to DatasetError.
+
+    Args:
+        path: The scene, for messages.
+    """
     try:
         yield
     except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -85,14 +89,15 @@ def _opened_stage(path: Path, unread: list[str]) -> Usd.Stage:
 
 
 class Stage:
-    """An opened OpenUSD stage with the visible prims of Gaussians.
+    """An opened OpenUSD stage with its visible prims that contain Gaussians.
 
     Args:
         path: The scene.
         limits: Limits of this process, which grow with the files and Gaussians of the scene.
 
     Raises:
-        DatasetError: If usd-core cannot open the file, it has no Gaussians, or a point instancer repeats them.
+        DatasetError: If usd-core cannot open the file, no Gaussians are visible, or a point instancer repeats
+            Gaussians.
     """
 
     def __init__(self, path: Path, limits: Limits) -> None:
@@ -118,7 +123,7 @@ class Stage:
                         raise DatasetError(f"{path}: {prim.GetPath()} repeats Gaussians, which is not read")
 
     def warn_of_left_out(self) -> None:
-        """Logs warnings about ignored prims and attributes, and about colours declared as linear."""
+        """Logs warnings about ignored prims and attributes, and about linear colours, which are read as sRGB."""
         if self._num_stand_ins:
             LOG.warning("%s: %d prims with the purpose guide or proxy are left out", self._path, self._num_stand_ins)
         if self._num_others:
@@ -150,10 +155,9 @@ class Stage:
     def frames(self) -> tuple[list[float], float] | None:
         """Returns the frames of a moving OpenUSD scene.
 
-        None if the values of the Gaussians exist at fewer than two times.
-
         Returns:
-            Time codes of the frames, ascending, and frames per second.
+            Time codes of the frames, ascending, and frames per second. None for a still scene, whose Gaussians have
+            values at fewer than two times.
 
         Raises:
             DatasetError: If there are too many frames, or their rate is no number above 0.

@@ -285,7 +285,13 @@ def _without_far(splats: Splats, path: Path) -> Splats:
 
 
 def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats extreme scales and colours, because of which the other values would be quantised coarsely."""
+    """Clamps or removes extreme scales and colours if they would make the other values of their chunks visibly coarse.
+
+    Args:
+        splats: The Gaussians, in the order of the file.
+        path: The file, for messages.
+        treatment: `clamp` to move the extreme values towards the others, `prune` to remove their Gaussians, or `keep`.
+    """
     logs = np.log(splats.scales.astype(np.float64)).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
     colours = splats.sh[:, 0].astype(np.float64) * DC
     kept = np.ones(splats.num_gaussians, bool)
@@ -312,8 +318,8 @@ def _costly_values(values: np.ndarray, top: int) -> tuple[Column, np.ndarray, li
         A tuple of three items:
         * the values with a mask of the outliers;
         * the values with the outliers clipped, float64 (N, 3);
-        * the largest quantisation steps of three variants: unchanged values, clipped outliers, no outliers. They are 0
-          if no chunk has outliers.
+        * the largest quantisation step if the outliers are unchanged, clipped or removed. These steps are 0 if no chunk
+          has outliers.
     """
     found = []
     for share in SHARES:

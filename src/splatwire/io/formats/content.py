@@ -54,7 +54,7 @@ class FileContent(CheckedFields):
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
-    """Chooses an origin near Gaussians that transforms move far from 0; `NO_ORIGIN` if they stay near 0.
+    """Chooses an origin for Gaussians that transforms move to world coordinates; `NO_ORIGIN` if they stay near 0.
 
     Positions relative to the origin are small, so that float32 stores them precisely.
 
@@ -94,14 +94,14 @@ def warn_of_rounded_positions(path: Path, splats: Splats, origin: Origin) -> Non
 
 
 def coarse_positions(splats: Splats) -> tuple[float, float, float] | None:
-    """Measures the Gaussians that are so far from the scene's origin that float32 positions are visibly coarse.
+    """Finds Gaussians so far from the scene's origin that rounding their positions to float32 is visible.
 
     Args:
         splats: The Gaussians, relative to the origin.
 
     Returns:
-        Share of such Gaussians, and their largest distance from the origin and largest step of positions, world units;
-        None if they are few.
+        Three numbers: the share of such Gaussians; their largest distance from the origin, and the largest rounding
+        step of their positions, both in world units. None if only few Gaussians are affected.
     """
     some = slice(None, None, max(1, -(-splats.num_gaussians // _SAMPLE)))
     distances, sizes = np.abs(splats.means[some]).max(axis=1), splats.scales[some].max(axis=1)
@@ -113,14 +113,15 @@ def coarse_positions(splats: Splats) -> tuple[float, float, float] | None:
 
 
 def warn_of_distant_sites(path: Path, splats: Splats, origin: Origin) -> None:
-    """Logs a warning about Gaussians that are so far from the scene's origin that float32 positions are visibly coarse.
+    """Logs a warning if many Gaussians are so far from the origin that rounding to float32 visibly moves them.
 
-    A scene at one place that is far from the origin lost its precision in the file; several places are sites.
+    If the whole scene is far from the origin, the file has lost precision. If only parts are, the scene has several
+    distant sites, which need separate files.
 
     Args:
         path: The file.
         splats: The Gaussians, relative to the origin.
-        origin: The origin.
+        origin: World coordinates of the point that positions are relative to.
     """
     if (found := coarse_positions(splats)) is None:
         return

@@ -95,12 +95,17 @@ def fourdgs_frames(path: Path) -> FourdgsFrames:
         raise DatasetError(
             f"{path}: {scene.duration_sec:g} s are not 1 to {MAX_FRAMES:,} frames at {rate:g} per second"
         )
-    _warn_of_unused_statements(path, scene)
+    _warn_of_unapplied_settings(path, scene)
     return FourdgsFrames(path, count, rate, scene)
 
 
-def _warn_of_unused_statements(path: Path, scene: Any) -> None:
-    """Logs a warning about coordinate systems and colour spaces of a scene that are not applied."""
+def _warn_of_unapplied_settings(path: Path, scene: Any) -> None:
+    """Logs a warning if a `.4dgs` file declares axes, colours or coordinates that the reader does not apply.
+
+    Args:
+        path: The file, for messages.
+        scene: The file as the package fourdgs reads it.
+    """
     stated = scene.header.attributes
     if stated.get(_AXES, "") not in ("", _Y_UP, _Z_UP):
         LOG.warning("%s: %s %.60r is not known: positions are read as they are", path, _AXES, stated[_AXES])
@@ -161,9 +166,10 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
 
 
 class _ConstantIntervals:
-    """Finds the time intervals in which each Gaussian of a sequence is constant, for writing a `.4dgs` file.
+    """Collects the frames of a sequence as Gaussians that are constant over a time interval, for a `.4dgs` file.
 
-    Row i is the same Gaussian in consecutive frames with equally many Gaussians.
+    Consecutive frames with the same number of Gaussians have the same Gaussian in each row. An interval ends when a
+    value of the Gaussian changes.
 
     Attributes:
         num_frames: Number of frames so far.
@@ -191,7 +197,7 @@ class _ConstantIntervals:
         self._open, self.num_frames = splats, self.num_frames + 1
 
     def end_all(self) -> tuple[Splats, np.ndarray, np.ndarray]:
-        """Ends all intervals of constant values after the last frame, and returns one Gaussian per interval.
+        """Ends all intervals after the last frame, and returns one Gaussian per interval.
 
         Returns:
             The Gaussians of all N intervals; start times and end times of the intervals, seconds, float64 (N) each.

@@ -70,7 +70,7 @@ _HARMLESS = (
 def read_gltf(path: Path) -> FileContent:
     """Reads all Gaussians of the scene of a glTF file, with node transforms applied, and its metadata.
 
-    A translation to coordinates far from 0 that all nodes share becomes the origin.
+    If the nodes place the scene far from 0, positions are relative to an origin near the Gaussians.
 
     Args:
         path: A binary glTF, or a document whose buffers are files in its folder or `data:` URIs.
@@ -249,7 +249,10 @@ class _Gltf:
         return own
 
     def _count(self, primitive: dict[str, Any]) -> int:
-        """Returns the number of Gaussians of a primitive, and opens the files that contain the Gaussians' data.
+        """Returns the number of Gaussians of a primitive, and opens the buffers with the Gaussians' attributes.
+
+        Args:
+            primitive: The glTF primitive, a JSON object.
 
         Raises:
             DatasetError: If an attribute has no accessor, or the number is invalid.

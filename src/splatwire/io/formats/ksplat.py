@@ -39,7 +39,22 @@ def _record(compression_level: int, degree: int) -> np.dtype:
 
 @dataclass(frozen=True)
 class _Section:
-    """Parsed header of one section of a `.ksplat` file."""
+    """Parsed header of one section of a `.ksplat` file.
+
+    The Gaussians of a section are grouped in buckets; compressed positions are relative to the bucket's centre.
+
+    Attributes:
+        count: Number of Gaussians.
+        capacity: Number of Gaussians for which the section has space.
+        bucket_size: Number of Gaussians in a full bucket.
+        buckets: Number of buckets.
+        block_size: Edge length of the cube that a bucket covers, world units.
+        bucket_bytes: Bytes per bucket centre.
+        range: Integer code of half the edge length, in both directions from the centre; 0 for the default.
+        full: Number of full buckets.
+        partial: Number of partially filled buckets.
+        degree: Degree of the spherical harmonics.
+    """
 
     count: int
     capacity: int
@@ -136,7 +151,7 @@ def _from_bucket(
     Args:
         path: The file, for messages.
         data: Content of the file.
-        at: Byte offset of the list with the number of Gaussians in each partially filled bucket.
+        at: Byte offset of the numbers of Gaussians in the partially filled buckets.
         centers_at: Byte offset of the centres of the buckets.
         section: Header of the section.
         codes: 16-bit position codes, (N, 3).

@@ -107,13 +107,16 @@ def find_outliers(values: np.ndarray, share: float = SHARES[0]) -> Column:
 
 
 def costly_outliers(splats: Splats, errors: Callable[[Column], np.ndarray]) -> Column:
-    """Finds distant Gaussians (outliers) that would make all other positions visibly coarse in a quantised file.
+    """Finds the distant Gaussians (outliers) without which the other positions are quantised finely enough.
+
+    Tries increasing shares of outliers until the remaining errors are invisible. If no share suffices, the smallest
+    share is used.
 
     Args:
         splats: The Gaussians.
-        errors: Function that predicts the position errors of a file without outliers. Its argument has all positions
-            and a mask of the outliers. It returns the largest error along an axis of each remaining Gaussian, world
-            units, float64 (n).
+        errors: Function that predicts the quantisation errors of a file from which the outliers are removed. Its
+            argument has all positions and a mask of the outliers. It returns the largest error along an axis of each
+            remaining Gaussian, world units, float64 (n).
 
     Returns:
         Positions of all Gaussians, and a mask of the outliers.
@@ -166,7 +169,7 @@ def visible_errors(errors: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 
 def _are_visible(errors: np.ndarray, scales: np.ndarray) -> bool:
-    """True if more than a small share of the Gaussians has a visible position error (`_FEW_COSTLY`).
+    """True if more than 1 % of the Gaussians have a position error that is too large for their local length scale.
 
     Args:
         errors: Largest position error of each Gaussian along an axis, world units, (n).
@@ -222,8 +225,8 @@ def warn_of_scales(path: Path, scales: np.ndarray, low: float, high: float) -> N
     Args:
         path: The file, for the message.
         scales: Standard deviations, (N, 3).
-        low: Smallest logarithm of a scale that the format can represent.
-        high: Largest logarithm of a scale that the format can represent.
+        low: Natural logarithm of the smallest scale that the format can represent.
+        high: Natural logarithm of the largest scale that the format can represent.
     """
     least, most = np.exp((low, high))
     largest = scales.max(axis=1)

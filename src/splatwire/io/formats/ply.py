@@ -133,7 +133,16 @@ def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
 
 
 def _origin(vertices: PlyElement) -> Origin:
-    """Returns the origin that a comment states, else one near the Gaussians if these are far from 0."""
+    """Returns the origin for the positions of a PLY: the one in its comments, or one near the Gaussians.
+
+    An origin in the comments that is far from the Gaussians is ignored with a warning.
+
+    Args:
+        vertices: The vertices, in world coordinates.
+
+    Returns:
+        The origin; `NO_ORIGIN` if the comments have none and the Gaussians are near 0.
+    """
     some = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // ROWS))])
     means = some.select_wide(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)

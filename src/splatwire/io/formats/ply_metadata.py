@@ -92,9 +92,10 @@ def is_metadata(comment: str) -> bool:
 
 
 def is_invalid_view(comment: str) -> bool:
-    """True if a comment states the initial view or the limits of the orbit, and its value is invalid.
+    """True if a comment is meant as the initial view or the orbit limits of the scene, but its value is invalid.
 
-    Values of other meaning are not invalid: sentences, addresses, and the viewpoint of PCL (position and quaternion).
+    Some comments of other programs start with the same word: sentences, addresses, and the viewpoint of the Point Cloud
+    Library (position and quaternion). The result is False for these.
     """
     for name in ("view", "orbit"):
         if (match := _LINES[name].fullmatch(comment.strip())) is not None:

@@ -139,7 +139,7 @@ class _Sog:
         if version not in (1, 2) or type(version) is not int:
             raise DatasetError(f"{path}: SOG of version {version!r:.20}; versions 1 and 2 are read")
         self._first = version == 1
-        count = self._first_count() if self._first else self.meta.get("count")
+        count = self._version1_count() if self._first else self.meta.get("count")
         if type(count) is not int:  # bool is a subclass of int
             raise DatasetError(f"{path}: {SOG_META_NAME}: count is {count!r:.40}, not a number of Gaussians")
         self._count = check_count(path, count, file_bytes)
@@ -165,7 +165,7 @@ class _Sog:
                 self._path, ", ".join(sorted(unknown))[:120], SOG_META_NAME,
             )  # fmt: skip
 
-    def _first_count(self) -> Any:
+    def _version1_count(self) -> Any:
         """Returns the number of Gaussians in a version 1 file, from the array shapes in `meta.json`."""
         shape = self._field("means", "shape")
         return shape[0] if isinstance(shape, list) and shape else shape
@@ -206,7 +206,7 @@ class _Sog:
             raise DatasetError(f"{self._path}: {SOG_META_NAME}: a number of means.mins is above that of means.maxs")
         share = (low[:, :3] + np.float32(256) * high[:, :3]) / np.float32(65535)
         logs = bounds[0] + (bounds[1] - bounds[0]) * share
-        colors, opacities = self._colors_first() if self._first else self._colors()
+        colors, opacities = self._version1_colors() if self._first else self._colors()
         return build_splats(
             self._path,
             means=np.sign(logs) * np.expm1(np.abs(logs)),
@@ -221,19 +221,23 @@ class _Sog:
         return self._from_bounds("scales", pixels) if self._first else self._codebook("scales")[pixels]
 
     def _colors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns constant coefficients (N, 3) and opacities (N)."""
+        """Returns the spherical harmonics coefficients of degree 0, (N, 3), and the opacities, (N)."""
         pixels = self._pixels("sh0")
         return self._codebook("sh0")[pixels[:, :3]], pixels[:, 3] / _CHANNEL
 
-    def _colors_first(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns constant coefficients (N, 3) and opacities (N) from a version 1 file."""
+    def _version1_colors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns spherical harmonics coefficients of degree 0, (N, 3), and opacities, (N), of a version 1 file."""
         values = self._from_bounds("sh0", self._pixels("sh0"))
         return values[:, :3], 1 / (1 + np.exp(-values[:, 3]))
 
     def _from_bounds(self, section: str, pixels: np.ndarray) -> np.ndarray:
         """Decodes the quantised values of a section of a version 1 file, float32 (N, C).
 
-        The section's metadata has the minimum and the maximum, to which the codes 0 and 255 are decoded.
+        Maps 0 to 255 linearly to the range from the minimum to the maximum in the section's metadata.
+
+        Args:
+            section: Name of the section.
+            pixels: Quantised values, uint8 (N, C).
         """
         low, high = (self._numbers(section, side, pixels.shape[1], _MAX_CODE) for side in ("mins", "maxs"))
         return (low + (high - low) * (pixels / _CHANNEL)).astype(np.float32)
@@ -251,7 +255,11 @@ class _Sog:
         return from_smallest_three(pixels[:, 3].astype(np.int64) - _FIRST_CODE, pixels[:, :3] / _CHANNEL)
 
     def _harmonics(self, constant: np.ndarray) -> np.ndarray:
-        """Returns all spherical harmonics coefficients (N, D, 3), given the constant coefficients."""
+        """Returns all spherical harmonics coefficients (N, D, 3).
+
+        Args:
+            constant: Coefficients of degree 0, (N, 3).
+        """
         if self.meta.get("shN") is None:
             return constant[:, None]
         bands, count = self._palette_size()
@@ -282,7 +290,7 @@ class _Sog:
         return bands, int((labels[:, 0] + 256 * labels[:, 1]).max()) + 1
 
     def _palette_codebook(self) -> np.ndarray:
-        """Returns the numbers that the pixel values of the palette image stand for, float32 (256)."""
+        """Returns the decoded value of each pixel value of the palette image, float32 (256)."""
         if not self._first:
             return self._codebook("shN")
         low, high = (self._numbers("shN", side, None, _MAX_CODE) for side in ("mins", "maxs"))

@@ -15,6 +15,8 @@ from splatwire.ops.spherical_harmonics import DC
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
+_EXTREME = 1e30
+"""Limit of plausible positions and sizes; the inverse is the lower limit."""
 RECORD = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
 
 
@@ -22,7 +24,7 @@ def read_splat(path: Path) -> Splats:
     """Reads a `.splat` file; the harmonics are of degree 0.
 
     Raises:
-        DatasetError: If its size is not a multiple of 32 bytes, or values are invalid.
+        DatasetError: If its size is not a multiple of 32 bytes, or most of its records are no Gaussians.
         OSError: If the file cannot be read.
     """
     size = path.stat().st_size
@@ -30,6 +32,12 @@ def read_splat(path: Path) -> Splats:
         raise DatasetError(f"{path}: {size} bytes are not records of {RECORD.itemsize} bytes")
     with open_regular(path, DatasetError) as file:
         records = np.fromfile(file, RECORD, check_count(path, size // RECORD.itemsize, size))
+    odd = _num_implausible(records)
+    if odd > len(records) // 2:
+        raise DatasetError(
+            f"{path}: {odd:,} of {len(records):,} records of {RECORD.itemsize} bytes have impossible positions or "
+            "sizes of Gaussians: the file is of another format than its name says"
+        )
     color = records["color"].astype(np.float32) / 255
     return build_splats(
         path,
@@ -41,10 +49,27 @@ def read_splat(path: Path) -> Splats:
     )
 
 
-def write_splat(parts: Iterable[Splats], path: Path) -> int:
-    """Writes a `.splat` file batch by batch: position and scale as float32, colour with opacity and rotation as bytes.
+def _num_implausible(records: np.ndarray) -> int:
+    """Returns the number of records whose positions or sizes no program writes.
 
-    Only the constant of the spherical harmonics is stored.
+    The format has no signature. In files of other formats, bytes at the place of floats are often negative, not finite,
+    or of an extreme exponent.
+    """
+    with np.errstate(invalid="ignore"):
+        numbers = np.abs(np.concatenate([records["position"], records["scale"]], axis=1))
+        usual = ((numbers > 1 / _EXTREME) & (numbers < _EXTREME)) | (numbers == 0)
+        return int((~usual.all(axis=1) | (records["scale"] < 0).any(axis=1)).sum())
+
+
+def write_splat(parts: Iterable[Splats], path: Path) -> int:
+    """Writes a `.splat` file batch by batch; returns the number of Gaussians.
+
+    Positions and scales are stored as float32; colours, opacities and rotations as bytes. The format has one colour for
+    all directions, so that only spherical harmonics of degree 0 are stored.
+
+    Args:
+        parts: Batches of Gaussians, all of one degree of spherical harmonics.
+        path: Path of the file, written atomically.
     """
     count, degree, colours = 0, 0, []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:

@@ -75,7 +75,7 @@ def splat4d_frames(path: Path) -> Splat4dFrames:
 
 
 def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int:
-    """Writes a sequence to a `.splat4d` file by the program of splats4d; returns the number of frames.
+    """Writes a sequence to a `.splat4d` file with the command-line program of the package splats4d.
 
     The format has one colour for all directions.
 
@@ -83,6 +83,9 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
         frames: Frames with the same number of Gaussians; row i is the same Gaussian in all frames.
         path: The file, written atomically.
         rate: Frames per second.
+
+    Returns:
+        Number of frames.
 
     Raises:
         DatasetError: If the numbers of Gaussians differ, or the program fails.

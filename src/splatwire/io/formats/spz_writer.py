@@ -111,7 +111,7 @@ def write_spz(
 
 
 def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
-    """Treats distant Gaussians (outliers) because of which SPZ would store all positions coarsely.
+    """Moves or removes distant Gaussians (outliers), which would force SPZ to store all positions coarsely.
 
     Logs a warning if positions stay coarse.
 
@@ -147,13 +147,13 @@ def _treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
 
 
 def _position_step(farthest: float) -> float:
-    """Returns the quantisation step of positions in world units.
+    """Returns the finest quantisation step with which 24-bit positions cover a scene, world units.
 
     Args:
-        farthest: Largest absolute coordinate of all positions.
+        farthest: Largest absolute coordinate of all positions, world units.
 
     Returns:
-        The step; above 1 if the coordinate is too large for the format.
+        The step, a power of two. The format cannot store steps above 1.
     """
     return 2.0 ** max(-_FRACTION_BITS, math.ceil(math.log2(max(farthest, 1e-30) / _MOST)))
 

@@ -131,16 +131,15 @@ def _file_of(chunk: Path) -> Path:
 
 
 def _first_of_same(chunks: list[Path], here: list[bool]) -> list[int]:
-    """Returns, for each chunk, the index of the first chunk that is the same file.
-
-    A file may be listed more than once, under different names or links.
+    """Finds chunks of a streamed SOG that are the same file, under different names or links.
 
     Args:
         chunks: Path of each chunk.
         here: True for each chunk whose file exists.
 
     Returns:
-        One index per chunk; the own index for a missing chunk.
+        For each chunk, the index of the first chunk that is the same file; its own index if there is no other, or if
+        its file is missing.
     """
     first: dict[tuple[int, int], int] = {}
     found = []

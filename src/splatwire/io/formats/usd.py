@@ -21,7 +21,7 @@ from splatwire.io.formats._asset import asset_of
 from splatwire.io.formats._axes import SPZ_FLIPS
 from splatwire.io.formats._axes import flip_axes as flipped
 from splatwire.io.formats._columns import join
-from splatwire.io.formats._usd_process import FRAMES, SCENE, TIMES, answers_about
+from splatwire.io.formats._usd_process import FRAMES, SCENE, TIMES, read_in_process
 from splatwire.io.formats._usd_stage import KEPT_AXES, OWN, reason
 from splatwire.io.formats.content import FileContent
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
@@ -59,7 +59,7 @@ class UsdFrames:
         Raises:
             DatasetError: If a frame cannot be read, or the file was changed.
         """
-        with closing(answers_about(FRAMES, self.path)) as answers:
+        with closing(read_in_process(FRAMES, self.path)) as answers:
             if next(answers) != [list(self.times), self.rate]:
                 raise DatasetError(f"{self.path}: was changed while it was read")
             yield from answers
@@ -68,26 +68,26 @@ class UsdFrames:
 def read_usd(path: Path) -> FileContent:
     """Reads all visible Gaussians of an OpenUSD scene (`.usd`, `.usda`, `.usdc`, `.usdz`), and its metadata.
 
-    Transforms are applied; a translation to coordinates far from 0 that all prims share becomes the origin. Of a
-    sequence, the first frame is read.
+    Transforms are applied. If they place the scene far from 0, positions are relative to an origin near the Gaussians.
+    For a sequence, the first frame is read.
 
     Raises:
         DatasetError: If usd-core cannot open the file, or the Gaussians are missing, incomplete or too many.
     """
-    (content,) = answers_about(SCENE, path)
+    (content,) = read_in_process(SCENE, path)
     assert isinstance(content, FileContent)
     return content
 
 
 def usd_frames(path: Path) -> UsdFrames | None:
-    """Returns the frames of a moving OpenUSD scene.
+    """Returns the frames of a moving OpenUSD scene; None for a still scene.
 
-    None if the values of the Gaussians exist at fewer than two times.
+    A scene moves if its Gaussians have values at two or more times.
 
     Raises:
         DatasetError: If usd-core cannot open the file, or its frames are too many or have no valid rate.
     """
-    (frames,) = answers_about(TIMES, path)
+    (frames,) = read_in_process(TIMES, path)
     return None if frames is None else UsdFrames(path, tuple(frames[0]), frames[1])
 
 

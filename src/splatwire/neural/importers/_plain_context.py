@@ -15,7 +15,14 @@ _MIN_SPREAD = 1e-6
 
 
 def plain_context(anchors: Anchors, layout: AnchorLayout) -> tuple[ContextModel, ModelConfig]:
-    """Builds a context model that predicts the same for every anchor: mean and standard deviation of all anchors."""
+    """Builds a context model that predicts the same normal distribution of each attribute value for every anchor.
+
+    The distributions have the mean and the standard deviation over all anchors.
+
+    Args:
+        anchors: The anchors.
+        layout: Shapes of the anchors.
+    """
     # With this model the scene can be encoded, with an independent Gaussian distribution per channel. The stream is
     # much larger than that of a scene trained with a context model.
     anchors = to_tensors(anchors)

@@ -22,7 +22,7 @@ def offsets_of(vertices: PlyElement, num_offsets: int) -> np.ndarray:
 def anchors_on_grid(
     vertices: PlyElement, feature_dim: int, scalings: np.ndarray, offsets: np.ndarray, mask: np.ndarray, model_dir: Path
 ) -> tuple[Anchors, float]:
-    """Returns the renderable anchors of a PLY file, at multiples of the voxel size, and the voxel size.
+    """Builds the renderable anchors of a PLY file, and rounds their positions to multiples of the voxel size.
 
     Args:
         vertices: The N vertices of the PLY file, one per anchor.
@@ -31,6 +31,9 @@ def anchors_on_grid(
         offsets: Offsets, (N, K, 3).
         mask: Mask of the offsets that exist, bool (N, K).
         model_dir: Model folder; searched for the voxel size, which is otherwise inferred from the positions.
+
+    Returns:
+        The anchors, and the voxel size in world units.
 
     Raises:
         DatasetError: If no anchor can be rendered, or the positions are not multiples of the voxel size.
@@ -54,7 +57,7 @@ def anchors_on_grid(
 
 
 def drawable_anchors(anchors: Anchors, path: Path) -> Anchors:
-    """Removes anchors that cannot be rendered.
+    """Removes anchors that cannot be rendered: those without offsets, and those with invalid values.
 
     Args:
         anchors: The anchors, in the order of the file.

@@ -93,7 +93,18 @@ def _collect(root: Any) -> dict[str, Tensor]:
 
 
 def _follow(tensors: "_Tensors", description: bytes) -> Any:
-    """Interprets a pickle that describes a tree of modules and their tensors; returns the root module."""
+    """Parses a pickle that describes a tree of modules and their tensors; no code of the pickle is executed.
+
+    Args:
+        tensors: Reader of the archive's tensors.
+        description: The pickle.
+
+    Returns:
+        The root module.
+
+    Raises:
+        ValueError: If the pickle contains anything else.
+    """
     # `data.pkl` is a program for a stack machine. Only the few instructions that describe tensors and names are
     # interpreted; others are errors.
     stack: list[Any] = []
@@ -126,7 +137,16 @@ def _key(argument: Any) -> int:
 
 
 def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
-    """Executes one instruction of the pickle, which builds a tuple, list, dictionary, module or tensor on the stack."""
+    """Executes a pickle instruction that builds a tuple, list, dictionary, module or tensor, without calling any code.
+
+    Args:
+        name: Name of the instruction.
+        stack: Stack of the pickle machine; changed in place.
+        tensors: Reader of the archive's tensors.
+
+    Raises:
+        ValueError: If the instruction is unknown, or builds anything else.
+    """
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
     elif name == "TUPLE":

@@ -14,7 +14,7 @@ from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
 
 
 def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
-    """Generates the Gaussians that camera `view` sees from the anchors of a scene; differentiable.
+    """Generates the Gaussians that a camera sees from the anchors of a scene; differentiable.
 
     Args:
         scene: The scene.
@@ -30,7 +30,13 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
 
 
 def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
-    """Generates the Gaussians that a camera sees, and the indices of the anchor and the offset that each comes from."""
+    """Generates the Gaussians that a camera sees, with the anchor and the offset to which each of them belongs.
+
+    Args:
+        scene: The scene.
+        cameras: The cameras.
+        view: Index of the camera.
+    """
     scene = to_tensors(scene)
     visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
     size_gain: Any = None
@@ -44,7 +50,15 @@ def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> Spawned
 
 @torch.no_grad()
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
-    """Returns the mask of the anchors that camera `view` may see (HAC++'s pre-filter), bool (N)."""
+    """Returns the mask of the anchors whose Gaussians may be in the image of a camera, bool (N).
+
+    Tests the projection of each anchor, not that of its Gaussians. Source: the pre-filter of HAC++.
+
+    Args:
+        anchors: The N anchors.
+        cameras: The cameras.
+        view: Index of the camera.
+    """
     # An anchor is projected as an unrotated Gaussian, with its first three scalings as sizes. It is kept if it is
     # beyond the near plane, and the square of three standard deviations around it intersects a tile of the
     # image.

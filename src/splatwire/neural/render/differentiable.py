@@ -25,8 +25,9 @@ def render_differentiable(
         gaussians: The Gaussians to render.
         cameras: Cameras of one or more views.
         background: RGB of the background.
-        probe: Zeros, whose gradient is that of the Gaussians' 2D centres, 1 / pixel: it is added to `probe.grad`. None
-            if this gradient is not needed.
+        probe: Tensor of zeros that is added to the 2D centres of the G Gaussians in each of the C views. A backward
+            pass adds the gradient with respect to the 2D centres to `probe.grad`, 1 / pixel. None if this gradient is
+            not needed.
 
     Returns:
         RGB pictures, not clamped, on the device of the Gaussians.

@@ -21,9 +21,13 @@ def signs(values, out):
 @njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
-    """Sets the gradient to zero where the trained value is outside [-1, 1], in place.
+    """Converts the gradient with respect to the signs of values to one with respect to the values, in place.
 
-    Inside, the gradient with respect to the sign of the value is also used for the value (straight-through estimator).
+    The gradient is kept for values within [-1, 1] and set to zero for others (straight-through estimator).
+
+    Args:
+        values: The trained values.
+        gradient: Gradient with respect to the signs, changed in place.
     """
     for i in prange(values.shape[0]):
         if not (-1 <= values[i] <= 1):
@@ -59,12 +63,14 @@ def _gather_chunk(table, rows, weights, index, begin, end, column, out):
 def interpolate(table, rows3, weights3, rows2, weights2, index, out):
     """Interpolates the tables of the hash grid at some positions.
 
+    The grid has 3D levels, and 2D levels for the projections of a position onto the planes xy, xz and yz.
+
     Args:
-        table: Tables of the hash grid.
-        rows3: Table rows of the corners on the 3D levels, for all positions.
-        weights3: Interpolation weights of these corners.
-        rows2: Table rows of the corners on the levels of the planes, for all positions.
-        weights2: Interpolation weights of these corners.
+        table: Concatenated tables of all levels.
+        rows3: Table rows of the grid cell's corners on the 3D levels, for all positions.
+        weights3: Interpolation weights of the corners on the 3D levels.
+        rows2: Table rows of the grid cell's corners on the 2D levels, for all positions.
+        weights2: Interpolation weights of the corners on the 2D levels.
         index: Indices of the positions at which to interpolate.
         out: Output, the features at the positions `index`.
     """

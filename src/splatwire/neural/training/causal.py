@@ -31,7 +31,10 @@ NARROW = 0.5
 
 
 class TrainedCausal:
-    """The causal context model while it is trained.
+    """Trainer of the causal context model.
+
+    This model predicts the distributions of an anchor's attributes from the anchor's position and from the attributes
+    that are decoded before.
 
     Args:
         config: The configuration.
@@ -46,14 +49,14 @@ class TrainedCausal:
         self._inputs: Tensor | None = None
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration whose loss includes the bit rate."""
+        """Initialises the networks once, before the loss includes the bit rate; called before each iteration."""
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)
             self._key = None
-            calibrate_causal(state, self._config, self.place(state))
+            calibrate_causal(state, self._config, self._position_inputs(state))
 
-    def place(self, state: TrainState) -> Float[Tensor, "N P"]:
-        """Returns the positional encoding of all anchors, the input of the model's first network.
+    def _position_inputs(self, state: TrainState) -> Float[Tensor, "N P"]:
+        """Returns the positions of all anchors and their positional encoding, the input of the position network.
 
         The result is cached until anchors are added, removed or sorted.
         """
@@ -92,7 +95,7 @@ class TrainedCausal:
 
         The prediction depends only on the anchors' positions.
         """
-        place, layout = self.place(state)[index], self._model.layout
+        place, layout = self._position_inputs(state)[index], self._model.layout
         networks, nothing = causal_networks(state.parameters, self._model), place.new_zeros(len(place), 1)
         predicted = predict_causal(
             _functions(networks), self._model, place, nothing.expand(-1, layout.feature_dim), nothing.expand(-1, FORM),
@@ -109,7 +112,7 @@ class TrainedCausal:
     def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleBits:
         masks = straight_through_masks(state, self._config, sample)
         values = noisy_numbers(state, sample, steps, self._random.uniform)
-        total = anchor_bits(state, self._model, self.place(state)[sample], values, steps, masks)
+        total = anchor_bits(state, self._model, self._position_inputs(state)[sample], values, steps, masks)
         return SampleBits(total.sum(), len(sample))
 
 
@@ -120,10 +123,9 @@ def position_inputs_of(state: TrainState) -> Float[Tensor, "N P"]:
 
 
 def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tensor, Tensor, Tensor]:
-    """Returns the quantisation steps of each attribute value of an anchor.
+    """Returns the quantisation step of each attribute value of an anchor.
 
-    Attributes are features, offsets of the Gaussians' centres, one scale of these offsets, and three sizes of the
-    Gaussians.
+    The attributes are features, logarithms of one offset scale and three sizes, and offsets of the Gaussians' centres.
 
     Args:
         logs: Logarithms of the trained quantisation steps: one per feature group, then one each for the offset scale,
@@ -131,8 +133,7 @@ def channel_steps(logs: Float[Tensor, "S"], config: CausalConfig) -> tuple[Tenso
         config: Shapes of anchors and networks.
 
     Returns:
-        Steps of the feature channels (F), of the logarithms of the offset scale and the three sizes (4), and of the
-        offsets.
+        Steps of the F feature channels, (F); of the four logarithms, (4); and of the offsets, a single number.
     """
     steps, groups = logs.exp(), config.layout.feature_groups
     repeats = torch.tensor(groups, device=logs.device)
@@ -195,7 +196,7 @@ def anchor_bits(
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         values: Features, logarithms of scale and sizes, and offsets, with noise (`noisy_numbers`).
         steps: Quantisation steps of these values (`channel_steps`).
-        masks: Straight-through masks of offsets and of anchors.
+        masks: Masks of offsets and of anchors, 0 or 1, through which gradients reach their logits.
     """
     logs = values[1] - state.parameters["centres"].detach()
     numbers = [value / step for value, step in zip((values[0], logs, values[2]), steps, strict=True)]
@@ -213,7 +214,7 @@ def number_bits_of(
     numbers: Sequence[Tensor],
     offset_mask: Float[Tensor, "M K"],
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M K"]]:
-    """Estimates the bits of anchors: features and logarithms of sizes per anchor, offsets and mask bits per offset.
+    """Estimates the bits of anchors, divided into the bits of whole anchors and those of single offsets.
 
     Args:
         networks: The networks by name.
@@ -221,6 +222,10 @@ def number_bits_of(
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
         numbers: Features, logarithms and offsets, in quantisation steps, with noise in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
+
+    Returns:
+        Bits of the features and of the logarithms of sizes of each anchor, (M); and bits of the coordinates and of the
+        mask of each offset, (M, K).
     """
     feature, form, offset = numbers
     predicted = predict_causal(_functions(networks), config, position_inputs, feature, form, join=torch.cat)
@@ -266,7 +271,7 @@ def number_bits(
 
 @torch.no_grad()
 def calibrate_causal(state: TrainState, config: TrainConfig, position_inputs: Float[Tensor, "N P"]) -> None:
-    """Initialises the networks of the causal model with the mean and standard deviation of each attribute.
+    """Initialises the networks of the causal model so that they predict the mean and deviation of each attribute.
 
     Args:
         state: State of the training; the networks are changed in place.

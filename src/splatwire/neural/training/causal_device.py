@@ -95,7 +95,7 @@ class DeviceCausal(TrainedCausal):
         """
         (feature, logs, offsets), (offset_mask, anchor_mask) = numbers, masks
         values = torch.cat([feature, logs - state.parameters["centres"].detach(), offsets], dim=1) / steps
-        place = self.place(state).index_select(0, index)
+        place = self._position_inputs(state).index_select(0, index)
         networks = causal_networks(state.parameters, self._model)
         return (sample_bits(networks, self._model, place, values, offset_mask) * anchor_mask).sum()
 
@@ -201,12 +201,12 @@ class _NumberBits(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class _OutputOrder:
-    """Order of the outputs if the networks are combined into one for the GPU.
+    """Order of the outputs of the combined network, which evaluates all networks at once on the GPU.
 
     All means come first, then all standard deviations, then the logits of offset masks.
 
     Attributes:
-        outputs: For each output in this order, its index in the concatenated outputs of the networks.
+        outputs: For each output in this order, its index in the concatenated outputs of the separate networks.
         numbers: Number of attribute values per anchor; each has a mean and a standard deviation.
     """
 

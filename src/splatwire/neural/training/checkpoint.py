@@ -55,7 +55,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "voxel_size": state.voxel_size.hex(),
         "camera_extent": state.camera_extent.hex(),
         "queue": state.queue,
-        "steering": _steering_values(state.steering),
+        "steering": _steering_to_list(state.steering),
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "means": sorted(state.means),
         "config": dataclasses.asdict(config),
@@ -126,8 +126,12 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
     return state, config
 
 
-def _steering_values(steering: Steering) -> list[float | None]:
-    """Returns the state of the stream size control as numbers by name, for a checkpoint."""
+def _steering_to_list(steering: Steering) -> list[float | None]:
+    """Converts the state of the size controller to a list for a checkpoint.
+
+    Returns:
+        The fields `log_rate` and `miss`; and `ratio` if it is set.
+    """
     values = [steering.log_rate, steering.miss]
     return values if steering.ratio is None else [*values, steering.ratio]
 

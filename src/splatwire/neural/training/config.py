@@ -71,7 +71,7 @@ class Milestones:
 
     Attributes:
         iterations: Total number of iterations.
-        noise_start: Start of uniform noise on the attributes, as wide as fixed quantisation steps.
+        noise_start: Start of uniform noise, which simulates the quantisation of attributes with fixed steps.
         growth_pause_end: End of a pause in which no anchors are added or removed; the pause begins at `noise_start`.
         context_start: Start of the context phase: the context model determines the quantisation steps, and the loss
             includes the rate.
@@ -94,7 +94,7 @@ class Milestones:
 
     @property
     def fine_tuning_start(self) -> int:
-        """Last iteration before the fine-tuning; the last iteration of the training if `tuning` is 0."""
+        """Number of iterations before the fine-tuning; all iterations of the training if `tuning` is 0."""
         return self.iterations - self.tuning
 
     def is_fine_tuning(self, iteration: int) -> bool:
@@ -114,8 +114,9 @@ class GrowthRules:
     """Rules for adding and removing anchors.
 
     Attributes:
-        gradient_threshold: An anchor is added near a Gaussian if the mean gradient of its 2D centre is longer than
-            this, in coordinates relative to half of the image size; doubled for each finer grid.
+        gradient_threshold: An anchor is added near a Gaussian if the gradient of the loss with respect to its 2D centre
+            is longer than this on average. Unit: 1 / half of the image size. The threshold doubles from each grid to
+            the next finer one.
         seen_share: Number of iterations in which an anchor must have been visible before it may be removed, as a share
             of `Milestones.growth_interval`. Iterations before the last round of growth count, too.
         min_opacity: An anchor is removed if the sum of the opacities of its Gaussians is below this value, averaged
@@ -174,12 +175,14 @@ class LossWeights:
 class RefineConfig:
     """Settings for refining the context model after training, with fixed anchors.
 
+    The entries of the binary hash grid are trained as real numbers, of which only the signs are used.
+
     Attributes:
         steps: Number of Adam steps; 0 disables the refinement.
         batch: Number of anchors per Adam step.
         network_rate: Initial learning rate of the networks.
-        grid_rate: Initial learning rate of the real numbers whose signs are the entries of the hash grid.
-        latent: Initial magnitude of these real numbers.
+        grid_rate: Initial learning rate of the hash grid.
+        latent: Initial magnitude of the hash grid's real numbers.
         step_weight: Penalty in bits per squared change of a quantisation step's logit.
         grid_weight: Weight of a bit of the hash grid relative to a bit of the anchors.
         seed: Seed of the random choice of anchors.
@@ -211,7 +214,8 @@ class LossTraining:
 
     Attributes:
         models: Loss models in the syntax of `splatwire.channel.parse_loss`, chosen at random; empty for no packet loss.
-        first: Shares of received anchors, 0 to 1, for simulating that only the most important anchors arrive.
+        first: Simulated receptions of only the most important anchors: the received share of the anchors, 0 to 1, for
+            each.
         packets: Names of packetizations (`packetization_named`), chosen at random.
         share: Share of the iterations with packet loss in the last phase of the training.
     """

@@ -47,7 +47,8 @@ class AttributeBits:
     Attributes:
         features: Bits of each feature channel.
         scalings: Bits of each scaling.
-        offsets: Bits of each offset coordinate, offset-major, including masked-out offsets.
+        offsets: Bits of each offset coordinate, also of masked-out offsets. Order: x, y, z of the first offset, then of
+            the second, and so on.
     """
 
     features: Float[Tensor, "M F"]
@@ -84,11 +85,11 @@ class AnchorCache:
 
 
 class TrainedContext:
-    """The HAC++ context model while it is trained.
+    """Trainer of the HAC++ context model, which predicts the distributions of an anchor's attributes from a hash grid.
 
     Args:
         config: The configuration.
-        kernels: Implementation of the expensive operations.
+        kernels: Implementations of the expensive operations of training.
         cache: Cache of positions and hash-grid corners.
     """
 
@@ -96,7 +97,7 @@ class TrainedContext:
         self._config, self._kernels, self._cache = config, kernels, cache
 
     def begin(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration whose loss includes the bit rate."""
+        """Initialises the networks once, before the loss includes the bit rate; called before each iteration."""
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
             calibrate_prior(state, self._config)
@@ -145,7 +146,12 @@ class TrainedContext:
         return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
 
     def rate_loss(self, state: TrainState, rate: SampleBits) -> Float[Tensor, ""]:
-        """Returns the rate term of the loss: the mean bits per attribute value, times their weight lambda."""
+        """Returns the rate term of the loss: lambda times the mean bits per attribute value.
+
+        Args:
+            state: State of the training.
+            rate: Estimated bits of a sample of anchors.
+        """
         return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
@@ -213,9 +219,16 @@ def grid_features(
 def noisy_attributes(
     state: TrainState, index: Int64[Tensor, "M"], steps: Steps, uniform: Uniform = uniform_from_host
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]]:
-    """Returns features, scalings and offsets of the given anchors, with uniform noise in place of rounding.
+    """Returns the attributes of the given anchors, with uniform noise in place of rounding.
 
-    The coordinates of an anchor's offsets are one vector.
+    Args:
+        state: State of the training.
+        index: Indices of the M anchors.
+        steps: Quantisation steps of features, scalings and offsets.
+        uniform: Function that draws uniform random numbers in [0, 1).
+
+    Returns:
+        Features, scalings and flattened offsets, one row per anchor.
     """
     feature, scaling, offset = (
         values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
@@ -315,7 +328,12 @@ def _channel_likelihood(
 
 @torch.no_grad()
 def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
-    """Initialises the context networks with the current mean and standard deviation of each attribute."""
+    """Initialises the context networks so that they predict the present mean and deviation of each attribute.
+
+    Args:
+        state: State of the training; the networks are changed in place.
+        config: The configuration.
+    """
     # From random outputs, training would improve the predictions only slowly.
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:

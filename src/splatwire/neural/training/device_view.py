@@ -55,7 +55,11 @@ class ViewConstants:
         )  # fmt: skip
 
     def local(self, points: Float[Tensor, "N 3"], view: int) -> tuple[Float[Tensor, "N 2"], Tensor, Tensor]:
-        """Transforms points to the coordinate system of camera `view`.
+        """Projects points with a camera of focal length 1, and returns their depths.
+
+        Args:
+            points: World coordinates.
+            view: Index of the camera.
 
         Returns:
             x / depth and y / depth; the depths, (N, 1), at least `near_depth`; and the mask of the points beyond the

@@ -13,7 +13,7 @@ from splatwire.types.importance import Importance
 
 @torch.no_grad()
 def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> Importance:
-    """Returns the importance of each anchor: share of the total opacity in the pictures of all training views.
+    """Returns the importance of each anchor: its share of the total opacity in the pictures of all training views.
 
     Args:
         state: State of the training; every anchor must have at least one offset.

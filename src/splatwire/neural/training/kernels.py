@@ -45,7 +45,8 @@ def noise_from_host(
 
     Args:
         rows: Number of rows.
-        widths: Number of columns in each group of columns; the random numbers of a group are drawn together.
+        widths: Numbers of columns. The matrix is drawn in blocks with these numbers of columns, which affects the order
+            of the random numbers.
         generator: Random generator, on the CPU.
         device: Device of the result.
     """
@@ -93,7 +94,8 @@ class Randomness:
         uniform: Draws uniform random numbers in [0, 1): a tensor of a given shape.
         noise: Draws a matrix of uniform random numbers in [0, 1), given the number of rows, and the number of columns
             in each group of columns.
-        sample: Selects a random subset of anchors, given their number and the share to select; returns indices.
+        sample: Returns the indices of randomly chosen anchors, int64 (M). The arguments are the number of anchors, the
+            share to choose (0 to 1), a generator and a device. See `sample_from_host` and `sample_on_device`.
     """
 
     uniform: Uniform
@@ -118,8 +120,8 @@ class Kernels:
         photometric_loss: Compares a rendered picture with a photo (`neural.training.losses`).
         adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
         random: Functions that draw random numbers.
-        asynchronous: True if the host queues operations for a GPU.
-        report_interval: Number of iterations between two readings of the loss by the host.
+        asynchronous: True if the CPU only queues the operations, for a GPU.
+        report_interval: Number of iterations after which the CPU reads the loss from the device again.
     """
 
     # On an asynchronous device few large operations are faster, even if they compute unused values. Reading the

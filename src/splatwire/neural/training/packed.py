@@ -73,10 +73,10 @@ def pack_networks(networks: Sequence[Mlp], order: tuple[int, ...]) -> PackedNetw
 def _copy_indices(
     shapes: tuple[Shape, ...], order: tuple[int, ...], device: torch.device
 ) -> tuple[Int64[Tensor, "packed"], Int64[Tensor, "numbers"], Float[Tensor, "1"]]:
-    """Returns the indices with which weights are copied between separate networks and one combined network.
+    """Returns the indices for copying weights from separate networks to one combined network and back.
 
     The combined network computes all separate networks at once. Its connections between parts of different networks
-    have weight 0. The weights of the separate networks are numbered consecutively, network after network, as one list.
+    have weight 0. The weights of the separate networks form one list, network after network.
 
     Args:
         shapes: Numbers of inputs, hidden units and outputs of each separate network.
@@ -84,9 +84,11 @@ def _copy_indices(
         device: Device of the results.
 
     Returns:
-        Three tensors. First, for each weight of the combined network, its index in the list; for weights 0, the index
-        is the length of the list. Second, for each weight in the list, its index in the combined network. Third, a
-        single 0 to append to the list.
+        Three tensors:
+
+        * For each weight of the combined network, its index in the list; the length of the list for a weight that is 0.
+        * For each weight in the list, its index in the combined network.
+        * A single 0 to append to the list.
     """
     # All weights are numbered as one list with a zero at its end. Entries of the combined matrices that belong to
     # no network are copies of this zero.

@@ -170,7 +170,8 @@ class PacketLosses:
             packetization: Rule by which anchors are split into packets.
             model: The loss model.
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
-            packet_anchors: Number of anchors per packet; only used if the packetization distributes anchors by a hash.
+            packet_anchors: Estimated number of anchors per packet. Only used with hashed grouping, which fills packets
+                up to a size in bytes.
 
         Returns:
             Received anchors, and factors by which their Gaussians are enlarged; None if all or no anchors are received.
@@ -209,17 +210,17 @@ class PacketLosses:
         return Loss(arrived, gain_of)
 
     def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
-        """Returns one typical anchor size for all received anchors, and one for all lost anchors.
+        """Estimates the typical size of the received anchors and that of the lost ones, as a receiver does.
 
-        A receiver does not know the size of a single lost anchor. Received and lost anchors are taken as two importance
-        tiers.
+        A receiver knows only typical sizes per importance tier, not the size of a single lost anchor. The received
+        anchors count as one tier, and the lost ones as another.
 
         Args:
             state: State of the training.
             known: True for received anchors, in coding order.
 
         Returns:
-            Size for each anchor in coding order, above 0; the larger of the two sizes is 1.
+            Typical size of each anchor's tier, in coding order, above 0; the larger of the two sizes is 1.
         """
         tiers = (~known).long().cpu().numpy()
         sizes = state.scalings()[self._order, 3:6].cpu().numpy()
@@ -244,7 +245,8 @@ def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchor
     Args:
         packetization: Rule by which anchors are split into packets.
         num_anchors: Number of anchors, N.
-        packet_anchors: Estimated number of anchors per packet; only used if packets are filled up to a size in bytes.
+        packet_anchors: Estimated number of anchors per packet. Only used with hashed grouping, which fills packets up
+            to a size in bytes.
 
     Returns:
         Index of the packet in sending order, for each anchor in coding order, int64 (N).

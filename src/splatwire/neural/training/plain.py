@@ -146,6 +146,9 @@ def _similarity(
     Args:
         own: Blurred picture, its blurred square, and its blurred product with the photo.
         other: Blurred photo and its blurred square.
+
+    Returns:
+        The mean, and the gradient.
     """
     (mean_x, xx, xy), (mean_y, yy) = own, other
     square_x, square_y, product = mean_x * mean_x, mean_y * mean_y, mean_x * mean_y

@@ -177,7 +177,7 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """Raises learning rates for the last phase of a short training of the causal model.
+    """Raises the learning rates after the last change of the set of anchors, for a short training of the causal model.
 
     Args:
         rates: Learning rates; only the factors `LearningRate.late` change.

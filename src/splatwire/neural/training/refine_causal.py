@@ -55,12 +55,12 @@ def refine_causal(
 
 
 def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
-    """Computes the data that stays constant while the networks of the context model are trained again.
+    """Computes the data that stays constant while the networks of the context model are refined.
 
     Args:
         scene: The scene.
         coding: Context model of the scene, whose networks are refined.
-        alive: Anchors to use.
+        alive: Mask or indices of the anchors to use.
 
     Returns:
         Inputs of the position network, attributes of the anchors in quantisation steps, and offset masks, 0 or 1.

@@ -51,10 +51,10 @@ def half_cosine(share: float) -> float:
 
 
 def second_half(rates: LearningRates) -> LearningRates:
-    """Returns the learning rates for fine-tuning, equal to HAC++'s rates in the second half of a training.
+    """Returns learning rates for fine-tuning, which fall as HAC++'s default rates do in the second half of a training.
 
     Args:
-        rates: Learning rates of the training.
+        rates: Learning rates of the training, from which only the rate of the masks is used.
     """
     # Only the rate of the masks is used.
     published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)

@@ -33,13 +33,16 @@ Encoding 270,000 anchors takes seconds, as long as hundreds of iterations on a G
 
 
 def steer(state: TrainState, config: TrainConfig, estimate: Callable[[TrainState], float] | None = None) -> None:
-    """Adjusts lambda, the weight of the rate, towards the target size.
+    """Adjusts lambda, the weight of the rate in the loss, so that the stream approaches the target size.
+
+    Does nothing without a target size, or if no measurement of the size is due in this iteration.
 
     Args:
         state: State of the training after an iteration; the field `steering` is replaced.
         config: The configuration.
-        estimate: Function that estimates the bytes of the stream up to a constant factor; None to encode the scene
-            instead.
+        estimate: Function that estimates the bytes of the stream quickly. The estimates may be wrong by a constant
+            factor, which is measured by encoding the scene from time to time. None to encode the scene for every
+            measurement.
 
     Raises:
         InvalidValueError: If no anchor is left.
@@ -87,7 +90,12 @@ def is_time(milestones: Milestones, iteration: int) -> bool:
 
 
 def measurements(milestones: Milestones, iteration: int) -> int:
-    """Returns the number of measurements of the stream's size from the start of the training up to an iteration."""
+    """Returns the number of measurements of the stream's size from the start of the training up to an iteration.
+
+    Args:
+        milestones: Schedule of the training.
+        iteration: The iteration.
+    """
     return max(iteration - first_measured(milestones), 0) // _interval(milestones)
 
 
@@ -96,14 +104,16 @@ def _interval(milestones: Milestones) -> int:
 
 
 def headroom(milestones: Milestones, iteration: int) -> float:
-    """Returns by how much the stream may exceed the target size after an iteration, as a share of that size."""
+    """Returns the allowed excess of the stream over the target size after an iteration, as a share of that size."""
     # The share falls linearly during the training, from `HEADROOM` to `LAST`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - first_measured(milestones), 1)
     return LAST + (HEADROOM - LAST) * left
 
 
 def steered(before: Steering, miss: float) -> Steering:
-    """Adjusts lambda, the weight of the bit rate in the loss, after a measurement of the stream's size.
+    """Returns the state of the size controller after a measurement of the stream's size.
+
+    Its field `log_rate` adjusts lambda, the weight of the bit rate in the loss.
 
     Args:
         before: State of the size controller before the measurement.

@@ -98,10 +98,10 @@ class Networks:
 
 @dataclass(frozen=True)
 class Steering:
-    """State of the controller that adapts the weight of the rate (lambda), so that the stream reaches a target size.
+    """State of the size controller, which adapts lambda (the weight of the rate) until the stream has the target size.
 
     Attributes:
-        log_rate: Natural logarithm of the factor on lambda.
+        log_rate: Natural logarithm of the factor by which lambda is multiplied.
         miss: Natural logarithm of the ratio of measured size to target size at the last measurement; None before the
             first measurement.
         ratio: Ratio of encoded size to estimated size at the last encoding; None if sizes are not estimated.

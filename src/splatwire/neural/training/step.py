@@ -98,7 +98,8 @@ class TrainingStep:
             photo: Photo of the view.
 
         Raises:
-            DivergedError: If the loss is not finite; on a device, up to `Kernels.report_interval` iterations later.
+            DivergedError: If the loss is not finite. On a GPU, the loss is checked only every `Kernels.report_interval`
+                iterations.
         """
         config = self._config
         state.iteration += 1
@@ -135,7 +136,7 @@ class TrainingStep:
 
     @property
     def size_estimate(self) -> Callable[[TrainState], float] | None:
-        """Function that estimates the size of the encoded scene, up to a constant factor; None if unavailable."""
+        """Function that estimates the bytes of the encoded scene up to a constant factor; None if there is none."""
         return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
 
     def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:

@@ -33,13 +33,14 @@ class LossWeights:
         mask: w_m, weight of the error of the masks.
         active_offset: Factor on the error of offsets that exist.
         distill: Weight (lambda) of the difference between network output and interpolation.
-        smooth: Weight (lambda) of the differences between neighbouring lost anchors (queries) of a batch.
+        smooth: Weight (lambda) of the smoothness term: differences between neighbouring lost anchors (queries) of a
+            batch.
         prior: Weight (lambda) of the deviation from the prior's mean, in the prior's standard deviations.
         render: Weight (lambda) of the difference between pictures of the concealed and the complete scene, per query; 0
             to disable rendering.
         smooth_neighbors: Number of neighbouring queries per query in the smoothness term, k_lap.
-        smooth_bandwidth: Standard deviation of the weights of neighbours by distance in the smoothness term, in units
-            of the mean neighbour distance; 0 for equal weights.
+        smooth_bandwidth: Neighbours in the smoothness term have Gaussian weights by distance. This is the standard
+            deviation of the weights, relative to the mean neighbour distance; 0 for equal weights.
     """
 
     # As with `feature`, weights of 0 leave out scalings and offsets.
@@ -125,7 +126,15 @@ def parameter_losses(
 
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
-    """Returns indices and distances of the nearest other lost anchors of each lost anchor in a batch."""
+    """Finds the nearest other queries of each query; the queries are the lost anchors of a batch.
+
+    Args:
+        positions: Positions of the B queries.
+        neighbors: Number of neighbours per query.
+
+    Returns:
+        Indices of the neighbours, and their distances.
+    """
     everything = torch.arange(len(positions), device=positions.device)
     return nearest_other_points(TensorTree(positions), positions, everything, neighbors)
 

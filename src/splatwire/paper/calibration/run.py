@@ -60,9 +60,13 @@ class CalibrationResult:
 
 
 def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
-    """Simulates packet losses and yields, for each one, the graph from lost to received anchors.
+    """Simulates packet losses, and yields for each of them the graph that connects lost anchors to received anchors.
 
-    Losses for training come first, then those that are held out for validation.
+    The graphs for training come first, then those for validation.
+
+    Args:
+        data: The complete scene and its packets.
+        config: Number of losses, loss rate and seed.
     """
     rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
     for known in data.pseudo_losses(rates, config.seed):
@@ -215,7 +219,11 @@ class CalibrationRun:
             self.stale += 1
 
     def finished(self) -> bool:
-        """True if all iterations of the calibration have been performed."""
+        """Returns True if the calibration has ended, either after the last step or by early stopping.
+
+        Training stops early after `CalibrationConfig.patience` validations without improvement. If weights are to be
+        quantised, it then continues with quantised weights from the best network so far, and the result is False.
+        """
         # The training ends after the last step. With `CalibrationConfig.selected`, it ends earlier, after
         # `CalibrationConfig.patience` validations without improvement. If weights are quantised
         # (`CalibrationConfig.bits`), the best network is then still trained with quantised weights.
@@ -256,7 +264,7 @@ class CalibrationRun:
 
 
 def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: RepairGraph) -> None:
-    """Sets the constants that normalise the network's inputs."""
+    """Sets the constants that normalise the network's inputs: mean and deviation of each input in a graph."""
     # Mean and standard deviation of each input in a graph.
     known = graph.index.unique()
     for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
@@ -267,14 +275,17 @@ def _standardise(network: InpaintingNetwork, context: ReceivedScene, graph: Repa
 
 
 def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
-    """Selects random lost anchors (queries) for a training step, and returns their indices, ascending.
+    """Selects random lost anchors (queries) for a training step.
 
-    Each random choice selects a range of consecutive queries, which are close to each other in space.
+    The selection consists of ranges of consecutive queries, which are close to each other in space.
 
     Args:
         count: Number of all lost anchors.
         size: Approximate number of queries to draw.
         rng: Random generator.
+
+    Returns:
+        Indices of the queries, ascending.
     """
     # Consecutive queries are close to each other, because a stream sorts anchors by position. The smoothness term
     # of the loss needs such neighbours.

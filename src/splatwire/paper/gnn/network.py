@@ -96,10 +96,13 @@ class _EdgeLayer(nn.Module):
         self.output = nn.Linear(hidden, hidden)
 
     def project(self, others: Tensor) -> Tensor:
-        """Computes the known anchors' part of the messages: normalises hidden vectors and applies the layer `edge`.
+        """Returns the part of the EdgeConv messages that depends on the known anchors only.
 
         Args:
             others: Hidden vectors of the S known (completely received) anchors, (S, H).
+
+        Returns:
+            Contribution of each known anchor, (S, H).
         """
         # The result does not depend on the lost anchors (queries), so it is computed once for all of them.
         return self.edge(self.norm(others))
@@ -169,10 +172,13 @@ class InpaintingNetwork(nn.Module):
             self.register_buffer(f"{name}_spread", torch.ones(width))
 
     def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
-        """Computes the part of each EdgeConv layer that depends on the known anchors only.
+        """Computes what the known anchors contribute to each EdgeConv layer; it is the same for all lost anchors.
 
         Args:
             inputs: Network inputs of the S known anchors, from `source_inputs`.
+
+        Returns:
+            One contribution per layer.
         """
         # It is the same for all lost anchors (queries), so it is computed once for many batches of queries.
         hidden = self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))

@@ -71,12 +71,13 @@ class MotionTransfer:
 
     @staticmethod
     def of(load: SequenceLoad, arranged: Arranged, protection: Protection) -> "MotionTransfer":
-        """Builds the list of datagrams of a transfer: packets of motion, and repair symbols (parity).
+        """Builds the list of datagrams that a transfer sends: motion packets, and repair symbols (parity).
 
         Args:
             load: Sizes of the sequence's packets.
-            arranged: Arrangement of the packets: their sending order, and the parity of ranges of packets.
-            protection: Redundancy settings, passed to `build_send_schedule`; `parity_until` is ignored.
+            arranged: Sending order of the packets, and the ranges of packets that share parity.
+            protection: Redundancy settings, such as the position of repair symbols. The field `parity_until` is
+                ignored.
         """
         order, codes = np.array(arranged.order, np.int64), tuple(parity_groups(arranged.parity_ranges))
         timing = replace(protection, parity_until=0.0)

@@ -147,10 +147,10 @@ def _curves(
 
 
 def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion]:
-    """Reduces random measurement errors in the distortion models of several encodings of one sequence.
+    """Smooths the measured distortion models of several encodings of one sequence.
 
-    All models get the same curve for the added error as a function of the lost share. For each encoding, the curve is
-    multiplied by a factor.
+    Errors caused by losses are assumed to grow in the same way with the lost share, up to a factor for each encoding.
+    The common curve is the median of all measurements, which suppresses random errors.
 
     Args:
         distortions: One model for each encoding.

@@ -117,9 +117,6 @@ def _efficient_choices(
 ) -> list[_Choice]:
     """Returns the efficient amounts of parity for a group of pictures: the upper convex hull of PSNR over bytes.
 
-    Amounts below the hull are omitted. For the same bytes, a mix of two amounts on the hull (one for some groups, the
-    other for the rest) gives a higher mean PSNR than an amount below.
-
     Args:
         variant: Encoded variant of the sequence.
         group: Index of the group of pictures.

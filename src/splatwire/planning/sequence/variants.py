@@ -46,7 +46,7 @@ def sequence_variants(
     streams: Sequence[SceneStream], reference: Path | None, *, concealer: str | None = None, views: int | None = None,
     seed: int = 0, progress: Callable[[float], None] = lambda share: None,
 ) -> list[SequenceVariant]:  # fmt: skip
-    """Measures the damage of losses to several encodings of the same frames, from which the planner chooses one.
+    """Measures how packet loss degrades several encodings of the same frames, for the planner to choose one.
 
     Args:
         streams: The encoded sequences.

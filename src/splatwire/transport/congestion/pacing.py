@@ -114,7 +114,8 @@ class RateControl:
     Args:
         start: Maximum sending rate before the first feedback, bytes per second.
         most: Maximum sending rate, bytes per second.
-        bounded: True if QUIC limits bytes in flight before the first feedback.
+        bounded: True if QUIC limits the bytes in flight, so that sending may begin at the rate `start`. False to begin
+            with RFC 9438's initial window per round trip.
     """
 
     def __init__(self, start: float = START_RATE, most: float = MAX_RATE, *, bounded: bool = False) -> None:
@@ -140,7 +141,7 @@ class RateControl:
             self.rate = min(self._start, INITIAL_WINDOW / max(round_trip, ROUND_S / 2))
 
     def on_send(self, now: float) -> None:
-        """Starts the feedback timeout when a datagram is sent after a pause."""
+        """Restarts the feedback timeout; called before a datagram is sent if all earlier ones were reported."""
         self._quiet_since = now
 
     def on_feedback_timeout(self, now: float) -> None:

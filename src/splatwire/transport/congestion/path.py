@@ -140,7 +140,7 @@ class LossMeter:
         return self._recent > CIRCUIT_BREAKER_LOSS
 
     def deviation(self, sent: int) -> float:
-        """Returns how far the number of lost datagrams may exceed the expected number by chance.
+        """Returns the number of additional losses that can still be explained by chance (three standard deviations).
 
         Args:
             sent: Number of sent datagrams.
@@ -193,7 +193,7 @@ class LossMeter:
         return during.sent * before.events >= EVENTS * before.sent
 
     def finish_test(self, before: LossCounter, during: LossCounter, slower: float) -> bool:
-        """Evaluates a test at a lower sending rate.
+        """Evaluates a test at a lower sending rate, and updates the baseline loss if the loss persisted.
 
         Args:
             before: Sent and lost datagrams before the test.
@@ -201,7 +201,7 @@ class LossMeter:
             slower: Sending rate during the test as a share of the rate before the test.
 
         Returns:
-            True if the loss disappeared at the lower rate, so that it was congestion.
+            True if the loss decreased at the lower rate, so that it was congestion.
         """
         self._late = LossCounter()
         if_full = max(1.0 - (1.0 - before.share) / slower, 0.0)

@@ -102,7 +102,7 @@ class PageContent:
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
 
     def answer(self, head: bytes) -> Answer:
-        """Returns the HTTP response to a request.
+        """Returns the HTTP response to a request for anything except a file to convert (see `respond`).
 
         Args:
             head: Head of the HTTP request, up to and including the empty line.
@@ -114,7 +114,7 @@ class PageContent:
         return self._answer(request).for_method(request.method)
 
     async def respond(self, head: bytes) -> Answer:
-        """Returns the HTTP response to a request; waits if a file must be converted first.
+        """Returns the HTTP response to any request; for a download in another format, waits for the conversion.
 
         Args:
             head: Head of the HTTP request, up to and including the empty line.
@@ -289,7 +289,16 @@ class PageContent:
         return self._tags[id(file)]
 
     def _find(self, target: str, query: str, origin: str | None) -> tuple[str, str, bytes | GrowingFile, str] | None:
-        """Returns status, media type, body and further headers of the response for a path, or None."""
+        """Finds the page, script, list or stream at a path.
+
+        Args:
+            target: Path of the URL.
+            query: Query string of the URL.
+            origin: Web origin of the requesting page, for the CORS headers; None without an `Origin` header.
+
+        Returns:
+            Status, media type, body and further headers of the response; None if nothing has this path.
+        """
         if target == "/":
             return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
         shared = self._cors_headers(origin)
@@ -338,7 +347,7 @@ class PageContent:
         return f"{path}?{self._entity_tag(file)}" if isinstance(file, bytes) and file else path
 
     def _stream_path(self, name: str) -> str:
-        """Returns the URL path of a stream's file, which is outside `/streams/` for private scenes."""
+        """Returns the URL path of a stream's file; files of private scenes have a separate folder."""
         return stream_path(name).replace(STREAMS, PRIVATE, 1) if self._is_private(name) else stream_path(name)
 
     def _policy(self) -> str:

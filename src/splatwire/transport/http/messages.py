@@ -179,7 +179,7 @@ def make_part(
         request: Parsed request.
         tag: Entity tag of the file, derived from its content.
         packed: True to compress the body with gzip.
-        private: True to forbid shared caches, such as those of proxies, to keep the file.
+        private: True to forbid shared caches, such as those of proxies, to store the file.
     """
     asked = request.headers
     cache = "public, max-age=31536000, immutable" if request.query == tag else "no-cache"

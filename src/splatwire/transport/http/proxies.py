@@ -25,7 +25,8 @@ def parse_networks(texts: Sequence[str]) -> tuple[IpNetwork, ...]:
 def client_address(peer: Any, head: bytes, proxies: Sequence[IpNetwork]) -> tuple[str]:
     """Returns the IP address of the client that sent an HTTP request, as a socket address without port.
 
-    It is the last address in `X-Forwarded-For` that is not a trusted proxy.
+    If the connection comes from a trusted proxy, this is the last address in `X-Forwarded-For` that is not a trusted
+    proxy. Otherwise it is the address of the connection.
 
     Args:
         peer: Socket address of the other end of the connection.

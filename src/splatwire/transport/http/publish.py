@@ -130,7 +130,11 @@ def _hashed(stem: str, data: bytes, suffix: str) -> str:
 
 
 def _attributes(preview: Mapping[str, str]) -> dict[str, str]:
-    """Converts the HTML attributes of a preview to those of the viewer element: renames `data` to `preview`."""
+    """Renames the attribute `data` of a scene's preview to `preview`, as the viewer element expects.
+
+    Args:
+        preview: HTML attributes from `preview_attributes`.
+    """
     return {("preview" if name == "data" else name): value for name, value in preview.items()}
 
 

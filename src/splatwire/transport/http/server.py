@@ -47,7 +47,7 @@ class PageLimits:
         request_s: Maximum time from connection to the end of the request head, seconds.
         chunk_s: Maximum time to send the next `CHUNK_BYTES` of a response, seconds.
         slowest_bytes_s: Minimum average rate of a response, bytes per second; slower responses are aborted.
-        grace_s: Time added to the maximum duration of a response, seconds.
+        grace_s: Additional time that every response may take at this rate, seconds.
     """
 
     slots: int = 256

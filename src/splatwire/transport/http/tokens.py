@@ -21,7 +21,13 @@ MOST_TOKEN_BYTES = 6000
 
 
 def token_problem(key: bytes, token: str, scene: str) -> str | None:
-    """Returns the reason why a token does not open a scene, or None for a valid token."""
+    """Returns the reason why a token does not open a scene, or None for a valid token.
+
+    Args:
+        key: Secret key of the server, with which tokens are signed.
+        token: Token of a request.
+        scene: Name of the requested scene.
+    """
     try:
         claims = jwt.decode(token, key, algorithms=[ALGORITHM], audience=AUDIENCE, options={"require": ["exp", "aud"]})
     except jwt.ExpiredSignatureError:

@@ -70,14 +70,14 @@ def need_moq() -> Any:
 
 
 @contextlib.asynccontextmanager
-async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncIterator[Any]:
+async def session(address: Address, trust: RelayTrust, **client_options: Any) -> AsyncIterator[Any]:
     """Context manager that opens a session with a relay; yields the MoQ client and the scene's name at the relay.
 
     Args:
         address: Address of the relay; the last part of `address.name` is the scene's name.
         trust: Accepted certificates of the relay.
-        **origins: Further keyword arguments of `moq.Client`, such as the origin (set of broadcasts) to publish.
-            With any of them, the client reconnects.
+        **client_options: Further arguments of `moq.Client`, such as `publish` with the broadcasts to publish. With any
+            of them, the client reconnects after an interruption.
 
     Raises:
         InvalidValueError: If no session can be opened.
@@ -87,8 +87,8 @@ async def session(address: Address, trust: RelayTrust, **origins: Any) -> AsyncI
     host = f"[{address.host}]" if ":" in address.host else address.host
     client = moq.Client(
         f"https://{host}:{address.port}/{place}", tls_verify=not trust.insecure, websocket_enabled=False,
-        tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=bool(origins),
-        tls_roots=[str(trust.authority)] if trust.authority else None, **origins,
+        tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=bool(client_options),
+        tls_roots=[str(trust.authority)] if trust.authority else None, **client_options,
     )  # fmt: skip
     try:
         async with asyncio.timeout(CONNECT_S):

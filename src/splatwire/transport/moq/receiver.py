@@ -50,7 +50,7 @@ class BrokenOffError(BitstreamError):
 
 
 def _records(data: bytes) -> Iterator[bytes]:
-    """Yields the records in data that contain the size of each record before the record; skips a truncated last one."""
+    """Splits bytes into records, each of which follows its size; an incomplete last record is skipped."""
     at = 0
     while at + RECORD_PREFIX.size <= len(data):
         (size,) = RECORD_PREFIX.unpack_from(data, at)
@@ -73,7 +73,7 @@ class _Counts:
 
 
 class RelayReceiver:
-    """Receiver of a stream from a relay, with results like those of `Receiver`.
+    """Receiver of a stream from a relay; has the same attributes for results as `Receiver`.
 
     Args:
         options: Options of the receiver.
@@ -181,9 +181,13 @@ class RelayReceiver:
         return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
-        """Returns the indices of the MoQ tracks with packets that are to be received, most important first.
+        """Returns the indices of the MoQ tracks to receive, most important first.
 
-        The track `part/N` has index N.
+        The track `part/N` has the index N. With a viewpoint, only the tracks of visible tiles are received.
+
+        Args:
+            manifest: Manifest of the stream.
+            tiles: Tiles of the stream, one for each track; None for a stream without levels of detail.
         """
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(parts_of(manifest, tiles))))

@@ -74,6 +74,8 @@ def choose_eviction(connections: Mapping[Network, int], newcomer: Network) -> Ne
 def largest_holder(connections: Mapping[Network, int], prefix: Network = ()) -> Network:
     """Returns the network that should lose a connection when the server is full.
 
+    Chooses the widest IP prefix with the most connections, then the largest one within it, down to a network.
+
     Args:
         connections: Number of connections per network, each above 0.
         prefix: Prefixes that the network must start with; empty for any network.
@@ -90,12 +92,12 @@ def _places(held: Mapping[Network, int], within: Network) -> int:
 
 
 def _largest_holder(held: Mapping[Network, int], within: Network, depth: int) -> tuple[Network, int] | None:
-    """Returns the IP prefix with the most connections, and their number; None if there are no such connections.
+    """Returns the IP prefix from which most connections come, and their number; None without any connection.
 
     Args:
-        held: Number of connections per network.
-        within: Prefixes that a network must start with to be counted.
-        depth: Number of nested prefixes by which networks are grouped.
+        held: Number of connections per network, which is given by nested IP prefixes.
+        within: Prefixes that a network must start with; other networks are ignored.
+        depth: Number of prefixes to compare: networks that share them are counted together.
     """
     counts: Counter[Network] = Counter()
     for network, count in held.items():
@@ -195,7 +197,12 @@ class StartRateLimiter:
         return sum(len(starts.recent) for starts in self._networks.values())
 
     def seen(self, network: Network, nonce: int) -> bool:
-        """True if the network has recently started a transfer with this random connection id (nonce)."""
+        """True if the network has recently started a transfer with this nonce, so that the request is a repetition.
+
+        Args:
+            network: Network of the client.
+            nonce: Random number that identifies the client's connection attempt.
+        """
         return network in self._networks and nonce in self._networks[network].counts
 
     def allowed(self, network: Network, now: float) -> bool:

@@ -86,7 +86,7 @@ class InitSegmentCollector:
 
     @property
     def num_symbols(self) -> int:
-        """Number of source symbols of the init segment, over all segments."""
+        """Total number of source symbols of the init segment."""
         return self._segments.num_symbols
 
     @property
@@ -99,7 +99,14 @@ class InitSegmentCollector:
         return missing
 
     def add(self, frame: Side) -> bytes | None:
-        """Adds a received symbol, and returns the init segment when complete, else None."""
+        """Adds a received symbol of the init segment.
+
+        Args:
+            frame: The datagram with the symbol; invalid and repeated symbols are ignored.
+
+        Returns:
+            Bytes of the init segment if it is complete now, else None.
+        """
         if frame.segment >= len(self._pieces) or self._pieces[frame.segment] is not None:
             return None
         size, symbols = self._segments.size(frame.segment), self._symbols[frame.segment]
@@ -146,7 +153,7 @@ def read_init_segment(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, t
         Manifest, side information, and the packets bundled in the init segment.
 
     Raises:
-        BitstreamError: If init segment and declaration contradict each other, or the manifest is invalid.
+        BitstreamError: If the init segment contradicts the server's response, or the manifest is invalid.
     """
     manifest, side_info, bundled = split_init_segment(data)
     check_side_info(manifest, side_info, "the side information that was sent")
@@ -181,7 +188,7 @@ class PacketCollector:
         self.highest = -1
 
     def update(self, welcome: Welcome) -> None:
-        """Prepares for more packets after a live stream has grown, and keeps all received packets.
+        """Prepares for more packets after a live stream has grown; received packets are kept.
 
         Args:
             welcome: Server's response with the new sizes of the stream, already checked.
@@ -273,9 +280,10 @@ class PacketCollector:
             at = self._have.find(0, at + 1, stop)
 
     def received_masks(self) -> Iterator[tuple[int, bytes]]:
-        """Yields bit masks of the received packets, each small enough for one datagram.
+        """Yields bit masks of the received packets, divided so that each mask fits into one datagram.
 
-        Each item has the index of the first packet in the mask, and the mask, least significant bit first.
+        Yields:
+            Index of the first packet in the mask, and the mask, least significant bit first.
         """
         for first in range(0, len(self._have), 8 * MAX_HELD_BYTES):
             some = np.frombuffer(self._have[first : first + 8 * MAX_HELD_BYTES], np.uint8)

@@ -60,11 +60,14 @@ class FeedbackTracker:
         return grows and frame.received <= frame.largest + 1 and frame.largest < max(self.sequence, 1)
 
     def on_feedback(self, frame: Feedback, now: float) -> FeedbackSample | None:
-        """Returns delay and loss since the previous report, or None if unknown.
+        """Returns delay and loss since the previous report.
 
         Args:
             frame: Plausible report of the receiver.
             now: Time, seconds.
+
+        Returns:
+            The measurement; None if unknown, such as for the first report.
         """
         times, last = self._times, self._last
         if last is not None and frame.largest == last.largest:

@@ -44,7 +44,11 @@ class HandshakeAttempt:
         return self._token is not None
 
     def poll(self, now: float) -> list[bytes]:
-        """Returns the next handshake datagram as a list of one if due, else an empty list."""
+        """Returns a list with the next handshake datagram, empty if none is due.
+
+        Args:
+            now: Time, seconds.
+        """
         if now < self.next_at:
             return []
         if not self._reliable and now - self._token_at > TOKEN_S:

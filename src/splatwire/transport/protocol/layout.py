@@ -18,7 +18,9 @@ _CARRIED = struct.Struct("<H")
 
 
 def init_segment(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] = ()) -> bytes:
-    """Returns the init segment: manifest, side information and bundled packets.
+    """Returns the init segment of a stream: the data that a client needs first.
+
+    It consists of manifest, side information and bundled packets.
 
     Args:
         manifest: Manifest of the stream.

@@ -45,7 +45,13 @@ class LiveState(ServedStream):
     newest: int = 0
 
     def may_retransmit(self, index: int) -> bool:
-        """Returns True if the packet with a given index in sending order may still be sent."""
+        """Returns True if a packet may be retransmitted.
+
+        These are the packets of the newest group of pictures, and those that later groups also need.
+
+        Args:
+            index: Index of the packet in sending order.
+        """
         return index < len(self.packets) and (index >= self.newest or bool(self.persistent[index]))
 
 

@@ -87,7 +87,7 @@ def arrange(
 
 
 def _round_up(share: float) -> int:
-    """Rounds up to an integer; a fraction of up to 1e-9, which may be a floating-point error, is rounded down."""
+    """Rounds up to an integer, except for an excess of at most 1e-9, which may be a floating-point error."""
     # Without the tolerance, 0.07 * 100 packets would be rounded up to 8.
     return math.ceil(share - 1e-9)
 

@@ -117,15 +117,14 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[Parit
 
 
 def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Counts the packets that are not bundled in the init segment, by importance tier.
+    """Counts the packets of each importance tier that are not bundled in the init segment.
 
     Args:
         tiers: Importance tier of each packet in sending order, ascending.
         protection: Redundancy.
 
     Returns:
-        Number of packets of each tier, if packets of different tiers are sent interleaved (`tier_spread`). Otherwise a
-        single number, the total of all tiers.
+        Number of packets of each tier. Without interleaving of tiers (`tier_spread` 0), only their sum.
     """
     bundled = num_bundled_packets(len(tiers), protection)
     if not protection.tier_spread:

@@ -186,7 +186,7 @@ class Receiver(ReceiveState):
         Has no effect on streams without levels of detail.
 
         Args:
-            viewpoint: Viewpoint, with coordinates relative to any origin.
+            viewpoint: Viewpoint, in coordinates relative to its own origin, which may differ from that of the stream.
             budget: Maximum number of Gaussians that are rendered.
 
         Raises:
@@ -313,14 +313,14 @@ class Receiver(ReceiveState):
             self._collector.highest = -1
 
     def _received_lists(self, now: float) -> list[bytes]:
-        """Returns the datagrams, if due, that tell the server which packets a resuming client already has."""
+        """Returns the datagrams that list the packets of an earlier transfer; empty if they are not due."""
         if not self._have_left or now < self._have_at:
             return []
         self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
         return self._have
 
     def _list_held(self, now: float) -> None:
-        """Prepares the datagrams that tell the server which packets a resuming client already has."""
+        """Prepares the datagrams that list the packets which this client has from an earlier transfer."""
         assert self._welcome is not None
         assert self._collector is not None
         nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
@@ -482,7 +482,7 @@ class Receiver(ReceiveState):
         return self._view is not None and self._welcome is not None and self._welcome.viewable
 
     def _viewpoint_datagrams(self, now: float) -> list[bytes]:
-        """Returns the viewpoint datagram as a list of one if due, else an empty list."""
+        """Returns a list with the viewpoint datagram, empty if it is not due."""
         if self._view is None or self._welcome is None or not self._welcome.viewable:
             return []
         if now - self._view_at < (VIEW_S if self._told < TWICE else VIEW_AGAIN_S):

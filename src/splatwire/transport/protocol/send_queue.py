@@ -53,11 +53,10 @@ class ViewUpdateBudget:
 
 
 class SentLog:
-    """Log of the packet in each recently sent datagram, for NACKs that contain sequence numbers.
+    """Log of the packet in each recently sent datagram, to interpret NACKs that contain sequence numbers.
 
     Args:
-        noted: True to log sent datagrams, because NACKs of the receiver contain sequence numbers. False if they contain
-            packet indices, which need no log.
+        noted: False to log nothing, because the receiver's NACKs contain packet indices.
     """
 
     def __init__(self, noted: bool) -> None:
@@ -78,7 +77,7 @@ class SentLog:
 
         Args:
             number: Sequence number of the lost datagram.
-            sequence: Sequence number of the next datagram to send.
+            sequence: Sequence number of the next datagram to send; the log covers only the last datagrams before it.
         """
         known = self._indices is not None and sequence - RECENT <= number < sequence
         return self._indices[number % RECENT] - 1 if known and self._indices is not None else -1
@@ -162,11 +161,12 @@ class SendQueue:
         self._wanted = deque(cut_of(tiles, self._gone, viewpoint, budget).wanted)
 
     def _begin(self, tile: int, *, if_begun: bool = False) -> None:
-        """Queues the packets of a tile that have not been sent yet.
+        """Queues the packets of a tile.
 
         Args:
             tile: Index of the tile.
-            if_begun: True to queue them only if a part of the tile has already been sent.
+            if_begun: True for a tile whose packets have been sent in part. Only its remaining packets are queued, and
+                nothing if none has been sent.
         """
         tiles = self._stream.tiles
         assert tiles is not None
@@ -178,13 +178,14 @@ class SendQueue:
         self._run.extend(range(max(first, self._passed) if if_begun else first, end))
 
     def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
-        """Updates the send queue after a live stream has grown.
+        """Updates the send queue after a live stream has grown, or after another stream has replaced it.
 
         Args:
             stream: New state of the prepared stream.
             reliable: True if the init segment is sent on a reliable (QUIC) stream.
             welcome: Queue item of the datagram that declares the new sizes of the stream.
-            known: Number of packets of the stream before the growth; 0 if the queue restarts with a different stream.
+            known: Number of packets that the stream had before; the queue gets only packets after these. 0 for another
+                stream, of which all packets are queued.
         """
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams

@@ -21,8 +21,8 @@ def build_send_schedule(
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Number of repair symbols of each parity group.
         protection: Redundancy.
-        present: Number of packets of each importance tier that are sent as datagrams, and not bundled in the init
-            segment.
+        present: Number of packets of each importance tier that are sent as datagrams, not bundled in the init segment.
+            Empty if no packets are bundled and tiers do not matter.
 
     Returns:
         Three integers for each datagram, as in `SendSchedule.datagrams`.
@@ -47,11 +47,11 @@ def build_send_schedule(
 
 
 def _packet_times(present: Sequence[int], tier_overlap: float | int) -> list[float]:
-    """Returns when each packet is sent, as a fraction of the whole transfer, 0 to 1.
+    """Returns the time at which each packet is sent, as a fraction of the whole transfer, 0 to 1.
 
     Args:
-        present: Number of packets to send of each importance tier (packets of similar importance).
-        tier_overlap: Overlap of the tiers in time, 0 to 1.
+        present: Number of packets to send of each importance tier, most important tier first.
+        tier_overlap: Overlap of the tiers in time: 0 sends them one after another, 1 mixes them evenly.
     """
     num_packets, first, times = max(sum(present), 1), 0, list[float]()
     for size in present:

@@ -223,8 +223,8 @@ class Server:
 
         Args:
             streams: Prepared streams by name; a client that requests no name gets the first.
-            updates: Updates of these streams by name, which clients can request, too. None for an update that does not
-                exist yet.
+            updates: Later changes of these scenes, as prepared streams by name, which clients request separately. None
+                for an update that does not exist yet.
         """
         self._streams, self._updates = dict(streams), dict(updates or {})
 

@@ -151,7 +151,7 @@ class ServedStream:
 
     @functools.cached_property
     def proactive_symbols(self) -> int:
-        """Number of FEC symbols of each segment that every client gets without asking."""
+        """Number of FEC symbols of each segment of the init segment that are sent to every client without a NACK."""
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         # The smallest number, if it differs between segments. Further symbols are only sent after NACKs.
         return min(counts.values())
@@ -176,7 +176,7 @@ class ServedStream:
         return index < self.num_retransmittable
 
     def wants(self, kind: int, group: int, symbol: int) -> bool:
-        """True if a queued datagram should still be sent after a live stream has grown.
+        """True if a datagram that was queued before a live stream has grown is still useful.
 
         Args:
             kind: Kind of the datagram: `DATA` (packet) or `PARITY` (repair symbol).
@@ -273,7 +273,17 @@ def _with_view_order(stream: ServedStream, tiles: Tiles) -> ServedStream:
 def _packets_in_order(
     stream: SceneStream, protection: Protection, importance: Mapping[PacketId, float] | None
 ) -> tuple[list[Packet], tuple[ParityRange, ...]]:
-    """Sorts the packets of a stream into sending order, and computes their parity."""
+    """Sorts the packets of a stream into sending order, and determines the parity of ranges of packets.
+
+    Args:
+        stream: Complete stream.
+        protection: Redundancy.
+        importance: Cost of losing each motion packet of a sequence, by packet id; None for equal costs.
+
+    Raises:
+        InvalidValueError: If parity for motion is combined with parity for importance tiers, or the stream is no
+            sequence.
+    """
     ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
     if not protection.motion:
         return ordered, protected_tiers([plan.tier_of(packet.id.block) for packet in ordered], protection)

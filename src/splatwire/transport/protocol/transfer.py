@@ -119,7 +119,7 @@ class ServerTransfer:
         self._allow(known)
 
     def _allow(self, known: int) -> None:
-        """Raises this client's byte limit after growth of a live stream.
+        """Raises the maximum number of bytes for this client by the growth of a live stream.
 
         Args:
             known: Number of packets of the stream before the growth.
@@ -157,9 +157,9 @@ class ServerTransfer:
         return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
-        """Returns True if the server may now send the response that accepts the client's request (welcome).
+        """Returns True if the server may send its response to the request (welcome) now, and counts it as sent.
 
-        True also counts as a sent response, and their number and frequency are limited.
+        The number and the frequency of these responses are limited, and the client's first feedback report ends them.
 
         Args:
             now: Time, seconds.
@@ -294,24 +294,28 @@ class ServerTransfer:
             self._left.answered(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
-        """Yields the packets requested again by the client (NACKs), as pairs of packet index and sequence number.
+        """Yields the packets that the client requests again in a feedback report (NACKs).
 
-        A client requests a packet by its index or by the sequence number of a lost datagram. A request by index gives
-        the pair (index, None). A request by sequence number gives (index, number); the index is -1 if the packet is
-        unknown.
+        Args:
+            frame: The feedback report.
+
+        Yields:
+            * For a request by packet index: this index, and None.
+            * For a request by the sequence number of a lost datagram: the index of its packet, -1 if unknown; and the
+              sequence number.
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:
             yield self._left.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
-        """Returns additional init segment symbols for a client that lacks symbols.
+        """Chooses further symbols of the init segment for a client that cannot decode it yet.
 
         Args:
             missing: Number of symbols that the client still needs.
 
         Returns:
-            The symbols, as in `SendSchedule.datagrams`.
+            The symbols, as in `SendSchedule.datagrams`; more than are missing, because some will be lost.
         """
         head = self.stream.head
         longest = max(map(len, head))

@@ -188,9 +188,12 @@ class QuicServer(SocketServer):
     def connection_to_evict(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
         """Chooses the connection that is closed in favour of a new one when the server is full.
 
+        It is the newest connection of the network with the most connections.
+
         Args:
             network: Network of the new connection.
-            newcomer: The new connection, which is never chosen, if it is already counted; None if it is not.
+            newcomer: The new connection if it is already counted, to exclude it from the choice; None if it is not
+                counted.
 
         Returns:
             Connection to close, or None to refuse the new one.

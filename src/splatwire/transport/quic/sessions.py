@@ -40,8 +40,8 @@ as by a full queue on the path. A client may confirm to the protocol core what i
 class Session:
     """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
 
-    Depending on its kind, a datagram of the protocol travels in a QUIC DATAGRAM or on a reliable stream. On the stream,
-    it is preceded by its length, and called a frame.
+    Requests, their responses and the init segment travel as frames on a reliable stream. All other datagrams travel in
+    QUIC DATAGRAM frames.
 
     Args:
         connection: QUIC connection of the client.

@@ -60,7 +60,7 @@ export class SymbolsDigest {
     this.#lane = lane;
     this.#added[block]++;
     this.#hash.update(integers ?? integers64(rows));
-    if (harmonics.length) this.#harmonics.push(harmonics.slice());
+    if (harmonics.length) this.#harmonics.push(this.keptBytes ? harmonics : harmonics.slice());
   }
 
   #beginBlock(): void {

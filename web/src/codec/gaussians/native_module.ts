@@ -1,7 +1,7 @@
 // Written by `npm run native` from `native/gaussians.c`.
 
-/** SHA-256 of the source. */
-export const SOURCE_DIGEST = "88632c7110646e70a42f04817f36f03f124767c2dee6182aebe1fcb37d69b9e9";
+/** SHA-256 of the source and of the script, one after the other. */
+export const SOURCE_DIGEST = "c1851cc159fc1287d5cf3ca701a37a791b8e739b266edb4916477cdbc4685b92";
 /** Module in WebAssembly, as text. */
 export const MODULE =
   "-%V&8&2.---.%K;%U.&D.&D%U.&D-%U1&D&D&D&D.&D%U.&A.&A%U3&D&D&D&D&D&D.&D%U1&D&D&A&A.&D%U0&D&D&D-%U--%U2&D&D&D&D" +

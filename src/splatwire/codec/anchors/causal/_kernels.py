@@ -41,7 +41,12 @@ MASK_ROOM = np.int64(32)
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def activate(numbers, inputs):
-    """Converts quantised attributes of anchors to network inputs."""
+    """Converts quantised attributes of anchors to network inputs.
+
+    Args:
+        numbers: Attributes in quantisation steps, 16 fractional bits, (n, size).
+        inputs: Output: a quarter of the attributes, 14 fractional bits, clipped, (n, size).
+    """
     for n in range(numbers.shape[0]):
         for c in range(numbers.shape[1]):
             value = np.int64(numbers[n, c]) >> INPUT_SHIFT
@@ -102,7 +107,10 @@ def _encode_packet(
     begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, size_group, weights, inverses,
     widths, table, out, state,
 ):  # fmt: skip
-    """Encodes a range of anchors as one packet into `out`, and returns the size of the packet in bytes."""
+    """Encodes the anchors `begin` to `end` (exclusive) as one packet into `out`, and returns its size in bytes.
+
+    The other arguments are those of `encode_packets`. `state` is memory for the range encoder, int64 (3).
+    """
     last = len(firsts) - 2
     encoder_start(state)
     for n in range(begin, end):

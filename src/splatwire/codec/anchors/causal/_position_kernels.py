@@ -51,7 +51,7 @@ def _context(n, run):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _num_raw_bits(count):
-    """Returns the number of low bits that are coded without a probability model, for numbers below `count`."""
+    """Returns how many low bits of numbers below `count` are coded as raw bits; the rest has at most 16 bits."""
     # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
     # part, and the low bits are coded with equal probabilities.
     shift = 0
@@ -68,7 +68,7 @@ def encode_tree(codes, bits, leaf, models, buffer):
     Args:
         codes: Morton codes, ascending, int64 (N).
         bits: Number of bits of a Morton code.
-        leaf: Maximum number of Morton codes of a node that is not divided further.
+        leaf: Maximum number of anchors in a leaf; nodes with more are divided.
         models: Adaptive bit models, changed in place.
         buffer: Output bytes.
 
@@ -109,7 +109,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
     Args:
         data: Bytes of the tree.
         bits: Number of bits of a Morton code.
-        leaf: Maximum number of Morton codes of a node that is not divided further.
+        leaf: Maximum number of anchors in a leaf.
         models: Adaptive bit models, changed in place.
         codes: Output: Morton codes, ascending, int64 (N).
         unknown: Output: number of low bits of each Morton code that are only estimated, int64 (N).
@@ -123,7 +123,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
         top -= 1
         if bit < 0 or n <= leaf:
             for i in range(begin, end):
-                codes[i] = (prefix << (bit + 1)) | center_of_part(i - begin, n, bit + 1)
+                codes[i] = (prefix << (bit + 1)) | _estimate_low_bits(i - begin, n, bit + 1)
                 unknown[i] = bit + 1
             continue
         together = decode_bit(data, len(data), state, models, _context(n, run))
@@ -147,11 +147,13 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def center_of_part(i, n, bits):
-    """Estimates the low bits of an anchor's position if the packet with these bits is missing.
+def _estimate_low_bits(i, n, bits):
+    """Estimates the low bits of an anchor's Morton code if the packet that contains them is lost.
+
+    The anchors of a leaf of the position tree are assumed to be evenly spaced.
 
     Args:
-        i: Index of the anchor among those of its tree leaf, in Morton order.
+        i: Index of the anchor within its leaf, in Morton order.
         n: Number of anchors in the leaf.
         bits: Number of unknown low bits.
     """

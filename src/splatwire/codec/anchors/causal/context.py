@@ -32,9 +32,9 @@ EXP2_BITS = 40
 
 @dataclass(frozen=True)
 class Stage:
-    """Stage in the prediction of an anchor: the attribute values that one network predicts.
+    """Group of an anchor's attributes that one network predicts at once, such as the offsets.
 
-    The inputs of the network include the values of earlier stages.
+    Stages are coded one after another. The values of earlier stages are inputs of the network.
 
     Attributes:
         name: Name of the network.
@@ -50,9 +50,9 @@ class Stage:
 
 
 def stages(config: CausalConfig) -> tuple[Stage, ...]:
-    """Returns the groups of attributes that are predicted together, in coding order.
+    """Returns the stages (groups of attributes that are predicted together) in coding order.
 
-    The order is: feature groups, logarithms of scale and size, offsets.
+    The order is: feature groups, scale of the offsets, base sizes, offsets.
     """
     found, first = [], 0
     for group, size in enumerate(config.layout.feature_groups):
@@ -68,7 +68,7 @@ def stages(config: CausalConfig) -> tuple[Stage, ...]:
 
 @dataclass(frozen=True, eq=False)
 class CodingContext:
-    """Networks and constants for prediction, shared by encoder and decoder.
+    """Networks and constants of the causal context model, shared by encoder and decoder.
 
     Attributes:
         config: Sizes of the model's networks and tables.
@@ -96,22 +96,21 @@ class CodingContext:
         return stages(self.config)
 
     def start(self, voxels: np.ndarray) -> "Chain":
-        """Starts the prediction of the attributes of anchors, and returns the object that continues it.
+        """Starts the prediction of the attributes of anchors.
 
         Args:
             voxels: Positions of the anchors, voxels, int64 (n, 3).
 
         Returns:
-            Object that predicts one group of attributes after another. It contains the outputs of the network that
-            depends on positions only.
+            Object that predicts the groups of attributes one after another.
         """
         return Chain(self, self.networks["position"](position_activations(voxels, self.middle, self.spread)))
 
 
 class Chain:
-    """Predicts the attributes of n anchors for entropy coding, group by group.
+    """Predicts the attributes of n anchors for entropy coding, one stage (group of attributes) after another.
 
-    The prediction of each group uses the preceding groups.
+    Each prediction depends on the anchors' positions and on the stages before it.
 
     Args:
         context: The stream's networks and constants. For each group of attributes (`Stage`), there is one network.
@@ -128,16 +127,16 @@ class Chain:
         self._known[:, : config.context_dim] = self.place
 
     def outputs(self) -> Iterator[tuple[Stage, np.ndarray]]:
-        """Yields each group of attributes in coding order, with the int32 outputs of the group's network.
+        """Yields each stage in coding order, with the int32 outputs of its network.
 
-        The caller must pass the group's decoded attributes to `add_numbers` before it requests the next group.
+        The caller must pass the decoded attributes of the stage to `add_numbers` before it requests the next stage.
         """
         for stage in self._context.stages:
             network = self._context.networks[stage.name]
             yield stage, network(self._known[:, : self._context.config.context_dim + stage.first])
 
     def add_numbers(self, stage: Stage, numbers: np.ndarray) -> None:
-        """Adds the decoded attributes of a group, int32 (n, size), to the inputs of the networks for later groups."""
+        """Adds the decoded attributes of a stage, int32 (n, size), to the inputs of the networks of later stages."""
         # Offsets, the last stage, are not inputs.
         first = self._context.config.context_dim + stage.first
         if first < self._known.shape[1]:

@@ -18,7 +18,7 @@ from splatwire.ops.morton import morton_decode
 
 @dataclass(frozen=True, eq=False)
 class Quantised:
-    """Quantised anchors with their predictions.
+    """Anchors quantised for the causal model, with the predicted distributions of their attributes.
 
     Attributes:
         positions: Complete positions of the anchors, with high and low bits.
@@ -65,15 +65,15 @@ def _columns(stage: Stage) -> slice:
 def quantise(
     context: CodingContext, positions: AnchorPositions, masks: np.ndarray, values: np.ndarray, octaves: float
 ) -> Quantised:
-    """Quantises the attributes of anchors: rounds the difference of each value from its prediction.
+    """Quantises the attributes of anchors relative to the predictions of the causal model.
 
     Args:
         context: The stream's networks and constants.
         positions: Complete positions of the anchors, with high and low bits.
         masks: 1 for offsets that exist, uint8 (n, K).
-        values: Attribute values in quantisation steps, float64 (n, attributes).
-        octaves: Quantisation step of the offset scale (the factor on an anchor's offsets), in octaves: the scale is
-            quantised as its base-2 logarithm.
+        values: Attributes in quantisation steps, before rounding, float64 (n, attributes).
+        octaves: Quantisation step of log2 of the offset scale. The offsets are corrected for the rounding error of this
+            scale.
     """
     # Offsets are quantised last and relative to the decoded scale, so that they compensate for its rounding error.
     values = values.copy()

@@ -46,7 +46,8 @@ class SharedPositions:
     Attributes:
         section: Bytes of the section of the side information.
         known: Positions of all anchors as known from the side information; the low bits are estimated.
-        chances: Probabilities for coding the low bits, in units of 1/256, int64.
+        chances: Probabilities for coding the low bits, in units of 1/256, int64 (T + 1, T + 1) for at most T triples of
+            low bits.
     """
 
     # `chances` (T + 1, T + 1): The low bits of a Morton code are divided into triples (one bit per axis); triple 0 is
@@ -115,18 +116,17 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> AnchorPositions:
 
 
 def lowest_triples(codes: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Finds, for statistics, the lowest nonzero group of three bits in each Morton code.
+    """Returns the index of the lowest nonzero triple of bits in each Morton code.
 
-    A group has one bit per axis. Only the low bits of a code, which packets contain, are divided into groups; the side
-    information contains the high bits.
+    A triple has one bit per axis. Only the low bits of a code that packets contain are divided into triples.
 
     Args:
-        codes: int64 (N), complete Morton codes of the anchors.
-        unknown: int64 (N), number of low bits of each code that only packets contain.
+        codes: Complete Morton codes of the anchors, int64 (N).
+        unknown: Number of low bits of each code that packets contain, int64 (N).
 
     Returns:
-        For each code, int64 (N): the number of its groups; and the index of the lowest group that is not 0, counted
-        from the lowest bits. The index equals the number of groups if all are 0.
+        For each code, int64 (N): its number of triples; and the index of its lowest nonzero triple, 0 for the lowest
+        bits. The index equals the number of triples if all are 0.
     """
     # If all triples are 0, the index equals their number. Low triples are often zero, because anchors lie on grids of
     # several widths.

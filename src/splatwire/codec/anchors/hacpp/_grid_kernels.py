@@ -19,7 +19,7 @@ CELL = 1 << CELL_BITS
 @njit(borrows=True)
 @no_type_check
 def row_of(x, y, z, resolution, rows, dims):
-    """Returns the hash-table row of a grid point in the grid point's level (HAC++).
+    """Returns the row of a grid point in the hash table of its level (HAC++).
 
     Args:
         x: First coordinate of the point, in grid points.
@@ -77,12 +77,12 @@ def corner_weight(corner, bit, fraction, resolution):
 @njit(borrows=True, nogil=True)
 @no_type_check
 def inside_box(units, n, axes, grid_level, dims):
-    """True if an anchor is inside the grid's bounding box, along the axes of one level of the grid.
+    """True if an anchor is inside the grid's bounding box on the axes that a level spans.
 
     Args:
         units: Positions of the anchors in the grid's bounding box, `UNIT_BITS` fractional bits.
         n: Index of the anchor.
-        axes: World axes that each level spans.
+        axes: World axes of each level, int64 (levels, 3).
         grid_level: Index of the level.
         dims: Number of axes: 3 for a level of the 3D grid, 2 for a level of a plane.
     """

@@ -44,7 +44,7 @@ def scale_index(scale):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def step_index(q):
-    """Converts a network output to an index in the table of factors on quantisation steps.
+    """Converts an output q of the prior network to its index in the table of step factors (`factor_table`).
 
     Args:
         q: Network output with 16 fractional bits.
@@ -79,10 +79,10 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
-    """Converts network outputs to the second normal distribution and the mixture weight of each feature in a group.
+    """Converts outputs of a channel network to the second normal distribution and mixture weight of each feature.
 
-    A feature has a mixture of two normal distributions; the prior network predicts the first, the channel network the
-    second.
+    Features are coded with a mixture of two normals. The prior network predicts the first, and the channel network of
+    the feature group predicts the second.
 
     Args:
         outputs: Outputs of the channel network for the group's channels: means, standard deviations, and mixture
@@ -94,7 +94,7 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
         inverse_steps: Reciprocals of the steps, from `inverse_step_table`.
         means: Output: means of the second normal in quantisation steps, 12 fractional bits.
         scales: Output: indices of the second normal's standard deviations in the coder's table.
-        weights: Output: weights of the first distribution, as indices into the table of mixture weights.
+        weights: Output: weights of the first normal, as indices into the table of mixture weights.
     """
     size = means.shape[1]
     for n in range(means.shape[0]):
@@ -110,7 +110,12 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_context(offset, ones):
-    """Returns the context of the entropy coder for the bit that is 1 if an offset exists."""
+    """Returns the index of the adaptive model for a mask bit, which is 1 if an offset exists.
+
+    Args:
+        offset: Index of the offset within the anchor.
+        ones: Number of earlier offsets of the anchor that exist.
+    """
     # The context consists of the index of the offset and the number of the anchor's earlier offsets that exist.
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
@@ -220,9 +225,9 @@ def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
     scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
 ):  # fmt: skip
-    """Estimates the encoded size of each anchor, without the offset mask, in bits.
+    """Estimates the coded size of each anchor, without its offset mask, in bits, and writes it to `bits`.
 
-    The result is written to `bits`. All arguments except `bits` have the same meaning as in `encode_packets`.
+    The other arguments are those of `encode_packets`.
     """
     for n in range(masks.shape[0]):
         total = 0.0

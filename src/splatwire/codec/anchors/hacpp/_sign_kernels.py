@@ -15,12 +15,12 @@ STATES = 32
 @njit(borrows=True)
 @no_type_check
 def sign_context(grid_level, feature, depth, signs, row, previous):
-    """Returns the context of the entropy coder for a sign in the hash table.
+    """Returns the index of the adaptive model for a sign in the hash table.
 
     Args:
         grid_level: Index of the grid level.
-        feature: Index of the feature.
-        depth: Number of features, D.
+        feature: Column of the sign in the table.
+        depth: Number of columns, D.
         signs: The hash table, int8 (rows, D).
         row: Table row of the sign.
         previous: Table row that was coded before; -1 for none.

@@ -37,7 +37,9 @@ from splatwire.types.prior import MIN_SCALE
 
 @dataclass(frozen=True, eq=False)
 class DecodedArrays:
-    """Attributes and predictions of N anchors in coding order, filled packet by packet; zero for missing anchors.
+    """Arrays for the decoded attributes and the predictions of N anchors in coding order.
+
+    Packets are written to them as they arrive. Missing anchors are zero.
 
     Attributes:
         received: Mask of received attributes, bool (N, 4), one column per `Attribute`.

@@ -160,15 +160,16 @@ class CodingContext:
 
     @functools.cached_property
     def shared_matrix(self) -> np.ndarray:
-        """First-layer weights of all channel networks for inputs that come from the prior network."""
-        # float64 (3 F, total of hidden units)
+        """First-layer weights of all channel networks for outputs of the prior network, float64 (3 F, hidden)."""
         before = np.cumsum([0, *self.config.layout.feature_groups])
         return np.concatenate(
             [mlp.hidden.matrix[size:] for mlp, size in zip(self.channel, before[:-1], strict=True)], axis=1
         )
 
     def shared_sums(self, outputs: np.ndarray) -> list[np.ndarray]:
-        """Computes the part of the channel networks' first layer that depends on the prior network only.
+        """Multiplies the outputs of the prior network by the first-layer weights of all channel networks.
+
+        These outputs are inputs of every channel network, so one matrix product serves all.
 
         Args:
             outputs: Outputs of the prior network for N anchors, int32 (N, prior outputs).
@@ -185,12 +186,12 @@ class CodingContext:
         return np.split(sums, edges, axis=1)
 
     def channel_outputs(self, group: int, shared: np.ndarray, activations: np.ndarray) -> np.ndarray:
-        """Predicts one group of feature channels from the previous groups with the group's channel network.
+        """Predicts one group of feature channels from the groups before it, with the group's channel network.
 
         Args:
             group: Index of the group.
             shared: Result of `shared_sums` for the group.
-            activations: Features of the previous groups, from `feature_activations`, float64 (N, channels of these
+            activations: Features of the groups before, from `feature_activations`, float64 (N, channels of these
                 groups).
 
         Returns:

@@ -172,7 +172,7 @@ class SeparatedDecoder(HacppDecoder):
         """
         empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
         found: list[SymbolRows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
-        for ranks, payloads in _groups(run):
+        for ranks, payloads in _payloads_by_group(run):
             decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
             found.append((decoded.symbols.rows(), decoded.factors, decoded.received))
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -183,15 +183,19 @@ class SeparatedDecoder(HacppDecoder):
         The mask of received attributes is written, too.
         """
         symbols, factors, received = rows
-        ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
+        ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _payloads_by_group(run))])
         store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
 
 
-def _groups(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
-    """Yields groups of anchors of a run (packets decoded in one call). The anchors of a group share their packets.
+def _payloads_by_group(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
+    """Yields the received packets of a block, grouped by the anchors that they contain.
+
+    Args:
+        run: Received packets of the block.
 
     Yields:
-        Indices of the group's anchors; and the received payloads, by index of the attribute that a payload contains.
+        Indices of a group's anchors in coding order, int64; and the payloads of its packets by attribute
+        (`PacketId.part`).
     """
     both = zip(run.packets, run.members, strict=True)
     for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):

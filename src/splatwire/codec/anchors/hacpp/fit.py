@@ -76,9 +76,9 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 
 
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: ModelConfig) -> np.ndarray:
-    """Returns the error of each output of the prior network that is tolerated when the network's weights are quantised.
+    """Returns the relative tolerance of each output of the prior network to the quantisation of the network's weights.
 
-    The errors are relative to each other; the caller multiplies all of them by one factor.
+    The caller multiplies all tolerances by one factor.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.

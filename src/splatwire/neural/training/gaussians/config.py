@@ -64,10 +64,13 @@ class GaussianRates:
 class RelocationRules:
     """Rules for moving, adding and disturbing Gaussians (3DGS-MCMC).
 
+    Gaussians are moved and added at regular intervals, between the times `start` and `end`. A time is given as a share
+    of the iterations of the training.
+
     Attributes:
-        start: Gaussians are moved and added after this share of the iterations.
-        growth_end: Share of the iterations at which the number of Gaussians reaches the budget at the latest.
-        end: After this share of the iterations, no Gaussians are moved or added.
+        start: Earliest time of a change of the set of Gaussians.
+        growth_end: Time at which the number of Gaussians reaches the budget at the latest.
+        end: Latest time of a change.
         interval: Number of iterations between two changes of the set of Gaussians.
         changes: Minimum number of changes in a training; a short training has shorter intervals.
         growth: Relative increase of the number of Gaussians per change.
@@ -172,11 +175,11 @@ class GaussianConfig:
         return rules.start <= share <= rules.end and iteration % self.change_interval == 0
 
     def wanted(self, iteration: int, count: int) -> int:
-        """Returns the number of Gaussians after a change of the set of Gaussians.
+        """Returns the number of Gaussians that the scene should have after Gaussians are added in an iteration.
 
         Args:
-            iteration: Iteration of the change, the first is 1.
-            count: Number of Gaussians before the change, at least 1.
+            iteration: The iteration, the first is 1.
+            count: Number of Gaussians before, at least 1.
         """
         left = max(int(self.relocation.growth_end * self.iterations - iteration) // self.change_interval, 0) + 1
         factor = max((self.gaussians / count) ** (1 / left), 1 + self.relocation.growth)

@@ -24,7 +24,9 @@ _GATE, _GATE_OPACITY = 100.0, 0.005
 def shared_appearance(
     opacities: Float[Tensor, "M"], copies: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
-    """Computes opacity and size of equal Gaussians that together look like one given Gaussian.
+    """Computes opacity and size of several equal Gaussians that replace a given one without a visible change.
+
+    Source: relocation in 3DGS-MCMC (arXiv 2404.09591).
 
     Args:
         opacities: Opacity of each given Gaussian, in (0, 1).

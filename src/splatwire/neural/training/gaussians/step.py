@@ -46,7 +46,8 @@ class GaussianStep:
             photo: Photo of the view.
 
         Raises:
-            DivergedError: If the loss is not finite; on a device, up to `Kernels.report_interval` iterations later.
+            DivergedError: If the loss is not finite. On a GPU, the loss is checked only every `Kernels.report_interval`
+                iterations.
         """
         config = self._config
         state.iteration += 1

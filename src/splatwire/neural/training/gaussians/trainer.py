@@ -32,7 +32,8 @@ class GaussianResult:
     """Result of a training of explicit Gaussians.
 
     Attributes:
-        scene: The trained Gaussians, on the CPU. After the fine-tuning, encoding without a quality setting is lossless.
+        scene: The trained Gaussians, on the CPU. After a fine-tuning, their values are those that a decoder obtains:
+            encoding them without a quality setting changes nothing.
         state: State before the fine-tuning, on the training device.
         test: Quality of `scene` in the test views at the end; None without test views, or if the training was stopped.
         stopped: True if the listener ended the training early.
@@ -47,7 +48,7 @@ class GaussianResult:
 
 
 class _StoppedError(Exception):
-    """Raised in the final fine-tuning of a training to end it if the caller's `listener` requests a stop."""
+    """Raised during the final fine-tuning if the caller's `listener` requests to stop the training."""
 
 
 @checked
