@@ -5,6 +5,8 @@ import gzip
 import itertools
 import logging
 import struct
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -303,3 +305,16 @@ def test_scales_beyond_the_range_give_a_warning(
     assert not caplog.messages
     write_splats([replace(splats, scales=splats.scales * np.float32(factor))], tmp_path / "a.spz")
     assert problem in caplog.text
+
+
+def test_a_file_that_is_written_again_while_it_is_read_does_not_end_the_process(tmp_path):
+    """A program that opens a mapped file for writing truncates it, and access to its pages then ends the process."""
+    path = tmp_path / "frame.spz"
+    path.write_bytes(bytes(10_000))
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom splatwire.io.formats._files import mapped_file\n"
+        "path = Path(sys.argv[1])\ndata = mapped_file(path)\npath.open('wb').close()\n"
+        "assert bytes(data) == bytes(10_000)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

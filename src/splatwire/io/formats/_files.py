@@ -10,17 +10,22 @@ from splatwire.files.read_limited import open_regular
 
 LOG = logging.getLogger(__name__)
 
+MAPPED_BYTES = 32 << 20
+"""Size from which a file is mapped instead of read, bytes. If a program truncates a mapped file meanwhile, such as a
+frame of a live clip that is written again, the system ends this process (SIGBUS)."""
+
 
 def mapped_file(path: Path) -> memoryview:
-    """Maps a file into memory, so that only accessed parts are read.
+    """Reads a small file, or maps a large one into memory, so that only accessed parts are read.
 
     Raises:
         DatasetError: If the file is not an ordinary file.
         OSError: If the file cannot be read.
     """
     with open_regular(path, DatasetError) as file:
-        if not os.fstat(file.fileno()).st_size:  # an empty file cannot be mapped
-            return memoryview(b"")
+        size = os.fstat(file.fileno()).st_size
+        if size < MAPPED_BYTES:
+            return memoryview(file.read(size))
         return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
 
 
