@@ -62,6 +62,7 @@ def test_options_of_the_command_line_win(file):
         ("page = {a = 1}", "'page' is text, a number"),
         ("streams = [true]", "'streams' is text, a number"),
         ("[server]\nport = 1", "'server' is no option"),
+        ('streams = ["a\\u0000b"]', "the value of 'streams' contains a zero byte"),
     ],
 )
 def test_mistakes_in_the_file_are_one_error_line(run, file, text, message):

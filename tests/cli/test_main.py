@@ -195,6 +195,15 @@ def test_internal_errors_keep_their_traceback(monkeypatch):
         main_module.main(["demo"])
 
 
+def test_help_ends_in_a_terminal_of_any_width(run, monkeypatch):
+    """Without a least width, the option parser breaks the lines of a narrow terminal without end."""
+    for width in ("1", "5", "40"):
+        monkeypatch.setenv("COLUMNS", width)
+        shown = run("serve", "--help")
+        assert (shown.status, "--quic" in shown.out) == (0, True)
+        assert max(map(len, shown.out.splitlines())) <= max(int(width), 20)
+
+
 def test_serve_help_marks_relay_options(run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     lines = run("serve", "--help").out

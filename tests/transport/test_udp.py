@@ -307,6 +307,9 @@ def test_udp_addresses_are_parsed():
         "udp://a@b",
         "udp://h?q",
         "udp://[::1",
+        "udp://h:0",
+        "udp://h/\udcff",
+        "quic://h\udcff/room",
     ):
         with pytest.raises(InvalidValueError, match="is not an address"):
             parse_url(wrong)

@@ -116,4 +116,6 @@ def _option_words(path: Path, key: str, value: object) -> list[str]:
     for one in values:
         if isinstance(one, bool) or not isinstance(one, (str, int, float)):
             raise InvalidValueError(f"{path}: '{key}' is text, a number, true or false, or a list of texts or numbers")
+        if "\0" in str(one):
+            raise InvalidValueError(f"{path}: the value of '{key}' contains a zero byte")
     return [str(one) for one in values]

@@ -5,6 +5,7 @@ import contextlib
 import gc
 import importlib
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -26,6 +27,8 @@ from splatwire.files.atomic_write import with_final_names
 
 _OBJECTS = 200_000
 """Threshold of Python's garbage collector: net number of allocated objects before a collection."""
+_LEAST_COLUMNS = 20
+"""Least width of help texts, characters."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -224,7 +227,9 @@ def _parse(arguments: list[str]) -> Any:
 
 @contextmanager
 def _help_output() -> Iterator[None]:
-    """Discards help texts if standard output is closed."""
+    """Discards help texts if standard output is closed, and makes them at least `_LEAST_COLUMNS` wide."""
+    if shutil.get_terminal_size().columns < _LEAST_COLUMNS:
+        os.environ["COLUMNS"] = str(_LEAST_COLUMNS)  # the option parser would break lines without end
     # tyro needs a stream.
     if sys.stdout is not None:
         yield

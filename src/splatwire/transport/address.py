@@ -59,6 +59,7 @@ def parse_url(url: str) -> Address:
         f"'{without_token(url)}' is not an address such as udp://localhost:{DEFAULT_PORT} or quic://localhost"
     )
     try:
+        url.encode()  # bytes of a command line that are not UTF-8 are lone surrogates
         parts = urlsplit(url)
         port = parts.port
     except ValueError:
@@ -70,7 +71,7 @@ def parse_url(url: str) -> Address:
         )
     query = parse_qsl(parts.query, keep_blank_values=True)
     token = query[0][1] if len(query) == 1 and query[0][0] == "token" else ""
-    strange = (parts.query and not token) or parts.fragment or parts.username
+    strange = (parts.query and not token) or parts.fragment or parts.username or port == 0
     if parts.scheme not in PORTS or not parts.hostname or strange:
         raise wrong
     if token and parts.scheme != "quic":
