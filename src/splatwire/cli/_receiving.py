@@ -1,6 +1,9 @@
 """Common code of `receive` and `view`: receives over UDP, QUIC or Media over QUIC, and checks certificates."""
 
-from collections.abc import Awaitable, Callable
+import asyncio
+import signal
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
@@ -77,3 +80,31 @@ def relay_trust(trusted: TrustOptions) -> RelayTrust:
     """
     trust = _quic_functions().trust_of(trusted)
     return RelayTrust(trusted.authority, trust.fingerprint, trust.insecure)
+
+
+@contextmanager
+def canceling_on_signals(stop: asyncio.Future[None]) -> Iterator[list[int]]:
+    """Context in which SIGINT and SIGTERM cancel a future of the running event loop.
+
+    Args:
+        stop: The future.
+
+    Yields:
+        List of the numbers of the received signals, which grows.
+    """
+    loop, received = asyncio.get_running_loop(), list[int]()
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def on_signal(number: int) -> None:
+        received.append(number)
+        stop.cancel()
+
+    for number in before:
+        loop.add_signal_handler(number, on_signal, number)
+    try:
+        yield received
+    finally:
+        # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
+        for number, handler in before.items():
+            loop.remove_signal_handler(number)
+            signal.signal(number, handler)

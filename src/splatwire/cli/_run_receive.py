@@ -16,8 +16,8 @@ from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.cli._files import output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
-from splatwire.cli._receiving import transfer_of
-from splatwire.cli._signals import StoppedError, canceling_on_signals
+from splatwire.cli._receiving import canceling_on_signals, transfer_of
+from splatwire.cli._signals import StoppedError
 from splatwire.cli._terminal import print_failure
 from splatwire.cli.receive import Receive
 from splatwire.errors import InvalidValueError, MissingSideInfoError
