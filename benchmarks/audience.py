@@ -26,7 +26,7 @@ from splatwire.bitstream.view import Viewpoint
 from splatwire.transport import Receiver, ReceiverOptions
 
 
-def looking(tiles: Tiles, seed: int) -> Viewpoint:
+def random_viewpoint(tiles: Tiles, seed: int) -> Viewpoint:
     """Viewpoint that looks into the scene from a random place around it."""
     rng = np.random.default_rng(seed)
     low, high = np.percentile(tiles.low, 10, axis=0), np.percentile(tiles.high, 90, axis=0)
@@ -37,22 +37,22 @@ def looking(tiles: Tiles, seed: int) -> Viewpoint:
     return Viewpoint(matrix, 900.0, 1280, 720)
 
 
-class Crowd:
+class SimulatedReceivers:
     """Receivers in one thread; some change their view ten times a second."""
 
     def __init__(self, port: int, tiles: Tiles, idle: int, active: int) -> None:
         self._poll = selectors.DefaultSelector()
         self._due: list[tuple[float, int]] = []
         self._all: list[tuple[Receiver, Any]] = []
-        self._looks = [looking(tiles, seed) for seed in range(997)]
+        self._viewpoints = [random_viewpoint(tiles, seed) for seed in range(997)]
         self._active = active
         self.data = self.views = 0
-        far = looking(tiles, 0)
+        far = random_viewpoint(tiles, 0)
         away = Viewpoint(
             far.viewmat + np.array([[0.0] * 4] * 2 + [[0, 0, 0, 1e6]] + [[0.0] * 4]), far.focal, far.width, far.height
         )
         for n in range(active + idle):
-            options = ReceiverOptions(viewpoint=self._looks[n % 997] if n < active else away, stays=True)
+            options = ReceiverOptions(viewpoint=self._viewpoints[n % 997] if n < active else away, keep_open=True)
             receiver = Receiver(random.getrandbits(64), time.perf_counter(), options)
             sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             sock.setblocking(False)
@@ -67,7 +67,7 @@ class Crowd:
             if now >= turn:
                 turn = now + 0.1
                 for n in range(self._active):
-                    self._all[n][0].set_viewpoint(self._looks[(n + int(now * 10)) % 997])
+                    self._all[n][0].set_viewpoint(self._viewpoints[(n + int(now * 10)) % 997])
                     self.views += 1
             while self._due and self._due[0][0] <= now:
                 _, n = heapq.heappop(self._due)
@@ -92,12 +92,12 @@ class Crowd:
                 sock.send(data)
 
     @property
-    def ended(self) -> dict[str, int]:
+    def end_reasons(self) -> dict[str, int]:
         reasons = [receiver.finished.reason if receiver.finished else "goes on" for receiver, _ in self._all]
         return {reason: reasons.count(reason) for reason in set(reasons)}
 
 
-def spent(pid: int) -> tuple[float, int]:
+def process_usage(pid: int) -> tuple[float, int]:
     """Processor seconds and bytes of memory of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
@@ -115,18 +115,18 @@ def under_load(path: Path, stream: SceneStream, seconds: float, crowds: list[tup
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:
             assert server.stdout is not None
             port = json.loads(server.stdout.readline())["port"]
-            _, empty = spent(server.pid)
-            crowd = Crowd(port, tiles, idle, active)
+            _, empty = process_usage(server.pid)
+            crowd = SimulatedReceivers(port, tiles, idle, active)
             crowd.run((idle + active) / 400 + 12)  # until all receivers have started and have the opening
-            (before, _), data, views, began = spent(server.pid), crowd.data, crowd.views, time.perf_counter()
+            (before, _), data, views, began = process_usage(server.pid), crowd.data, crowd.views, time.perf_counter()
             crowd.run(seconds)
-            (after, memory), passed = spent(server.pid), time.perf_counter() - began
+            (after, memory), passed = process_usage(server.pid), time.perf_counter() - began
             server.terminate()
             found[f"{idle} idle, {active} active"] = {
                 "processor_share": round((after - before) / passed, 3),
                 "packets_s": round((crowd.data - data) / passed),
                 "views_s": round((crowd.views - views) / passed), "memory_mb": round(memory / 1e6),
-                "memory_of_server_alone_mb": round(empty / 1e6), "ended": crowd.ended,
+                "memory_of_server_alone_mb": round(empty / 1e6), "ended": crowd.end_reasons,
             }  # fmt: skip
     return found
 

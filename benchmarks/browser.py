@@ -83,7 +83,7 @@ OVER = f"{ELEMENT}?.status && ({ELEMENT}.status.finished || {ELEMENT}.status.fai
 SIZE = 400
 
 
-def around(means: np.ndarray) -> Cameras:
+def cameras_around_means(means: np.ndarray) -> Cameras:
     """Three cameras around a scene."""
     middle = np.median(means, axis=0)
     radius = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.9))
@@ -120,9 +120,9 @@ def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, 
         decode_stream(stream, threads=1)
         ours.append(1e6 * (time.process_time() - began) / count)
         words = ["node", str(WEB / "scripts" / "time.mjs"), str(path)]
-        told = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
-        theirs.append(told["decode"])
-        views.append(told["view"])
+        report = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+        theirs.append(report["decode"])
+        views.append(report["view"])
     python, node = min(ours), min(theirs)
     found = {"python_us": round(python, 2), "typescript_us": round(node, 2), "ratio": round(node / python, 2)}
     return found | ({"view_us": round(min(views), 2)} if stream.manifest.codec == CAUSAL else {})
@@ -130,7 +130,7 @@ def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, 
 
 def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> list[float]:
     received = decode_stream(stream)
-    cameras, scene = around(received.scene.positions), conceal(received, concealer)
+    cameras, scene = cameras_around_means(received.scene.positions), conceal(received, concealer)
     style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
     page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
     page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
@@ -185,17 +185,17 @@ def many(url: str, count: int) -> dict[str, Any]:
 
 async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
     """Measures a page over an intermittent link."""
-    program, began, every = make_served_stream(stream), time.monotonic(), 30.0
+    served, began, every = make_served_stream(stream), time.monotonic(), 30.0
     limits = ServerLimits(fixed_rate=stream.num_bytes / (0.5 * 60 * minutes))
-    server = QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits)
+    server = QuicServer({"scene": served}, "127.0.0.1", 0, identity=IDENTITY, limits=limits)
     await server.start()
 
-    def gone() -> bool:
+    def has_left() -> bool:
         return (time.monotonic() - began) % 10 > 7
 
-    relay = Relay(server.port, gone, gone, delay_s=0.02)
+    relay = Relay(server.port, has_left, has_left, delay_s=0.02)
     link = Link(relay.port, WEBTRANSPORT_PATH, IDENTITY.fingerprint)
-    async with PageServer(PageContent({"scene": program}, link)) as pages:
+    async with PageServer(PageContent({"scene": served}, link)) as pages:
 
         def drive() -> dict[str, Any]:
             kept, seconds = [], []
@@ -237,9 +237,9 @@ made.style.height = '20rem'; document.body.append(made)}"
                     page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
                     page.wait_for("workers === 0", 60)
                     if n in (1, count):
-                        told = page.alive()
-                        del told["JSHeapUsedSize"]
-                        alive[f"alive_after_{n}"] = page.evaluate("alive()") | told
+                        report = page.alive()
+                        del report["JSHeapUsedSize"]
+                        alive[f"alive_after_{n}"] = page.evaluate("alive()") | report
                     if n % max(count // 10, 1) == 0:
                         gone["after"].append(n)
                         gone["pages_mb"].append(round(page.memory() / 1e6))
@@ -268,11 +268,11 @@ def packed_pictures(paths: list[Path]) -> dict[str, list[float]]:
 
 
 async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
-    program = make_served_stream(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
+    served = make_served_stream(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
     def server(limits: ServerLimits) -> QuicServer:
         ours = QuicLimits(128, 128)
-        return QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits, quic_limits=ours)
+        return QuicServer({"scene": served}, "127.0.0.1", 0, identity=IDENTITY, limits=limits, quic_limits=ours)
 
     plain = server(ServerLimits(64, 64))
     slow = server(ServerLimits(64, 64, fixed_rate=rate * 1e6 / 8))
@@ -282,7 +282,7 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
     relay = Relay(slow.port, bernoulli(0.2, rng), bernoulli(0.2, rng), delay_s=0.02, jitter=0.1)
 
     def content(port: int) -> PageContent:
-        return PageContent({"scene": program}, Link(port, WEBTRANSPORT_PATH, IDENTITY.fingerprint))
+        return PageContent({"scene": served}, Link(port, WEBTRANSPORT_PATH, IDENTITY.fingerprint))
 
     rough_copy = random.Random(4)
     part = stream.with_packets([packet for packet in stream.packets if rough_copy.random() >= 0.2])
@@ -298,7 +298,7 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
                 found["digest_equal"] = page.resolve(f"{ELEMENT}.verify()")
                 found["pictures_db"] = pictures(page, stream)
                 found["concealed_db"] = concealed(page, gaps.url, part)
-                found["lossy"] = {"rate_mbit": rate, "preview": bool(program.preview), **lossy(page, rough.url)}
+                found["lossy"] = {"rate_mbit": rate, "preview": bool(served.preview), **lossy(page, rough.url)}
             return found | {"pages": many(clean.url, count)}
 
         found = await asyncio.to_thread(drive)

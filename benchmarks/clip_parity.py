@@ -148,8 +148,8 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
                 row = {"budget_level": budget, "budget_bytes": limit, "whole": whole,
                        **clip.row(way, float(limit), loss, drawn)}  # fmt: skip
                 rows.append(row)
-                told = f"{way} {loss} {row['expected']:.2f} dB, level {row['level']}, parity {row['parity_bytes']:,}"
-                print(f"{name} {budget}: {told}, {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
+                line = f"{way} {loss} {row['expected']:.2f} dB, level {row['level']}, parity {row['parity_bytes']:,}"
+                print(f"{name} {budget}: {line}, {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     sizes = {str(level): load.num_bytes for level, load in clip.loads.items()}
     return {"name": name, "frames": arguments.frames, "bytes": sizes, "rows": rows}
 

@@ -55,7 +55,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
     stream = encode_levels(scene, classes=classes)
     seconds = time.perf_counter() - began
     tiles, partial = tiles_of(stream), decode_stream(stream)
-    level_of = partial[Levels].of
+    level_of = partial[Levels].lod_level
 
     def quality(shown: Scene) -> float:
         return round(float(psnr(render_scene(shown, cameras), truth).mean()), 2)

@@ -57,24 +57,24 @@ class Link:
             yield heapq.heappop(self._flying)[2]
 
 
-def program(frames: list[Splats], quality: Quality) -> tuple[LiveState, SceneStream]:
+def live_state(frames: list[Splats], quality: Quality) -> tuple[LiveState, SceneStream]:
     """Stream that is served after some frames, prepared for sending and as it is."""
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP, quality=quality))
-    broadcast = LiveSession(importance=encoder.importance)
+    session = LiveSession(importance=encoder.importance)
     for splats in frames:
         packets = encoder.push(splats)
         if packets:
-            edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
-    return edition, encoder.finish()
+            state = session.add(*encoder.so_far(STREAM_ID), packets)
+    return state, encoder.finish()
 
 
 def arrivals(
-    edition: LiveState, rate: float, delay: float, until: float, given: float | None
+    state: LiveState, rate: float, delay: float, until: float, fixed_rate: float | None
 ) -> tuple[float, list[tuple[float, Packet]]]:
     """Time at which a receiver knows the stream after its request, and arrival time of each packet."""
     rng = random.Random(1)
-    server = Server({}, secret=bytes(16), random=rng.randbytes, limits=ServerLimits(fixed_rate=given))
-    server.update("live", edition)
+    server = Server({}, secret=bytes(16), random=rng.randbytes, limits=ServerLimits(fixed_rate=fixed_rate))
+    server.update("live", state)
     receiver, down, up = Receiver(5, 0.0), Link(rate, delay), Link(rate, delay)
     found, now, info = list[tuple[float, Packet]](), 0.0, until
     while now < until:
@@ -87,13 +87,13 @@ def arrivals(
             down.put(data, now)
         events, out = list[object](), list[bytes]()
         for data in down.take(now):
-            sent, told = receiver.receive(data, now)
+            sent, new_events = receiver.receive(data, now)
             out += sent
-            events += told
-        sent, told = receiver.poll(now)
+            events += new_events
+        sent, new_events = receiver.poll(now)
         for data in [*out, *sent]:
             up.put(data, now)
-        for event in [*events, *told]:
+        for event in [*events, *new_events]:
             if isinstance(event, SideInfoArrived):
                 info = now
             elif isinstance(event, PacketArrived):
@@ -111,8 +111,8 @@ def main() -> None:
     parser.add_argument("--quality", default="default", help="as of `splatwire encode`")
     args = parser.parse_args()
     frames = list(bent_frames(capture(args.capture, 3, args.tracks), 2 * GROUP))
-    edition, stream = program(frames, quality_of(args.quality))
-    info, found = arrivals(edition, args.megabits * 1e6 / 8, args.delay, 1.5, args.rate and args.rate * 1e6 / 8)
+    state, stream = live_state(frames, quality_of(args.quality))
+    info, found = arrivals(state, args.megabits * 1e6 / 8, args.delay, 1.5, args.rate and args.rate * 1e6 / 8)
     truth, shown = frames[GROUP], GROUP
     cameras = surrounding_cameras(SplatScene(truth), 2, 320)
     views = np.stack(list(iterate_views(SplatScene(truth), cameras)))
@@ -131,12 +131,12 @@ def main() -> None:
         rows.append({"seconds": round(float(at), 3), "packets": len(some), "psnr": quality(some)})
         if rows[-1]["psnr"] > complete - 0.05:
             break
-    told = {
+    result = {
         "tracks": args.tracks, "quality": args.quality, "megabits": args.megabits, "delay_s": args.delay,
         "given_megabits": args.rate, "bytes": stream.num_bytes, "complete_psnr": complete,
         "within_3_db_s": next((row["seconds"] for row in rows if row["psnr"] > complete - 3), None), "rows": rows,
     }  # fmt: skip
-    print(json.dumps(told, indent=1))
+    print(json.dumps(result, indent=1))
 
 
 if __name__ == "__main__":

@@ -96,11 +96,11 @@ async def served(frames: list[Splats], args: argparse.Namespace) -> dict:
         [found[first] - times[first + args.group - 1], found[first + args.group - 1] - times[first + args.group - 1]]
         for first in range(LEFT_OUT * args.group, len(times), args.group)
     ]
-    told = {
+    result = {
         name: {"median": statistics.median(column), "worst": max(column)}
         for name, column in zip(("first_frame_s", "last_frame_s"), zip(*rows, strict=True), strict=True)
     }
-    return {"tracks": args.tracks, "group": args.group, "fps": args.fps, "groups": len(rows), **told}
+    return {"tracks": args.tracks, "group": args.group, "fps": args.fps, "groups": len(rows), **result}
 
 
 def main() -> None:
@@ -114,8 +114,8 @@ def main() -> None:
     args = parser.parse_args()
     frames = list(bent_frames(capture(args.capture, 3, args.tracks), 6 * args.group))
     use_single_thread()
-    told = asyncio.run(served(frames, args))
-    print(json.dumps({**told, "load": os.getloadavg()[0]}, indent=1))
+    result = asyncio.run(served(frames, args))
+    print(json.dumps({**result, "load": os.getloadavg()[0]}, indent=1))
     sys.stdout.flush()
 
 

@@ -82,13 +82,13 @@ def damaged(data: bytes, arrived: np.ndarray) -> dict[str, bytes]:
     return {"zeros": zeros, "cut": data[: int(np.argmin(arrived)) * PACKET]}
 
 
-def told(values: list[float | None]) -> dict[str, float | int | None]:
+def summary(values: list[float | None]) -> dict[str, float | int | None]:
     """Result row: number of readable files, and their mean PSNR."""
     seen = [value for value in values if value is not None]
     return {"opened": len(seen), "of": len(values), "psnr": round(float(np.mean(seen)), 2) if seen else None}
 
 
-def opened(path: Path, gauge: Gauge) -> float | None:
+def psnr_if_readable(path: Path, gauge: Gauge) -> float | None:
     """PSNR of the file as read by splatwire, or None if refused."""
     try:
         return gauge.psnr(SplatScene(read_splats(path)))
@@ -96,7 +96,7 @@ def opened(path: Path, gauge: Gauge) -> float | None:
         return None
 
 
-def without(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
+def psnr_of_rows(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
     """PSNR of a complete file if only some rows are kept."""
     splats, rows = read_rows(path)
     shown = rows.kept & kept
@@ -112,18 +112,18 @@ def lost_file(path: Path, kind: str, gauge: Gauge, seeds: int, folder: Path) -> 
             for how, left in damaged(data, arrived).items():
                 broken = folder / f"broken.{kind}"
                 broken.write_bytes(left)
-                strict = opened(broken, gauge)
+                strict = psnr_if_readable(broken, gauge)
                 found.setdefault(f"strict, {how}", []).append(strict)
                 lenient = strict
                 if strict is None:
                     with tempfile.TemporaryDirectory() as made:
                         target = Path(made) / ("sog" if kind == "sog" else f"repaired.{kind}")
-                        lenient = opened(target, gauge) if REPAIRS[kind](left, target) else None
+                        lenient = psnr_if_readable(target, gauge) if REPAIRS[kind](left, target) else None
                 found.setdefault(f"lenient, {how}", []).append(lenient)
             if kind.endswith("ply"):
                 kept = known_rows(data, np.repeat(arrived, PACKET)[: len(data)])
-                found.setdefault("rows known", []).append(None if kept is None else without(path, kept, gauge))
-        rows[loss] = {how: told(values) for how, values in found.items()}
+                found.setdefault("rows known", []).append(None if kept is None else psnr_of_rows(path, kept, gauge))
+        rows[loss] = {how: summary(values) for how, values in found.items()}
         print(path.name, loss, rows[loss], file=sys.stderr, flush=True)
     return {"bytes": len(data), "losses": rows}
 
@@ -152,7 +152,7 @@ def lost_stream(stream: SceneStream, gauge: Gauge, seeds: int, folder: Path) -> 
             partial = decode_stream(sent)
             for name in CONCEALERS:
                 found.setdefault(f"datagrams, {name}", []).append(gauge.psnr(conceal(partial, name)))
-        rows[loss] = {how: told(values) for how, values in found.items()}
+        rows[loss] = {how: summary(values) for how, values in found.items()}
         print("swz", loss, rows[loss], file=sys.stderr, flush=True)
     head = stream.num_bytes - sum(len(packet.data) + 4 for packet in stream.packets)
     return {"bytes": len(data), "bytes that a file cannot lose": head, "losses": rows}
@@ -186,7 +186,7 @@ def neural(model: Path, options: argparse.Namespace) -> dict[str, object]:
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     files = HacppFiles(model / "bitstreams", voxels, scene.anchors.mask)
 
-    def left(arrived: np.ndarray, given: bool) -> float | None:
+    def psnr_of_received(arrived: np.ndarray, given: bool) -> float | None:
         whole = files.whole(arrived, PACKET, given)
         if whole is None or not whole.any():
             return None
@@ -197,9 +197,11 @@ def neural(model: Path, options: argparse.Namespace) -> dict[str, object]:
         for arrived in fates(loss, -(-files.num_bytes // PACKET), options.seeds):
             cut = np.arange(len(arrived)) < np.argmin(arrived)
             for how, fate in (("zeros", arrived), ("cut", cut)):
-                found.setdefault(f"lenient, {how}", []).append(left(fate, given=False))
-            found.setdefault("lenient, zeros, places, masks and hash grid given", []).append(left(arrived, given=True))
-        rows[loss] = {how: told(values) for how, values in found.items()}
+                found.setdefault(f"lenient, {how}", []).append(psnr_of_received(fate, given=False))
+            found.setdefault("lenient, zeros, places, masks and hash grid given", []).append(
+                psnr_of_received(arrived, given=True)
+            )
+        rows[loss] = {how: summary(values) for how, values in found.items()}
         print(model.name, loss, rows[loss], file=sys.stderr, flush=True)
     stream = encode_scene(scene, packetization_named("datagram", "hacpp", scene.num_elements))
     whole = Gauge(decode_stream(stream).scene, cameras)

@@ -112,7 +112,7 @@ def traced(page: Browser) -> dict[str, Any]:
     mine = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in main and "dur" in e]
     tasks = [e for e in mine if e["name"].endswith("RunTask") or e["name"] == "RunTask"]
 
-    def told(task: dict[str, Any]) -> dict[str, Any]:
+    def describe_task(task: dict[str, Any]) -> dict[str, Any]:
         inside = [e for e in mine if task["ts"] <= e["ts"] < task["ts"] + task["dur"] and e["name"] in PARTS]
         parts: dict[str, float] = {}
         for e in inside:
@@ -123,7 +123,8 @@ def traced(page: Browser) -> dict[str, Any]:
         return {"count": 0}
     longest, busiest = (max(tasks, key=lambda e, key=key: e.get(key, 0)) for key in ("dur", "tdur"))
     over = {key: sum(e.get(key, 0) > 50_000 for e in tasks) for key in ("dur", "tdur")}
-    return {"count": len(tasks), "longest": told(longest), "busiest": told(busiest), "over_50_ms": over["dur"],
+    return {"count": len(tasks), "longest": describe_task(longest), "busiest": describe_task(busiest),
+            "over_50_ms": over["dur"],
             "processor_over_50_ms": over["tdur"]}  # fmt: skip
 
 

@@ -74,16 +74,16 @@ def fates(loss_name: str, seed: int):
     return itertools.cycle((~received).tolist()).__next__
 
 
-def one(program: ServedStream, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
+def simulate_transfer(served: ServedStream, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
     """Simulates a transfer to its end."""
     net = network()
     # reports and greetings are few: losses in runs of twenty datagrams would be losses of seconds there
     fate = itertools.chain((False,) * RETRY_HANDSHAKES, iter(fates(loss_name, 2 * seed), None))
     down, up = net.Link(fate.__next__), net.Link(fates("bernoulli:0.2", 2 * seed + 1))
     limits = ServerLimits(fixed_rate=RATE)
-    result = net.transfer(program, down=down, up=up, seed=seed, limits=limits, most_s=120)
+    result = net.transfer(served, down=down, up=up, seed=seed, limits=limits, most_s=120)
     collector, stream = result.receiver.collector, result.receiver.stream()
-    packets = np.zeros(len(program.packets), dtype=np.bool_)
+    packets = np.zeros(len(served.packets), dtype=np.bool_)
     if collector is not None and stream is not None:
         packets[:] = True
         packets[list(collector.missing(0, len(packets)))] = False
@@ -110,17 +110,19 @@ def whole_psnr(views: LossyPictures) -> float:
     return views.psnr(np.ones(views.num_elements, np.bool_))
 
 
-class Way(NamedTuple):
+class RetransmissionPlan(NamedTuple):
     """A use of the byte limit: for a sketch, if any, and for retransmission."""
 
     variant: Variant
     sketch_bytes: int
-    program: ServedStream
+    served: ServedStream
     plain_bytes: int
     score: float
 
 
-def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options) -> Way | None:
+def planned(
+    variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options
+) -> RetransmissionPlan | None:
     """Finds the largest number of packets that may be retransmitted within the byte limit."""
     sizes = make_served_stream(stream, Protection(side_repair=0.0)).sizes()
     plain = sum(sizes.values()) - sketch_bytes
@@ -129,33 +131,33 @@ def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name:
     share, best = float(np.clip((options.limit - sizes["side"] / plain * lost) / per_packets, 0, 1)), None
     for _ in range(ROUNDS):
         protection = Protection(side_repair=0.0, resend_until=share)
-        program = make_served_stream(stream, protection)
+        served = make_served_stream(stream, protection)
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
-        outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
+        outcomes = [simulate_transfer(served, plain, loss_name, seed) for seed in seeds]
         spent = np.array([outcome.spent for outcome in outcomes])
         room = options.limit - float(spent.mean() + spent.std() / math.sqrt(len(spent)))
         print(f"sketch {sketch_bytes}: until {share:.3f} spends {spent.mean():.2%}", file=sys.stderr, flush=True)
-        if room >= 0 and (best is None or share > best[1].num_retransmittable / len(program.packets)):
-            best = (outcomes, program)
+        if room >= 0 and (best is None or share > best[1].num_retransmittable / len(served.packets)):
+            best = (outcomes, served)
         if 0 <= room < NEAR or (share == 0 and room < 0) or (share == 1 and room >= 0):
             break
         share = float(np.clip(share + (room - NEAR / 2) / per_packets, 0, 1))
     if best is None:
         return None
-    return Way(variant, sketch_bytes, best[1], plain, score(variant, best[0], 6, True)["psnr"])
+    return RetransmissionPlan(variant, sketch_bytes, best[1], plain, score(variant, best[0], 6, True)["psnr"])
 
 
 def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, options) -> dict:
     """The use of the byte limit that is best on training photos, scored on test photos."""
     ways = [planned(variant, stream, size, loss_name, options) for variant, stream, size in found]
-    way = max((way for way in ways if way is not None), key=lambda way: way.score)
-    outcomes = [one(way.program, way.plain_bytes, loss_name, seed) for seed in range(options.transfers)]
-    row = {"loss": loss_name, **score(way.variant, outcomes, options.pictures, False)}
+    plan = max((plan for plan in ways if plan is not None), key=lambda plan: plan.score)
+    outcomes = [simulate_transfer(plan.served, plan.plain_bytes, loss_name, seed) for seed in range(options.transfers)]
+    row = {"loss": loss_name, **score(plan.variant, outcomes, options.pictures, False)}
     spent = [outcome.spent for outcome in outcomes]
     return row | {
-        "drop_db": whole_psnr(way.variant.pictures) - row["psnr"], "spent_mean": float(np.mean(spent)),
-        "spent_most": max(spent), "resend_until": way.program.num_retransmittable / len(way.program.packets),
-        "sketch_bytes": way.sketch_bytes,
+        "drop_db": whole_psnr(plan.variant.pictures) - row["psnr"], "spent_mean": float(np.mean(spent)),
+        "spent_most": max(spent), "resend_until": plan.served.num_retransmittable / len(plan.served.packets),
+        "sketch_bytes": plan.sketch_bytes,
     }  # fmt: skip
 
 

@@ -186,7 +186,7 @@ def flipbook(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
     return frame
 
 
-def kept(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
+def fixed_points(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
     """Shape whose points stay the same in all frames."""
 
     def begin(rng: np.random.Generator, count: int) -> Callable[[float], Splats]:
@@ -196,14 +196,14 @@ def kept(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float],
     return begin
 
 
-def anew(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
+def resampled_points(shape: Shape) -> Callable[[np.random.Generator, int], Callable[[float], Splats]]:
     """Shape whose points are sampled anew in each frame."""
     return lambda rng, count: lambda seconds: surface(shape, rng.random((count, 2)), seconds)
 
 
 CLIPS = {
-    "waves": kept(waves), "cloth": kept(cloth), "dancer": kept(walker), "smoke": smoke,
-    "walker": anew(walker), "ripples": anew(waves), "flipbook": flipbook,
+    "waves": fixed_points(waves), "cloth": fixed_points(cloth), "dancer": fixed_points(walker), "smoke": smoke,
+    "walker": resampled_points(walker), "ripples": resampled_points(waves), "flipbook": flipbook,
 }  # fmt: skip
 
 

@@ -105,17 +105,17 @@ def others_of(path: Path, folder: Path, splats: Splats, cameras: Cameras, refere
     return found
 
 
-def one(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
+def measure_scene(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
     splats = read_splats(path)
-    told = load_cameras(cameras_file) if cameras_file else None
-    every = told or cameras_around(splats.means, VIEWS, 320)
-    measured = np.linspace(0, every.num_views - 1, min(every.num_views, VIEWS)).astype(int).tolist()
-    others_told = sorted({*range(told.num_views if told else 0)} - {*measured})[::2]
-    cameras = every.select(measured)
+    given_cameras = load_cameras(cameras_file) if cameras_file else None
+    all_cameras = given_cameras or cameras_around(splats.means, VIEWS, 320)
+    measured = np.linspace(0, all_cameras.num_views - 1, min(all_cameras.num_views, VIEWS)).astype(int).tolist()
+    unmeasured = sorted({*range(given_cameras.num_views if given_cameras else 0)} - {*measured})[::2]
+    cameras = all_cameras.select(measured)
     reference = list(iterate_views(SplatScene(splats), cameras))
     started = time.process_time()
-    classes = precision_classes(splats, every.select(others_told) if others_told else None)
-    looked = (time.process_time() - started) / splats.num_gaussians * 1e6
+    classes = precision_classes(splats, all_cameras.select(unmeasured) if unmeasured else None)
+    microseconds = (time.process_time() - started) / splats.num_gaussians * 1e6
     rows = []
     levels = {str(level): dataclasses.replace(QUALITIES["default"], level=level) for level in LEVELS}
     for name, quality in {**levels, **QUALITIES}.items():
@@ -129,12 +129,12 @@ def one(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
         "gaussians": splats.num_gaussians,
         "degree": splats.degree,
         "views": cameras.num_views,
-        "classes_us_per_gaussian": looked,
+        "classes_us_per_gaussian": microseconds,
         "rows": rows,
         "pak_bytes": coded(splats, classes, QUALITIES["default"], "paper")[1]["bytes"],
         "loss": losses(default, cameras, reference),
     }
-    if others_told:
+    if unmeasured:
         row = coded(splats, precision_classes(splats), QUALITIES["near-lossless"])[1]
         psnr = mean_psnr(row["decoded"], cameras, reference)
         result["near_lossless_without_cameras"] = {"bytes": row["bytes"], "psnr": psnr}
@@ -257,8 +257,8 @@ def main() -> None:
     cameras = dict(pair.split("=", 1) for pair in args.cameras)
     scenes = {}
     for path, others in [*((f, args.others) for f in args.files), *((f, None) for f in args.ready)]:
-        told = cameras.get(path.stem)
-        scenes[path.name] = one(path, others, Path(told) if told else None)
+        cameras_file = cameras.get(path.stem)
+        scenes[path.name] = measure_scene(path, others, Path(cameras_file) if cameras_file else None)
         publish({"scenes": scenes}, args.output)
 
 

@@ -52,7 +52,7 @@ def bytes_at(curve: list[dict], psnr: float) -> float | None:
     return float(np.exp(np.interp(psnr, values, np.log([row["bytes"] for row in rows]))))
 
 
-def one(path: Path) -> dict:
+def measure_scene(path: Path) -> dict:
     scene = open_scene(path)
     assert isinstance(scene, SplatScene)
     pictures = SourcePictures(scene, held_out_cameras(scene))
@@ -98,7 +98,7 @@ def main() -> None:
     use_single_thread()
     scenes = {}
     for path in args.files:
-        scenes[path.name] = one(path)
+        scenes[path.name] = measure_scene(path)
         publish({"scenes": scenes}, args.output)
 
 

@@ -41,7 +41,7 @@ from splatwire.transport.udp import UdpServer, receive_udp
 BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku.swz"
 
 
-def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
+def synthetic_stream(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
     """A stream of zeros with the sizes of a larger scene."""
     plan, packets = PacketPlan(PRESETS["datagram"], num_anchors), []
     for block in range(plan.num_blocks):
@@ -57,17 +57,17 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
     )  # fmt: skip
 
 
-def core_throughput(program: ServedStream) -> dict:
+def core_throughput(stream: ServedStream) -> dict:
     """Processor time of the protocol's state machines alone, without sockets."""
     limits = ServerLimits(fixed_rate=1e12)
-    server = Server({"s": program}, secret=bytes(16), random=random.Random(0).randbytes, limits=limits)
+    server = Server({"s": stream}, secret=bytes(16), random=random.Random(0).randbytes, limits=limits)
     receiver = Receiver(1, 0.0)
     pending = receiver.poll(0.0)[0]
     while pending:
         answers = [server.receive("c", data, 0.0) for data in pending]
         pending = [reply for answer in answers if answer for reply in receiver.receive(answer, 0.0)[0]]
     began = time.process_time()
-    sent = [data for _ in range(1 + len(program.schedule) // 64) for _, data in server.poll(1.0)]
+    sent = [data for _ in range(1 + len(stream.schedule) // 64) for _, data in server.poll(1.0)]
     sending = time.process_time() - began
     began = time.process_time()
     for data in sent:
@@ -79,9 +79,9 @@ def core_throughput(program: ServedStream) -> dict:
     }
 
 
-async def loopback(program: ServedStream, clients: int, rate: float | None) -> dict:
+async def loopback(stream: ServedStream, clients: int, rate: float | None) -> dict:
     server = UdpServer(
-        {"s": program}, "127.0.0.1", 0, limits=ServerLimits(per_network=clients, fixed_rate=rate, start_rate=2e7)
+        {"s": stream}, "127.0.0.1", 0, limits=ServerLimits(per_network=clients, fixed_rate=rate, start_rate=2e7)
     )
     began = time.perf_counter()
     try:
@@ -90,7 +90,7 @@ async def loopback(program: ServedStream, clients: int, rate: float | None) -> d
     finally:
         server.close()
     seconds = time.perf_counter() - began
-    lost = [len(program.packets) - r.collector.num_packets for r in receivers if r.collector]
+    lost = [len(stream.packets) - r.collector.num_packets for r in receivers if r.collector]
     return {
         "clients": clients,
         "finished_ok": sum(bool(r.finished and r.finished.ok) for r in receivers),
@@ -125,14 +125,14 @@ def two_processes(stream: SceneStream, *words: str) -> dict:
         before = spent()
         asked = ["--receive", str(facts["port"]), facts.get("fingerprint", "")]
         done = subprocess.run([sys.executable, __file__, *asked], capture_output=True, text=True, check=True)
-        told, sending = json.loads(done.stdout), spent() - before
-    megabits = told["bytes"] * 8e-6
+        report, sending = json.loads(done.stdout), spent() - before
+    megabits = report["bytes"] * 8e-6
     return {
         "megabits": round(megabits),
-        "finished": told["finished"],
-        "mbit_s_wall": round(megabits / told["seconds"]),
+        "finished": report["finished"],
+        "mbit_s_wall": round(megabits / report["seconds"]),
         "sender_mbit_per_processor_second": round(megabits / sending),
-        "receiver_mbit_per_processor_second": round(megabits / told["processor_seconds"]),
+        "receiver_mbit_per_processor_second": round(megabits / report["processor_seconds"]),
     }
 
 
@@ -184,8 +184,8 @@ def main() -> None:
         print(json.dumps(asyncio.run(receive_once(int(arguments.receive[0]), arguments.receive[1]))))
         return
     stream = encode_scene(decode_stream(read_stream(arguments.stream)[0]).scene, PRESETS["datagram"])
-    large = stand_in(370_000, 1_000_000, 52)  # 8 MB, 11 % of it side information: a scene of the paper
-    huge = stand_in(1_500_000, 2_000_000, 52)
+    large = synthetic_stream(370_000, 1_000_000, 52)  # 8 MB, 11 % of it side information: a scene of the paper
+    huge = synthetic_stream(1_500_000, 2_000_000, 52)
     big = make_served_stream(large)
     one = replace(ServerLimits(), fixed_rate=None)
     result = {

@@ -165,7 +165,7 @@ def streamed_sog(splats: Splats) -> StreamedSog:
     return StreamedSog(leaves, files, sizes, low, high, span / 4)
 
 
-class SogJourney:
+class SogWalkthrough:
     """Streamed SOG that arrives along a walk; see `splatwire.evaluation.walkthrough.evaluation.ProgressiveSource`."""
 
     def __init__(self, sog: StreamedSog, walk: Walk, link: Link) -> None:
@@ -194,12 +194,12 @@ class SogJourney:
                 del loads[file]
                 self._done[file] = now
 
-    def _scene(self, viewpoint: Viewpoint, came: dict[int, float], seconds: float) -> SplatScene:
+    def _scene(self, viewpoint: Viewpoint, arrived: dict[int, float], seconds: float) -> SplatScene:
         sog = self._sog
         levels, _ = sog.wanted(-viewpoint.viewmat[:3, :3].T @ viewpoint.viewmat[:3, 3])
         parts = [sog.leaves[0][0].select(np.zeros(0, np.int64))]
         for leaf, level in enumerate(levels):
-            there = [n for n in range(LEVELS) if came.get(sog.files[n][leaf], np.inf) <= seconds]
+            there = [n for n in range(LEVELS) if arrived.get(sog.files[n][leaf], np.inf) <= seconds]
             best = min(there, key=lambda n: (n < level, abs(n - level)), default=None)
             parts += [] if best is None else [sog.leaves[best][leaf]]
         return SplatScene(joined(parts))
@@ -217,7 +217,7 @@ class SogJourney:
         return sum(self._sog.sizes[file] for file, at in self._done.items() if at <= seconds)
 
 
-def told(moments: list[QualitySample]) -> dict[str, object]:
+def walk_result(moments: list[QualitySample]) -> dict[str, object]:
     """Result of a walk for the output."""
     return {"settled": time_to_quality(moments), "moments": [asdict(moment) for moment in moments]}
 
@@ -240,10 +240,10 @@ def measured(path: str, side: int) -> dict[str, object]:
         times = [0.5, *(float(second) for second in range(1, int(SECONDS) + 1))]
         link = replace(LINK, loss=parse_loss("bernoulli:0.05", "datagram"))
         ours = StreamedWalkthrough.of(stream, walk, LINK)
-        shows = {"ours": ours, "streamed SOG": SogJourney(sog, walk, LINK),
+        shows = {"ours": ours, "streamed SOG": SogWalkthrough(sog, walk, LINK),
                  "ours in datagrams": StreamedWalkthrough.of(datagrams, walk, LINK),
                  "ours in datagrams, 5 % lost": StreamedWalkthrough.of(datagrams, walk, link)}  # fmt: skip
-        found = {key: told(score_walk(show, scene, walk, times)) for key, show in shows.items()}
+        found = {key: walk_result(score_walk(show, scene, walk, times)) for key, show in shows.items()}
         whole = ours.time_to_complete
         first = score_walk(ours, scene, walk, [whole])[0]
         pairs = list(zip(*(found[key]["moments"] for key in found), strict=True))

@@ -84,9 +84,9 @@ def curve(way: dict, log: dict, path: Path, whole: SceneStream, screen: Screen) 
     found = []
     if way["scheme"] == "datagrams":
         head = next((place for place, (_, what) in enumerate(rows) if what == "head"), len(rows))
-        told, packets = rows[head + 1 :], {repr(packet.id): packet for packet in whole.packets}
-        for at, _ in moments(told) if told else ():
-            there = [packets[name] for seconds, name in told if seconds <= at]
+        arrivals, packets = rows[head + 1 :], {repr(packet.id): packet for packet in whole.packets}
+        for at, _ in moments(arrivals) if arrivals else ():
+            there = [packets[name] for seconds, name in arrivals if seconds <= at]
             found.append((at, whole.with_packets(tuple(sorted(there, key=lambda packet: packet.id)))))
     else:
         data = path.read_bytes()
@@ -140,8 +140,8 @@ def measure(source: Path, cells: list[dict], options: argparse.Namespace) -> dic
                 log = json.loads(Path(job["log"]).read_text())
                 points = curve(WAYS[way], log, files[WAYS[way]["kind"]], whole, screen)
                 rows.append({"way": way, **cell, **summary(points, log["complete"], log), "link": link["link"]})
-                told = {k: v for k, v in rows[-1].items() if k not in ("curve", "link")}
-                print(json.dumps(told), file=sys.stderr, flush=True)
+                facts = {k: v for k, v in rows[-1].items() if k not in ("curve", "link")}
+                print(json.dumps(facts), file=sys.stderr, flush=True)
         return {"bytes": {kind: path.stat().st_size for kind, path in files.items()}, "transfers": rows}
 
 
@@ -216,11 +216,11 @@ def main() -> None:
         for loss, pattern, trip, rate, seed in grid
         if loss or pattern == options.patterns[0]
     ]
-    told = {"kernel": os.uname().release, "limit": options.limit, "views": options.views}
+    facts = {"kernel": os.uname().release, "limit": options.limit, "views": options.views}
     files: dict[str, object] = {}
     for path in options.files:
         files[path.name] = measure(path, cells, options)
-        publish({**told, "load_average": os.getloadavg(), "files": files}, options.output)
+        publish({**facts, "load_average": os.getloadavg(), "files": files}, options.output)
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def test_weights_without_improvement_are_not_added_to_the_stream(run, journey, t
 
 
 def test_invalid_options_are_refused(run, journey, tmp_path):
-    for words, told in (
+    for words, message in (
         ((journey / "lossy.swz", "-o", tmp_path / "w"), "complete"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--preset", "magic"), "magic"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--render-weight", 1), "cameras"),
@@ -65,7 +65,7 @@ def test_invalid_options_are_refused(run, journey, tmp_path):
     ):
         outcome = run("calibrate", "gnn", *words)
         assert outcome.status == 2
-        assert told in outcome.err
+        assert message in outcome.err
     for weights in (tmp_path / "absent", journey / "tiny.swz"):
         outcome = run("decode", journey / "lossy.swz", "-o", tmp_path / "a", "--conceal", f"gnn:{weights}")
         assert outcome.status == 2
@@ -85,7 +85,7 @@ def test_sketch_is_stored_in_the_stream(run, journey, tmp_path):
     for name, conceal in (("a", "sketch"), ("b", "drop")):
         run("decode", tmp_path / "lossy.swz", "-o", tmp_path / name, "--conceal", conceal)
     assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
-    for words, told in (
+    for words, message in (
         (("calibrate", "sketch", journey / "tiny.swz", "-o", tmp_path / "w"), "must end in .swz"),
         (("calibrate", "sketch", journey / "tiny.swz", "-o", target, "--share", 0.9), "share=0.9"),
         (("calibrate", "sketch", journey / "tiny.swz", "-o", target, "--data", "a", "--cameras", "b"), "not both"),
@@ -94,7 +94,7 @@ def test_sketch_is_stored_in_the_stream(run, journey, tmp_path):
     ):
         outcome = run(*words)
         assert outcome.status == 2
-        assert told in outcome.err
+        assert message in outcome.err
 
 
 def test_preview_is_stored_in_the_stream(run, journey, tmp_path, monkeypatch):
@@ -121,10 +121,10 @@ def test_preview_is_stored_in_the_stream(run, journey, tmp_path, monkeypatch):
     again = run("calibrate", "preview", target, "-o", tmp_path / "again.swz", *words)
     assert "dB" in again.out
     assert (tmp_path / "again.swz").read_bytes() == target.read_bytes()
-    for source, output, told in (("tiny.swz", "w", "must end in .swz"), ("lossy.swz", "w.swz", "packets were lost")):
+    for source, output, message in (("tiny.swz", "w", "must end in .swz"), ("lossy.swz", "w.swz", "packets were lost")):
         outcome = run("calibrate", "preview", journey / source, "-o", tmp_path / output)
         assert outcome.status == 2
-        assert told in outcome.err
+        assert message in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -144,17 +144,17 @@ def test_calibrations_refuse_options_of_other_calibrations(run, journey, tmp_pat
     assert not (tmp_path / "a.swz").exists()
 
 
-@pytest.mark.parametrize(("present", "told"), [(False, "torch finds no CUDA device"), (True, "--device cpu")])
-def test_cuda_requires_a_gpu_and_excludes_the_rendering_loss(run, journey, tmp_path, monkeypatch, present, told):
+@pytest.mark.parametrize(("present", "message"), [(False, "torch finds no CUDA device"), (True, "--device cpu")])
+def test_cuda_requires_a_gpu_and_excludes_the_rendering_loss(run, journey, tmp_path, monkeypatch, present, message):
     monkeypatch.setattr("torch.cuda.is_available", lambda: present)
     words = ("--device", "cuda", "--render-weight", 1, "--cameras", "cameras.json")
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "w", *words)
     assert outcome.status != 0
-    assert told in outcome.err
+    assert message in outcome.err
 
 
 @pytest.mark.parametrize(
-    ("name", "words", "told"),
+    ("name", "words", "message"),
     [
         ("w.swz", ("--precision", "float32"), "--precision"),
         ("w", ("--cameras", "cameras.json"), "--cameras"),
@@ -162,8 +162,8 @@ def test_cuda_requires_a_gpu_and_excludes_the_rendering_loss(run, journey, tmp_p
         ("w", ("--background", 1, 1, 1), "--background"),
     ],
 )
-def test_option_without_effect_is_refused(run, journey, tmp_path, name, words, told):
+def test_option_without_effect_is_refused(run, journey, tmp_path, name, words, message):
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / name, *words)
     assert outcome.status == 2
-    assert told in outcome.err
+    assert message in outcome.err
     assert list(tmp_path.iterdir()) == []

@@ -44,7 +44,7 @@ def test_path_evaluation_reports_quality_over_time(folder, tmp_path, run):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (["--rate", "fast"], "bits per second"),
         ([], "--rate"),
@@ -55,9 +55,9 @@ def test_path_evaluation_reports_quality_over_time(folder, tmp_path, run):
         (["--rate", "1M", "--seeds", "1", "2"], "one seed"),
     ],
 )
-def test_options_unusable_with_a_path_are_refused(folder, run, options, told):
+def test_options_unusable_with_a_path_are_refused(folder, run, options, message):
     outcome = run(*command(folder, *options))
-    assert (outcome.status, told in outcome.err) == (2, True)
+    assert (outcome.status, message in outcome.err) == (2, True)
 
 
 def test_rate_requires_a_path(folder, run):

@@ -60,9 +60,9 @@ def test_plan_round_trips_through_json(protection):
 def test_invalid_plan_file_is_one_error_line():
     good = plan_content(Protection(), 7, {})
 
-    def refused(change, told, kind=InvalidValueError):
+    def refused(change, message, kind=InvalidValueError):
         data = change if isinstance(change, bytes) else json.dumps({**good, **change}).encode()
-        with pytest.raises(kind, match=told) as error:
+        with pytest.raises(kind, match=message) as error:
             read_plan(data, "plan.json")
         assert len(str(error.value)) < 300
         assert "plan.json" in str(error.value)

@@ -182,7 +182,7 @@ def test_pictures_of_a_very_long_clip_are_refused_before_drawing(run, clip, tmp_
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("plan", "--feedback"), "--feedback is for a still scene"),
         (("decode", "-o", "x.ply", "--frame", 6), "the frames 0 to 5, not 6"),
@@ -191,17 +191,17 @@ def test_pictures_of_a_very_long_clip_are_refused_before_drawing(run, clip, tmp_
         (("evaluate",), "--reference FOLDER"),
     ],
 )
-def test_verbs_that_do_not_support_clips_are_refused(run, clip, tmp_path, monkeypatch, words, told):
+def test_verbs_that_do_not_support_clips_are_refused(run, clip, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
     verb, *rest = words
     outcome = run(verb, clip, *rest)
     assert outcome.status == 2
-    assert told in outcome.err
+    assert message in outcome.err
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("--group", 65), "1 to 64"),
         (("--fps", 0), "0.01 to 1000"),
@@ -209,10 +209,10 @@ def test_verbs_that_do_not_support_clips_are_refused(run, clip, tmp_path, monkey
         (("--quality", "best"), "best"),
     ],
 )
-def test_encode_refuses_meaningless_options(run, folder, tmp_path, words, told):
+def test_encode_refuses_meaningless_options(run, folder, tmp_path, words, message):
     outcome = run("encode", folder, "-o", tmp_path / "a.swz", *words)
     assert outcome.status == 2
-    assert told in outcome.err
+    assert message in outcome.err
     assert not (tmp_path / "a.swz").exists()
 
 

@@ -83,7 +83,7 @@ def test_impossible_sections_are_refused(stream: SceneStream) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "told"),
+    ("data", "message"),
     [
         (raw((b"gnn", b"1"), (b"gnn", b"2")), "twice"),
         (raw((b"b", b""), (b"a", b"")), "order"),
@@ -94,9 +94,9 @@ def test_impossible_sections_are_refused(stream: SceneStream) -> None:
         (raw(*((b"s%02d" % i, b"") for i in range(MAX_SECTIONS + 1))), "at most"),
     ],
 )
-def test_damaged_sections_are_refused(data: bytes, told: str, side_info_bytes: bytes) -> None:
+def test_damaged_sections_are_refused(data: bytes, message: str, side_info_bytes: bytes) -> None:
     for read in (read_sections, lambda d: side_info_parts(side_info_bytes + d, ANCHORS)):
-        with pytest.raises(BitstreamError, match=told):
+        with pytest.raises(BitstreamError, match=message):
             read(data)
-    with pytest.raises(BitstreamError, match=told):
+    with pytest.raises(BitstreamError, match=message):
         read_side_info(side_info_bytes + data, 700, "morton")

@@ -176,7 +176,7 @@ def test_network_corrects_gains_only_with_trust() -> None:
 
 def test_zero_trust_equals_plain_growth() -> None:
     context, sketch = random_context(200, 5, loss=0.4), sketch_of_context(6, share=0.3)
-    grown, again = conceal_with(context, sketch), SketchedLoss.of(with_sketch(context, sketch)).proposal(sketch)
+    grown, again = conceal_with(context, sketch), SketchedLoss.of(with_sketch(context, sketch)).conceal(sketch)
     assert np.allclose(grown.size_gain, again.size_gain, rtol=1e-6)
     assert bool((again.opacity_gain == 1).all())
 

@@ -174,7 +174,7 @@ def test_safetensors_kind_requires_a_valid_header(metadata):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("gsplat checkpoint.pt", ["gsplat", "never opened", "export_splats", "PLY"]),
         ("nerfstudio checkpoint.ckpt", ["nerfstudio", "never opened", "ns-export gaussian-splat"]),
@@ -186,10 +186,10 @@ def test_safetensors_kind_requires_a_valid_header(metadata):
         ("pickle", ["pickle", "never opened"]),
     ],
 )
-def test_foreign_checkpoints_are_named_with_their_export_to_ply(zoo, name, told):
+def test_foreign_checkpoints_are_named_with_their_export_to_ply(zoo, name, message):
     with pytest.raises(SplatwireError) as caught:
         read_splats(zoo / name)
-    assert all(word in str(caught.value) for word in told), str(caught.value)
+    assert all(word in str(caught.value) for word in message), str(caught.value)
 
 
 def test_a_model_folder_of_3dgs_is_read_as_the_ply_of_its_last_iteration(zoo):

@@ -11,7 +11,7 @@ from shells import shell
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of
-from splatwire.finetuning.losses import Reception
+from splatwire.finetuning.losses import SimulatedReception
 from splatwire.finetuning.tune import picture_gradients
 from splatwire.render.importance import cameras_around
 
@@ -42,10 +42,10 @@ def test_gradients_equal_those_of_the_reference(rounded: bool, lossy: bool) -> N
         exact = latents.splats()
         offsets = Offsets.between(exact, round_splats(exact, coding_for(exact, Quality(level=4.0), None)))
     known = np.arange(60) % 5 > 0
-    reception = Reception.of(known) if lossy else None
+    reception = SimulatedReception.from_mask(known) if lossy else None
     target = np.full((48, 48, 3), 0.4, np.float32)
     drawn = latents.splats(offsets)
-    shown = drawn if reception is None else reception.shown(drawn)
+    shown = drawn if reception is None else reception.drawn_splats(drawn)
     error, found = picture_gradients(replace(scene, splats=shown), cameras, 1, target)
     found = found if reception is None else reception.gradients(drawn, found)
     ours = gradients_of(latents, drawn, offsets, found)
@@ -81,7 +81,7 @@ def test_gradients_of_lost_gaussians_are_zero() -> None:
     known = np.array([True, False, True])
     shapes = {"means": (2, 3), "quats": (2, 4), "scales": (2, 3), "opacities": (2,), "sh": (2, 1, 3)}
     found = Gradients(**{name: np.ones(shape, np.float32) for name, shape in shapes.items()})
-    whole = Reception.of(known).gradients(shell(3).splats, found)
+    whole = SimulatedReception.from_mask(known).gradients(shell(3).splats, found)
     assert all((values[1] == 0).all() and (values[[0, 2]] != 0).all() for values in vars(whole).values())
 
 

@@ -14,7 +14,7 @@ from splatwire.concealment import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.views import held_out_cameras
 from splatwire.finetuning import FineTuning, Pictures, fine_tune, fitting_cameras, own_pictures
-from splatwire.finetuning.checks import CHECK_VIEWS
+from splatwire.finetuning.sampled_loss import CHECK_VIEWS
 from splatwire.finetuning.tune import CHECK_EVERY, LEAST_SCALE, tuned_gaussians
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras

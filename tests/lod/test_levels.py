@@ -111,7 +111,7 @@ def test_levels_are_stored_tile_by_tile():
     assert np.array_equal(finest, some_splats(900).means[built.order])
     start = sum(sizes[:-1])
     coarser = built.scene.splats.means[start - sizes[-2] : start]
-    old = built.old[start - sizes[-2] : start]
+    old = built.is_copy[start - sizes[-2] : start]
     assert 0 < int(old.sum()) < sizes[-2]
     there = {tuple(place) for place in finest.tolist()}
     assert all(tuple(place) in there for place in coarser[old].tolist())
@@ -133,14 +133,14 @@ def test_finest_level_is_rendered_by_default(stream):
     partial = decode_stream(stream)
     levels = partial[Levels]
     shown = conceal(partial, "drop").drawn()
-    assert shown.num_gaussians == 900 == int((levels.of == 0).sum())
+    assert shown.num_gaussians == 900 == int((levels.lod_level == 0).sum())
     index, plan = read_tile_index(stream.manifest, sections_of(stream)), stream.manifest.plan
     assert len(index.sizes) == plan.num_blocks
     data = stream_to_bytes(stream)
     assert int(index.offsets[-1]) + len(data) - sum(len(packet.data) + 4 for packet in stream.packets) == len(data)
     assert stream_from_bytes(data)[0].manifest == stream.manifest
-    assert bool(levels.copied[levels.of == 1].any())
-    assert not bool(levels.copied[levels.of == 0].any())
+    assert bool(levels.copied[levels.lod_level == 1].any())
+    assert not bool(levels.copied[levels.lod_level == 0].any())
 
 
 def test_progressive_decoding_equals_decoding_at_once(stream):
@@ -157,9 +157,9 @@ def test_coarse_concealer_draws_the_parents_of_lost_tiles(stream):
     lost = stream.with_packets(packet for packet in stream.packets if packet.id.block != first)
     partial = decode_stream(lost)
     scene, dropped = conceal(partial, "coarse"), conceal(partial, "drop")
-    shown = ~scene.hints.left_out & (partial[Levels].of > 0)
+    shown = ~scene.hints.left_out & (partial[Levels].lod_level > 0)
     assert bool(shown.any())
-    assert not bool((~dropped.hints.left_out & (partial[Levels].of > 0)).any())
+    assert not bool((~dropped.hints.left_out & (partial[Levels].lod_level > 0)).any())
     gone = stream.manifest.plan.block_elements(first)
     tiles = tiles_of(stream)
     where = scene.splats.means[shown & (partial[Levels].copied)]

@@ -132,21 +132,21 @@ def test_further_removal_predicts_the_error(antialiased: bool) -> None:
     complete = _images(scene, cameras)
     pruned = scene.select(np.arange(0, 200, 2))
     found, now = measure_further_removal(pruned, cameras, complete), _images(pruned, cameras)
-    for row in np.argsort(-np.abs(found.together))[:40:4]:
+    for row in np.argsort(-np.abs(found.interaction))[:40:4]:
         less = _images(pruned.select(np.delete(np.arange(100), row)), cameras)
         growth = np.square(less - complete).mean() - np.square(now - complete).mean()
         expected = growth - np.square(less - now).mean()
-        np.testing.assert_allclose(found.together[row], expected, rtol=0.05, atol=1e-7)
-    assert (found.together < 0).any()
-    assert (found.together > 0).any()
+        np.testing.assert_allclose(found.interaction[row], expected, rtol=0.05, atol=1e-7)
+    assert (found.interaction < 0).any()
+    assert (found.interaction > 0).any()
 
 
 def test_alone_is_the_removal_from_a_complete_scene() -> None:
     scene = SplatScene(ball_of_gaussians())
     cameras = cameras_around(scene.splats.means, 3, 48)
     found = measure_further_removal(scene, cameras, _images(scene, cameras))
-    np.testing.assert_allclose(found.alone, measure_gaussians(scene, cameras).removal, rtol=1e-4)
-    assert not found.together.any()
+    np.testing.assert_allclose(found.own_error, measure_gaussians(scene, cameras).removal, rtol=1e-4)
+    assert not found.interaction.any()
 
 
 def _images(scene: SplatScene, cameras: Cameras) -> np.ndarray:

@@ -302,7 +302,7 @@ def test_missing_or_invalid_frame_is_reported(tmp_path, caplog):
         write_splats([frames[min(number, 3)]], tmp_path / f"frame_{number:02}.ply")
     with caplog.at_level(logging.WARNING):
         assert len(frame_files(tmp_path)) == 4
-    assert "missing after frame_01.ply: the clip goes on" in caplog.text
+    assert "missing after frame_01.ply: the clip continues with the next frame" in caplog.text
     (tmp_path / "frame_02.ply").write_bytes(b"")
     with pytest.raises(DatasetError, match=r"frame_02.ply is no frame, .*an empty file"):
         frame_files(tmp_path)

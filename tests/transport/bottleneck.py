@@ -170,10 +170,10 @@ class Splatwire:
         received = min(self._received, self._largest + 1)
         frame = Feedback(1, max(self._largest, 0), received, int(self._largest_at * 1e6) & 0xFFFFFFFF, 0, ())
         if not self.deaf[0] <= now < self.deaf[1]:
-            self.network.back(lambda: self._told(frame))
+            self.network.back(lambda: self._on_feedback(frame))
         self.network.at(now + FEEDBACK_S, self._report)
 
-    def _told(self, frame: Feedback) -> None:
+    def _on_feedback(self, frame: Feedback) -> None:
         self.transfer.feedback(frame, self.network.now)
         self.rates.append((self.network.now, self.transfer.control.rate))
         self._plan()

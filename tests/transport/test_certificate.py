@@ -53,19 +53,19 @@ def test_renewed_certificate_is_served_and_announced_by_the_page():
         try:
             content = PageContent({"big": b""}, lambda: Link(server.port, "/splatwire", identity().fingerprint))
 
-            def told() -> tuple[str, str]:
+            def page_fingerprint() -> tuple[str, str]:
                 page, facts = (asked(content, target) for target in ("/", "/streams.json"))
                 return page.partition('fingerprint="')[2][:64], json.loads(facts)["fingerprint"]
 
             async def received(fingerprint: str) -> Any:
                 return await fetch(server.port, ReceiverOptions(name="other"), Trust(fingerprint=fingerprint))
 
-            first, same = told()
+            first, same = page_fingerprint()
             assert first == same
             assert (await received(first)).stream() == OTHER
             clock.now += datetime.timedelta(days=RENEWED_DAYS)
             assert "another fingerprint" in (await received(first)).finished.reason
-            second, same = told()
+            second, same = page_fingerprint()
             assert first != second == same
             assert (await received(second)).stream() == OTHER
         finally:

@@ -164,7 +164,7 @@ def test_unvalidated_address_gets_few_bytes(busy):
     async def work() -> None:
         async with serving() as server:
             if busy:
-                server.greeting |= {object() for _ in range(RETRY_HANDSHAKES)}
+                server.handshaking |= {object() for _ in range(RETRY_HANDSHAKES)}
             settings = configuration(is_client=True, alpn=[ALPN], idle_s=5.0)
             settings.server_name = "localhost"
             quic = QuicConnection(configuration=settings)

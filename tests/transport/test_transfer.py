@@ -442,7 +442,7 @@ def test_the_preview_is_found_in_the_side_information():
             stream_preview(damaged, ANCHORS)
 
 
-def told(server: Server, nonce: int, haves: list[Have], name: str = "client") -> list:
+def answers_to_request(server: Server, nonce: int, haves: list[Have], name: str = "client") -> list:
     """Datagrams that the server sends to a client that reports packets it already has."""
     server.receive(name, encode(Request(nonce, bytes(16), "")), 0.0, reliable=True)
     for have in haves:
@@ -461,13 +461,13 @@ def test_packets_held_by_the_client_are_not_sent_but_counted():
     cut = len(bits) // 2
     for nonce, stream_id, left_out in ((1, program.stream_id, True), (2, program.stream_id ^ 1, False)):
         haves = [Have(nonce, stream_id, 1, 0, bits[:cut]), Have(nonce, stream_id, 1, 8 * cut, bits[cut:] + bytes(9))]
-        frames = told(server, nonce, haves * 3, f"client {nonce}")
+        frames = answers_to_request(server, nonce, haves * 3, f"client {nonce}")
         places = {frame.packet_index for frame in frames if isinstance(frame, Data)}
         scheduled = set(range(program.bundled, count))
         assert places == ({place for place in scheduled if not held[place]} if left_out else scheduled)
         assert any(isinstance(frame, Side) for frame in frames) is not left_out
         key = (f"client {nonce}", nonce)
-        most = server._transfers[key]._most_bytes
+        most = server._transfers[key]._max_bytes
         assert most < 0.6 * server._limits.max_sent_ratio * sum(program.sizes().values()) if left_out else most > 0
     server.receive("client 1", encode(Have(1, program.stream_id, 1, 8 << 25, b"\xff")), 1.0, reliable=True)
 

@@ -21,7 +21,7 @@ from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server, make_served_stream
 from splatwire.transport.protocol import served_stream
 from splatwire.transport.protocol.datagrams import Feedback, Request, View
-from splatwire.transport.protocol.send_queue import LOOK_S, SendQueue, ViewUpdateBudget
+from splatwire.transport.protocol.send_queue import VIEW_UPDATE_S, SendQueue, ViewUpdateBudget
 from splatwire.transport.protocol.transfer import ServerLimits, ServerTransfer
 from splatwire.transport.protocol.wire import DATA, SIDE, decode, encode
 from splatwire.types import SplatScene
@@ -118,7 +118,7 @@ def test_transfer_without_a_view_is_coarse_to_fine():
 
 def test_moved_view_continues_without_resending():
     """A resting view has a small rate."""
-    options, sent = ReceiverOptions(viewpoint=FAR, stays=True), []
+    options, sent = ReceiverOptions(viewpoint=FAR, keep_open=True), []
     server = Server({"": PROGRAM}, secret=SECRET, random=random.Random(1).randbytes)
     receiver = Receiver(5, 0.0, options, reliable=True)
     for step in range(2000):
@@ -164,7 +164,7 @@ def test_view_updates_of_all_clients_are_scheduled_in_turns():
     turns = ViewUpdateBudget()
     times = [turns.take(0.0, None, 1000) for _ in range(100)]
     assert times == sorted(times)
-    assert times[-1] >= 99 * LOOK_S
+    assert times[-1] >= 99 * VIEW_UPDATE_S
 
 
 def test_view_update_round_trips():
@@ -242,7 +242,7 @@ def test_error_of_one_client_ends_that_client_only(caplog):
     for nonce, address in enumerate(("honest", "unlucky")):
         answer = server.receive(address, encode(Request(nonce, bytes(16), "")), 0.0, reliable=True)
         sessions[address] = decode(answer).session
-    unlucky = server._transfers["unlucky", 1]._order
+    unlucky = server._transfers["unlucky", 1]._queue
     counts, pops = {"honest": 0, "unlucky": 0}, []
 
     def pop(self):

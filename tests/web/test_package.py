@@ -180,7 +180,7 @@ def test_node_decoder_gives_levels_and_frames_of_python(alone: Path, tmp_path: P
     (alone / "frames.mjs").write_text(FRAMES)
     told = json.loads(called(["node", "frames.mjs", *paths], alone))
     partial = decode_stream(levels)
-    finest = partial.scene.splats.means[partial[Levels].of == 0]
+    finest = partial.scene.splats.means[partial[Levels].lod_level == 0]
     assert told["verified"] is True
     assert len(finest) == len(splats.means)
     check_centres(told["finest"], finest)

@@ -98,23 +98,24 @@ class Sketch(Protocol):
     def section(self) -> bytes:
         """Encodes the sketch as the section `sketch` of the side information."""
 
-    def around(self, partial: ReceivedScene) -> Any:
+    def replace_lost(self, partial: ReceivedScene) -> Any:
         """Replaces the lost elements of a received scene by the sketch's coarse copies.
 
         Args:
             partial: The received scene.
 
         Returns:
-            The scene with copies in the form that the method `proposal` takes. Its type depends on the class.
+            The scene with copies in the form that the method `conceal` takes. Its type depends on the class.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.
 
-    def proposal(self, sketched: Any) -> tuple[ReceivedScene, Concealed]:
+    def conceal(self, sketched: Any) -> tuple[ReceivedScene, Concealed]:
         """Conceals losses with this sketch, as a receiver would: enlarges received elements around missing ones.
 
         Args:
-            sketched: Result of the method `around`: the received scene, in which coarse copies replace lost elements.
+            sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
+                elements.
 
         Returns:
             The scene with coarse copies in place of lost elements, and the factors that enlarge the drawn elements.
@@ -179,13 +180,13 @@ class _Scores:
         """
         # The parameters with the highest PSNR after simulated packet losses are chosen: first the strength of
         # the correction by a neural network (trust), then the exponents.
-        losses = [sketch.around(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
+        losses = [sketch.replace_lost(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
         tried: dict[tuple[float, ...], float] = {}
 
         def best_of(growths: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
             for growth in growths:
                 candidate = sketch.with_growth(growth)
-                tried[growth] = sum(self._quality_of(*candidate.proposal(loss)) for loss in losses)
+                tried[growth] = sum(self._quality_of(*candidate.conceal(loss)) for loss in losses)
                 show("choosing the growth", len(tried) / (len(sketch.growths) + len(sketch.trusts) - 1))
             return max(tried, key=lambda growth: tried[growth])
 
@@ -221,8 +222,8 @@ class _Scores:
         )
         return replace(partial, scene=replace(partial.scene, background=self._scene.background))
 
-    def _quality_of(self, partial: ReceivedScene, proposal: Concealed) -> float:
-        return self._quality(apply_result(partial, proposal, "sketch"))
+    def _quality_of(self, partial: ReceivedScene, result: Concealed) -> float:
+        return self._quality(apply_result(partial, result, "sketch"))
 
     def _quality(self, scene: Scene) -> float:
         """Returns the mean PSNR of a scene over the views, decibels."""

@@ -105,31 +105,32 @@ class AnchorSketch:
         """Returns the bytes of the section `sketch` of the side information."""
         return write_sketch(self.copies, self.buckets)
 
-    def around(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
+    def replace_lost(self, partial: ReceivedScene[AnchorScene]) -> SketchedLoss:
         """Replaces the lost anchors of a received scene by the sketch's coarse copies.
 
         Args:
             partial: The received scene.
 
         Returns:
-            The scene with copies, as input of `proposal`.
+            The scene with copies, as input of `conceal`.
         """
         # The result does not depend on the parameters of the enlargement (`growth`), so sketches that differ
         # only in these can share it.
         return SketchedLoss.of(with_sketch(partial, self.copies))
 
-    def proposal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
+    def conceal(self, sketched: SketchedLoss) -> tuple[ReceivedScene[AnchorScene], Concealed]:
         """Conceals losses with this sketch, as a receiver would: enlarges drawn anchors around missing ones.
 
         An anchor is drawn if it was received, or if a coarse copy replaces it.
 
         Args:
-            sketched: Result of the method `around`: the received scene, in which coarse copies replace lost anchors.
+            sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
+                anchors.
 
         Returns:
             The scene with coarse copies in place of lost anchors, and the factors that enlarge drawn anchors.
         """
-        return sketched.filled, sketched.proposal(self.copies)
+        return sketched.filled, sketched.conceal(self.copies)
 
 
 def _sensitivity(

@@ -37,8 +37,8 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        crowding: Correction factor on the estimated picture error of losing an anchor, for the choice of the anchors to
-            copy. A smaller factor gives fewer copies.
+        removal_error_factor: Correction factor on the estimated picture error of losing an anchor, for the choice of
+            the anchors to copy. A smaller factor gives fewer copies.
         exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
         max_excess: Upper limit on this enlargement, relative to the enlargement for the average loss of the scene
             (`Grow.max_excess`).
@@ -47,7 +47,7 @@ class SketchFit(CheckedFields):
 
     num_levels: int = 4
     max_columns: int = 40
-    crowding: float = 0.6
+    removal_error_factor: float = 0.6
     exponent: float = 0.2
     max_excess: float = 1.08
     trust: float = 0.0
@@ -102,7 +102,9 @@ class SketchMaterial:
         """
         # An anchor is copied if the error caused by its loss exceeds the price times the bits of its copy.
         ranked = np.sort(self.removal)[::-1]
-        return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
+        return max(
+            options.removal_error_factor * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40
+        )
 
 
 def num_candidates(max_bytes: int) -> int:
@@ -183,7 +185,7 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
     basis, step = _basis(material, price, options)
     plans = [_Plan.of(material, basis, step, level, price, options) for level in range(1, options.num_levels + 1)]
     chosen = np.zeros(len(material.candidates), dtype=np.int64)
-    lost = options.crowding * material.removal
+    lost = options.removal_error_factor * material.removal
     for _ in range(_ROUNDS):
         costs = np.stack([lost, *(plan.error + price * plan.bits(chosen == i + 1) for i, plan in enumerate(plans))])
         chosen = costs.argmin(axis=0)
@@ -211,7 +213,7 @@ def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[
         coefficients at the coarsest level.
     """
     # For a small step s and a weight w, the error is `w s^2 / 12`, and one more bit reduces the error to a quarter.
-    likely = options.crowding * material.removal > price * BITS_OF_COPY
+    likely = options.removal_error_factor * material.removal > price * BITS_OF_COPY
     weight = np.quantile(material.weight[likely], 0.1) if likely.any() else material.weight.max()
     ideal = 6 / math.log(2) * price
     step = math.sqrt(ideal / weight)
@@ -268,7 +270,7 @@ class _Plan:
         wrong = ((material.offsets - offsets * unit) ** 2).reshape(*material.mask.shape, 3).sum(axis=2)
         wrong = wrong * material.offset_weight
         size = 3 + 2 * np.log2(1 + np.abs(offsets)).reshape(*material.mask.shape, 3).sum(axis=2)
-        gone = options.crowding * material.offset_removal
+        gone = options.removal_error_factor * material.offset_removal
         mask = material.mask & (wrong + price * size < gone)
         error = material.weight * left + np.where(mask, wrong, np.where(material.mask, gone, 0)).sum(axis=1)
         error = np.where(mask.any(axis=1), error, np.inf)

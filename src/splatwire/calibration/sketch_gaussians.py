@@ -114,7 +114,7 @@ class GaussianSketch:
         size, opacity, trust = self.growth
         return write_copies(self.splats, self.indices, self.info, precision_class=LEVEL, growth=(size, opacity, trust))
 
-    def around(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
+    def replace_lost(self, partial: ReceivedScene[SplatScene]) -> tuple[ReceivedScene[SplatScene], Any]:
         """Replaces the lost Gaussians of a received scene by the sketch's coarse copies.
 
         Args:
@@ -122,18 +122,19 @@ class GaussianSketch:
 
         Returns:
             The scene with copies, and inputs for a neural network that corrects how much received Gaussians are
-            enlarged. The method `proposal` takes this pair.
+            enlarged. The method `conceal` takes this pair.
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None
         filled = with_copies(partial, copies)
         return filled, element_inputs(filled)
 
-    def proposal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
+    def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
         """Conceals losses with this sketch, as a receiver would: enlarges Gaussians around missing ones.
 
         Args:
-            sketched: Result of the method `around`: the received scene, in which coarse copies replace lost Gaussians,
+            sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
+            Gaussians,
                 and the inputs for computing the enlargement.
 
         Returns:

@@ -12,7 +12,7 @@ from splatwire.calibration.views import CalibrationViews
 from splatwire.cli._files import check_inputs, prepared_output
 from splatwire.cli._output import Reporter
 from splatwire.cli._scenes import chosen_background
-from splatwire.cli.calibrate import LookFrom
+from splatwire.cli.calibrate import ReferenceOptions
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.concealment.sketch import SECTION
 from splatwire.data import load_cameras, open_dataset
@@ -24,7 +24,7 @@ from splatwire.types import Cameras
 from splatwire.types.background import Background
 
 
-def check_look(options: LookFrom) -> None:
+def check_references(options: ReferenceOptions) -> None:
     """Checks the options about reference pictures, before files are read.
 
     Raises:
@@ -37,7 +37,7 @@ def check_look(options: LookFrom) -> None:
     check_inputs(options.data, options.cameras)
 
 
-def views_of(options: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
+def views_of(options: ReferenceOptions, scene: Scene) -> tuple[CalibrationViews, str]:
     """Returns the views for comparing pictures in a calibration, and their description for messages.
 
     Args:
@@ -55,7 +55,7 @@ def views_of(options: LookFrom, scene: Scene) -> tuple[CalibrationViews, str]:
     return around, "against the complete scene on a sphere of views"
 
 
-def photos_of(options: LookFrom, split: str, scene: Scene) -> CalibrationViews | None:
+def photos_of(options: ReferenceOptions, split: str, scene: Scene) -> CalibrationViews | None:
     """Returns the photos of a dataset with their cameras; None if no dataset was given with the option `--data`.
 
     Args:
@@ -70,7 +70,7 @@ def photos_of(options: LookFrom, split: str, scene: Scene) -> CalibrationViews |
     return replace(views, cameras=views.cameras.relative_to(origin_of(scene)))
 
 
-def _behind(options: LookFrom, scene: Scene) -> Background:
+def _behind(options: ReferenceOptions, scene: Scene) -> Background:
     chosen = chosen_background(options.background)
     return scene.background if chosen is None else chosen
 

@@ -39,7 +39,7 @@ class InputWarnings(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
-        self._said: set[str] = set()
+        self._printed: set[str] = set()
         self._repeated: dict[tuple[Path, str], _Repeated] = {}
         self.damaged = False
 
@@ -72,8 +72,8 @@ class InputWarnings(logging.Handler):
 
     def _print(self, kind: str, text: str) -> None:
         line = f"splatwire: {kind}{one_line(with_final_names(text))}"
-        if line not in self._said:
-            self._said.add(line)
+        if line not in self._printed:
+            self._printed.add(line)
             print(line, file=sys.stderr, flush=True)
 
 

@@ -118,15 +118,15 @@ async def open_server(
         need_aioquic()
         from splatwire.cli import _quic  # imports aioquic, which servers over UDP do without
 
-        opened = await _quic.open_server(
+        running = await _quic.open_server(
             streams, listening, limits, stack, origins, live, public_origin(listening), access
         )
     else:
         plain = UdpServer(streams, listening.host, listening.port, limits=limits)
         stack.callback(plain.close)
-        opened = RunningServer(plain, {})
-    opened.facts.update(await open_monitoring(opened, listening, stack))
-    return opened
+        running = RunningServer(plain, {})
+    running.facts.update(await open_monitoring(running, listening, stack))
+    return running
 
 
 def stop_on_signals() -> asyncio.Event:

@@ -48,12 +48,12 @@ def monitoring_address(text: str) -> tuple[str, int]:
 
 
 async def open_monitoring(
-    opened: RunningServer, listening: Listening, stack: contextlib.AsyncExitStack
+    running: RunningServer, listening: Listening, stack: contextlib.AsyncExitStack
 ) -> dict[str, str]:
     """Starts the HTTP server for monitoring, if requested.
 
     Args:
-        opened: Server to monitor.
+        running: Server to monitor.
         listening: Options of the server.
         stack: Exit stack that closes the HTTP server.
 
@@ -65,5 +65,5 @@ async def open_monitoring(
     from splatwire.transport.monitoring import MonitoringContent  # imports prometheus_client
 
     host, port = monitoring_address(listening.monitor)
-    server = PageServer(MonitoringContent(opened, host), port, logged=False)
+    server = PageServer(MonitoringContent(running, host), port, logged=False)
     return {"monitor": (await stack.enter_async_context(server)).url}

@@ -7,7 +7,7 @@ from splatwire.calibration.preview import PreviewConfig, preview_for_scene
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.cli._calibration import (
-    check_look,
+    check_references,
     complete_stream,
     photos_of,
     stream_output,
@@ -45,10 +45,10 @@ def _read_and_decode(command: CalibrateSketch | CalibratePreview, show: Reporter
 def _sketch(command: CalibrateSketch) -> None:
     output = stream_output(command.output, "sketch")
     config = SketchConfig(share=command.share, drop_rate=command.drop_rate, seed=command.seed)
-    check_look(command.look)
+    check_references(command.reference_pictures)
     with progress_bars() as show:
         stream, complete = _read_and_decode(command, show)
-        views, where = views_of(command.look, complete.scene)
+        views, where = views_of(command.reference_pictures, complete.scene)
         bare = without_concealment(stream, SKETCH)
         result = sketch_of(bare, complete, views, config, progress=show)
     sizes = write_with_section(bare, SKETCH, result.section, output)
@@ -77,13 +77,13 @@ def _print_sketch(report: dict[str, Any]) -> None:
 
 def _preview(command: CalibratePreview) -> None:
     output, config = stream_output(command.output, "preview"), PreviewConfig(seed=command.seed)
-    check_look(command.look)
+    check_references(command.reference_pictures)
     with progress_bars() as show:
         stream, partial = _read_and_decode(command, show)
         if partial.loss_mask.num_lost:
             raise InvalidValueError("a preview needs the complete scene; packets were lost from this stream")
-        views, where = views_of(command.look, partial.scene)
-        test = photos_of(command.look, "test", partial.scene)
+        views, where = views_of(command.reference_pictures, partial.scene)
+        test = photos_of(command.reference_pictures, "test", partial.scene)
         result = preview_for_scene(partial.scene, views, config, test=test, progress=show)
     sizes = write_with_section(without_concealment(stream, PREVIEW), PREVIEW, result.section, output)
     report = {

@@ -81,9 +81,9 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
             fixed_rate=command.fixed_rate,
             total_rate=command.total_bytes_s,
         )
-        opened = await open_server({}, command, limits, stack, live=NAME)
-        server = opened.server
-        print_ready(command, server.port, opened.facts, "live")
+        running = await open_server({}, command, limits, stack, live=NAME)
+        server = running.server
+        print_ready(command, server.port, running.facts, "live")
 
         def publish(state: ServedStream) -> None:
             loop.call_soon_threadsafe(server.update, NAME, state)
@@ -95,13 +95,13 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
             compiles = await _is_compiling_at_end(encoding)
         if encoding.done():
             encoding.result()
-            await _await_last_packets(opened)
+            await _await_last_packets(running)
         elif compiles:
             warn("stopped while kernels were compiled: the frames since the last group were not sent")
         else:
             warn(f"the encoder did not end within {STOP_S:g} s and was abandoned")
     left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
-    print_if_read(f"{work.num_frames} frames{left_out}, {opened.served()}")
+    print_if_read(f"{work.num_frames} frames{left_out}, {running.served()}")
     if encoding.done():
         return None
     return 0 if compiles else STUCK
@@ -135,8 +135,8 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
     return False
 
 
-async def _await_last_packets(opened: RunningServer) -> None:
+async def _await_last_packets(running: RunningServer) -> None:
     """Waits, for a limited time, until clients have received the last packets."""
     end = time.monotonic() + LAST_S
-    while opened.server.core.num_transfers and time.monotonic() < end:
+    while running.server.core.num_transfers and time.monotonic() < end:
         await asyncio.sleep(0.05)

@@ -206,42 +206,44 @@ async def _serve(command: Serve, scenes: _Scenes, access: Access | None) -> None
     stop, reload = stop_on_signals(), reload_on_hangup()
     streams = scenes.served
     async with contextlib.AsyncExitStack() as stack:
-        opened = await open_server(
+        running = await open_server(
             streams, command, limits(command), stack, origins=allowed_origins(command), access=access
         )
-        await _offer_downloads(command, opened, stack)
+        await _offer_downloads(command, running, stack)
         sizes = {name: stream.sizes() for name, stream in streams.items()}
         for name, parts in () if command.json else sizes.items():
             print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                   f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
         if command.updates is not None:
-            opened.publish(streams, scenes.updates)
-            if opened.page is not None and isinstance(content := opened.page.content, PageContent):
-                opened.page.content = replace(content, attributes={**content.attributes, "updates": ""})
-            watching = asyncio.ensure_future(_watch_updates(scenes, opened))
+            running.publish(streams, scenes.updates)
+            if running.page is not None and isinstance(content := running.page.content, PageContent):
+                running.page.content = replace(content, attributes={**content.attributes, "updates": ""})
+            watching = asyncio.ensure_future(_watch_updates(scenes, running))
             stack.callback(watching.cancel)
-        print_ready(command, opened.server.port, opened.facts, "serving", streams=sizes)
+        print_ready(command, running.server.port, running.facts, "serving", streams=sizes)
         while await first_event(stop, reload) is reload:
             reload.clear()
-            await _reload(command, opened, scenes)
-        await opened.drain(command.drain)
-        log_event(LOG, logging.INFO, "stopped", transfers=opened.server.core.num_served, bytes=opened.server.bytes_sent)
+            await _reload(command, running, scenes)
+        await running.drain(command.drain)
+        log_event(
+            LOG, logging.INFO, "stopped", transfers=running.server.core.num_served, bytes=running.server.bytes_sent
+        )
     if command.log_format == "text":
-        print(opened.served(), file=sys.stderr)
+        print(running.served(), file=sys.stderr)
 
 
-async def _offer_downloads(command: Serve, opened: RunningServer, stack: contextlib.AsyncExitStack) -> None:
+async def _offer_downloads(command: Serve, running: RunningServer, stack: contextlib.AsyncExitStack) -> None:
     """Lets the page server offer streams for download in the formats of `--downloads`."""
     # Converted files are stored in a temporary folder until the server stops.
-    if not command.downloads or opened.page is None or not isinstance(opened.page.content, PageContent):
+    if not command.downloads or running.page is None or not isinstance(running.page.content, PageContent):
         return
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="splatwire-"))
     downloads = MadeDownloads(Path(folder), command.downloads)
     stack.push_async_callback(downloads.close)
-    opened.page.content = replace(opened.page.content, downloads=downloads)
+    running.page.content = replace(running.page.content, downloads=downloads)
 
 
-async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
+async def _watch_updates(scenes: _Scenes, running: RunningServer) -> None:
     """Publishes changed scenes to clients whenever updates appear in the folder of `--updates`."""
     # An unexpected error is logged, once if it repeats itself, and the next updates are still served.
     last = ""
@@ -258,10 +260,10 @@ async def _watch_updates(scenes: _Scenes, opened: RunningServer) -> None:
             continue
         if changed and folder is scenes.folder:  # the streams were not read again meanwhile
             scenes.served = scenes.served | changed
-            opened.publish(scenes.served, scenes.updates)
+            running.publish(scenes.served, scenes.updates)
 
 
-async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> None:
+async def _reload(command: Serve, running: RunningServer, scenes: _Scenes) -> None:
     """Replaces the streams and the certificate of a running server by the current content of their files."""
     # The previous ones remain, and an error is logged, if a file is invalid.
 
@@ -270,7 +272,7 @@ async def _reload(command: Serve, opened: RunningServer, scenes: _Scenes) -> Non
 
     try:
         fresh = await start_thread(read, "reading")
-        opened.replace(fresh.served, fresh.updates)
+        running.replace(fresh.served, fresh.updates)
         scenes.served, scenes.folder = fresh.served, fresh.folder
     except (SplatwireError, OSError) as error:
         log_event(LOG, logging.ERROR, "reload failed", error=str(error))

@@ -20,7 +20,7 @@ class StartupProgress(logging.Handler):
         super().__init__(logging.INFO)
         self._loading = threading.Timer(_PATIENCE_S, self.loading, (verb,))
         self._loading.daemon = True
-        self._kernels, self._began, self._told = 0, 0.0, -math.inf
+        self._kernels, self._began, self._printed_at = 0, 0.0, -math.inf
 
     def loading(self, verb: str) -> None:
         """Prints that libraries are being loaded.
@@ -50,17 +50,17 @@ class StartupProgress(logging.Handler):
             return
         now = time.monotonic()
         if getattr(record, "waits", False):
-            if now - self._told > _INTERVAL_S:
-                self._told = now
+            if now - self._printed_at > _INTERVAL_S:
+                self._printed_at = now
                 self._loading.cancel()
                 print(record.getMessage(), file=sys.stderr, flush=True)
             return
         if self._kernels == 0:
-            self._began = self._told = now
+            self._began = self._printed_at = now
             self._loading.cancel()
             print("compiling kernels, once on this machine", file=sys.stderr, flush=True)
-        elif now - self._told > _INTERVAL_S:
-            self._told = now
+        elif now - self._printed_at > _INTERVAL_S:
+            self._printed_at = now
             done = f"{self._kernels} kernels compiled after {now - self._began:.0f} s"
             print(f"{done}, {record.getMessage()}", file=sys.stderr, flush=True)
         self._kernels += 1

@@ -10,7 +10,7 @@ from splatwire.cli._options import BackgroundOption, JsonFlag
 
 
 @dataclass(frozen=True)
-class LookFrom:
+class ReferenceOptions:
     """Reference pictures for calibration; by default, renderings of the complete scene in views around it."""
 
     data: Path | None = None
@@ -29,7 +29,7 @@ class StreamCalibration:
     """Complete stream, or scene file (it is encoded first)."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Stream to write (.swz)."""
-    look: LookFrom = field(default_factory=LookFrom)
+    reference_pictures: ReferenceOptions = field(default_factory=ReferenceOptions)
     seed: int = 0
     """Seed of all random choices."""
     json: JsonFlag = False

@@ -17,12 +17,12 @@ class Concealed(RenderHints):
     Attributes:
         elements: All Gaussians or anchors of the scene, with estimates for lost values. None to use the values that the
             side information predicts.
-        shows: True if the concealer also draws elements that are not drawn in the lossless scene, e.g. those of a
-            coarser level of detail in place of lost elements.
+        draws_hidden: True if the concealer also draws elements that are not drawn in the lossless scene, e.g. those of
+            a coarser level of detail in place of lost elements.
     """
 
     elements: Any = None
-    shows: bool = False
+    draws_hidden: bool = False
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":

@@ -59,15 +59,15 @@ class Coarse:
     def __call__(self, partial: ReceivedScene) -> Concealed:
         """Returns the coarser Gaussians to draw, and factors on the size and opacity of received Gaussians."""
         levels, known = partial[Levels], partial.known
-        finest = levels.of == 0
-        fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.of == 1) & known)
+        finest = levels.lod_level == 0
+        fine, coarse = np.flatnonzero(finest & known), np.flatnonzero((levels.lod_level == 1) & known)
         size, gain, left_out = _grow_finest(create_concealer("grow", exponent=self.exponent), partial, finest)
         if len(coarse):
             lost = 1 - len(fine) / max(int(finest.sum()), 1)
             copied = levels.copied[coarse]
             gain[coarse] = _coarse_opacities(partial.elements, fine, coarse, copied, min(1.0, self.trust * lost))
             left_out[coarse] = gain[coarse] <= 0
-        return Concealed(size, left_out, gain, shows=True)
+        return Concealed(size, left_out, gain, draws_hidden=True)
 
 
 def _grow_finest(

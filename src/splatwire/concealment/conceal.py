@@ -41,24 +41,24 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
     return apply_result(partial, method(partial), method.name)
 
 
-def apply_result(partial: ReceivedScene[S], proposal: Concealed, name: str) -> S:
+def apply_result(partial: ReceivedScene[S], result: Concealed, name: str) -> S:
     """Returns the scene to draw, with estimates of lost values and the hints of a concealer.
 
     Received values are not replaced by estimates.
 
     Args:
         partial: The received scene.
-        proposal: Result of the concealer.
+        result: Result of the concealer.
         name: Name of the concealer, for messages.
 
     Raises:
         InvalidValueError: If the result has an array of wrong shape, or invalid hints.
     """
-    proposed = partial.filled if proposal.elements is None else proposal.elements
-    _check(proposal, proposed, partial, name)
-    elements = partial.elements.with_estimates(partial.loss_mask, proposed)
-    hints, own = proposal.hints, partial.scene.hints
-    if own is not None and not proposal.shows:
+    estimates = partial.filled if result.elements is None else result.elements
+    _check(result, estimates, partial, name)
+    elements = partial.elements.with_estimates(partial.loss_mask, estimates)
+    hints, own = result.hints, partial.scene.hints
+    if own is not None and not result.draws_hidden:
         hints = replace(hints, left_out=hints.left_out | own.left_out)
     return partial.scene.with_elements(elements, hints)
 
@@ -72,11 +72,11 @@ def concealed(loaded: Scene | ReceivedScene, concealer: Concealer | str) -> Scen
     return conceal(loaded, concealer) if isinstance(loaded, ReceivedScene) else loaded
 
 
-def _check(proposal: Concealed, proposed: Any, partial: ReceivedScene, name: str) -> None:
-    count, hints = partial.scene.num_elements, proposal
+def _check(result: Concealed, estimates: Any, partial: ReceivedScene, name: str) -> None:
+    count, hints = partial.scene.num_elements, result
     opacity_gain = hints.size_gain if hints.opacity_gain is None else hints.opacity_gain
-    rows = {len(hints.size_gain), len(hints.left_out), len(opacity_gain), *(len(t) for t in vars(proposed).values())}
-    shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (proposed, partial.elements)]
+    rows = {len(hints.size_gain), len(hints.left_out), len(opacity_gain), *(len(t) for t in vars(estimates).values())}
+    shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (estimates, partial.elements)]
     if rows != {count} or shapes[0] != shapes[1]:
         raise InvalidValueError(f"concealer '{name}' returned {sorted(rows)} rows for {count} {partial.scene.ELEMENTS}")
     if not bool((np.isfinite(hints.size_gain) & (hints.size_gain > 0)).all()):

@@ -18,7 +18,7 @@ _MOST_OPAQUE = 0.999
 
 
 @dataclass(frozen=True, eq=False)
-class Reception:
+class SimulatedReception:
     """Gaussians that arrive when packets are lost in a training iteration, and how the receiver enlarges them.
 
     The receiver's concealer `grow` makes the received Gaussians larger and more opaque, so that they cover the gaps.
@@ -38,16 +38,16 @@ class Reception:
     exponent: float
 
     @staticmethod
-    def of(known: Bool[np.ndarray, "N"]) -> "Reception":
+    def from_mask(known: Bool[np.ndarray, "N"]) -> "SimulatedReception":
         """Computes how much the concealer `grow` enlarges received Gaussians to cover lost ones.
 
         Args:
             known: Mask of the received Gaussians.
         """
         gain, coverage = float(_GROW.gain(np.array([known.mean()]), known)[0]), SplatScene.COVERAGE
-        return Reception(known, gain**coverage.size, gain**coverage.opacity)
+        return SimulatedReception(known, gain**coverage.size, gain**coverage.opacity)
 
-    def shown(self, splats: Splats) -> Splats:
+    def drawn_splats(self, splats: Splats) -> Splats:
         """Returns the Gaussians that a receiver draws: the received Gaussians, enlarged to cover gaps."""
         there = splats.select(self.known)
         clear = 1 - np.minimum(there.opacities, np.float32(_MOST_OPAQUE))
@@ -59,7 +59,7 @@ class Reception:
 
         Args:
             splats: All Gaussians, including those lost with packets.
-            drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `shown`.
+            drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `drawn_splats`.
         """
         clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
@@ -75,7 +75,9 @@ class Reception:
         return Gradients(**whole)
 
 
-def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random.Generator) -> Reception | None:
+def simulate_reception(
+    division: PacketDivision, options: FineTuning, rng: np.random.Generator
+) -> SimulatedReception | None:
     """Simulates the random packet losses of one training iteration.
 
     Args:
@@ -89,4 +91,4 @@ def draw_reception(division: PacketDivision, options: FineTuning, rng: np.random
     assert options.loss is not None
     received, _ = draw_in_order(datagrams_of(division.num_bytes), options.loss, int(rng.integers(1 << 62)))
     known = received[division.packet]
-    return None if known.all() or not known.any() else Reception.of(known)
+    return None if known.all() or not known.any() else SimulatedReception.from_mask(known)

@@ -11,11 +11,11 @@ from splatwire.arguments import check_fields
 from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
-from splatwire.finetuning.checks import Check
 from splatwire.finetuning.latents import Gradients, Latents, Offsets, gradients_of, harmonic_gradient
-from splatwire.finetuning.losses import Reception, draw_reception
+from splatwire.finetuning.losses import SimulatedReception, simulate_reception
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import Pictures
+from splatwire.finetuning.sampled_loss import SampledLoss
 from splatwire.finetuning.sparsity import HarmonicCost
 from splatwire.ops.adam import update_run
 from splatwire.ops.spherical_harmonics import sh_basis
@@ -134,10 +134,10 @@ def tuned_gaussians(
         InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
     """
     # Dividing by the first error (at least `LEAST_SCALE`) gives all views similar weight; a view that becomes much
-    # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`Check`). If it has
-    # grown since the check before, the Gaussians of that check are restored, and the learning rates are multiplied by
-    # `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above that of the rounded Gaussians
-    # at the start.
+    # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`SampledLoss`). If
+    # it has grown since the check before, the Gaussians of that check are restored, and the learning rates are
+    # multiplied by `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above that of the
+    # rounded Gaussians at the start.
     if not scene.num_elements:
         raise InvalidValueError("fine-tuning: there are no Gaussians")
     if pictures.cameras.origin != scene.origin:
@@ -151,11 +151,11 @@ def tuned_gaussians(
     optimizer = _Adam(_step_sizes(coding))
     divided = options.refresh * max(1, options.iterations // (_DIVISIONS * options.refresh))
     scales = dict[tuple[int, bool], float]()
-    check = _create_check(scene, latents.splats(), coding, pictures, options)
+    sampled_loss = _sampled_loss(scene, latents.splats(), coding, pictures, options)
     cost, costly = HarmonicCost.of(coding) if latents.harmonics.size else None, None
 
     def loss_of(latents: Latents) -> float:
-        loss = check.loss(round_splats(latents.splats(), coding))
+        loss = sampled_loss.loss(round_splats(latents.splats(), coding))
         return loss if cost is None else loss + cost.value(latents.harmonics)
 
     best, least, rate = latents.copy(), loss_of(latents), options.rate
@@ -179,8 +179,8 @@ def tuned_gaussians(
         view, drawn = next(views), latents.splats(offsets)
         reception = None
         if division is not None and step % 2:
-            reception = draw_reception(division, options, rng)
-        shown = drawn if reception is None else reception.shown(drawn)
+            reception = simulate_reception(division, options, rng)
+        shown = drawn if reception is None else reception.drawn_splats(drawn)
         mask = None if pictures.masks is None else pictures.masks[view]
         target = pictures.images[view].astype(np.float32) / 255
         one = replace(scene, splats=shown, coding=None, hints=None)
@@ -303,9 +303,9 @@ def _classed_cameras(cameras: Cameras, seed: int) -> Cameras:
     return chosen.scaled(min(1.0, MEASURED_SIZE / max(chosen.width, chosen.height)))
 
 
-def _create_check(
+def _sampled_loss(
     scene: SplatScene, splats: Splats, coding: SplatCoding, pictures: Pictures, options: FineTuning
-) -> Check:
+) -> SampledLoss:
     """Creates the object that measures the training loss during fine-tuning, with random views and packet losses.
 
     The loss is relative to the errors of the given Gaussians after rounding.
@@ -318,13 +318,13 @@ def _create_check(
         options: Options with the loss model and the random seed.
     """
     # Its random views and packet losses differ from those of the iterations.
-    rounded, receptions = round_splats(splats, coding), list[Reception]()
+    rounded, receptions = round_splats(splats, coding), list[SimulatedReception]()
     rng = np.random.Generator(np.random.PCG64([options.seed, 1]))
     if options.loss is not None:
         division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
-        drawn = [draw_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
+        drawn = [simulate_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
         receptions = [reception for reception in drawn if reception is not None]
-    return Check.of(scene, rounded, pictures, receptions, LEAST_SCALE, rng)
+    return SampledLoss.create(scene, rounded, pictures, receptions, LEAST_SCALE, rng)
 
 
 def _decay(share: float) -> float:

@@ -26,14 +26,14 @@ class BuiltLevels:
     Attributes:
         scene: Gaussians of all levels, coarsest level first.
         order: For each Gaussian of the finest level, its index in the original scene, int64.
-        old: Mask of Gaussians that are unchanged copies; all others are results of merging, bool (N).
+        is_copy: Mask of Gaussians that are unchanged copies; all others are results of merging, bool (N).
         errors: Error of each tile, coarsest level first, float64: root mean square distance of the original Gaussians
             from those that replace them, world units.
     """
 
     scene: LevelScene
     order: np.ndarray
-    old: np.ndarray
+    is_copy: np.ndarray
     errors: np.ndarray
 
 
@@ -52,7 +52,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     finest = whole.run(end - sizes[0], end)
     for begin in range(0, sizes[0], ROWS):
         finest.fill(begin, scene.splats.select(order[begin : begin + ROWS]))
-    old, errors = np.ones(end, dtype=bool), [np.zeros(shapes[0].num_tiles)]
+    is_copy, errors = np.ones(end, dtype=bool), [np.zeros(shapes[0].num_tiles)]
     total, done = sum(sizes[:-1]), 0
     for finer, shape in itertools.pairwise(shapes):
         below, end = whole.run(end - finer.count, end), end - finer.count
@@ -61,7 +61,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
             some, kept, error = _reduced(below, finer, child, share, mass)
             if share:
                 level.fill(at - end + shape.count, some)
-                old[at + kept : at + share] = False
+                is_copy[at + kept : at + share] = False
                 at += share
             squares[parent] += share * (error**2 + errors[-1][child] ** 2), share
             done += int(np.diff(finer.edges[child : child + 2])[0])
@@ -77,7 +77,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         metadata=scene.metadata,
         level_sizes=levels,
     )
-    return BuiltLevels(made, order, old, np.concatenate(errors[::-1]))
+    return BuiltLevels(made, order, is_copy, np.concatenate(errors[::-1]))
 
 
 def _tile_boundaries(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:

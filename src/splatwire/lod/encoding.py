@@ -94,6 +94,6 @@ def _precision_classes(
     chosen = quality_of("default" if quality is None else quality).num_classes(built.scene.splats.degree)
     # In coarser levels, copies of finer Gaussians get a more precise class than merged Gaussians.
     merged = max(COARSEST_CLASS, 1 - chosen)
-    found = np.where(built.old, np.int8(merged + 1), np.int8(merged))
+    found = np.where(built.is_copy, np.int8(merged + 1), np.int8(merged))
     found[-len(built.order) :] = 0 if classes is None else classes[built.order]
     return found

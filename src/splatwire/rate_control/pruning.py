@@ -81,12 +81,12 @@ class RemovalViews:
         # makes others worse. With it, guitar lost 2 dB at a quarter of its Gaussians.
         if not self.sets:
             return measure_gaussians(pruned).removal
-        alone, together = np.zeros(pruned.num_elements), np.zeros(pruned.num_elements)
+        own_error, interaction = np.zeros(pruned.num_elements), np.zeros(pruned.num_elements)
         for weight, pictures in self.sets:
             found = measure_further_removal(pruned, pictures.cameras, pictures.images)
-            alone += weight * found.alone
-            together += weight * found.together
-        return alone + np.maximum(together, 0)
+            own_error += weight * found.own_error
+            interaction += weight * found.interaction
+        return own_error + np.maximum(interaction, 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -117,12 +117,12 @@ def precision_classes(
     # around each part. At most the 2 % most sensitive Gaussians have classes above 0.
     classes = np.empty(splats.num_gaussians, np.int8)
 
-    def look(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
+    def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = VIEWS if whole else VIEWS_OF_PART
         around = cameras_around_splats(splats, count, SIZE) if cameras is None else cameras
         classes[members] = _classes(splats, _sensitivities(splats, around, probes, seed))
 
-    _each_part(splats, part if cameras is None else splats.num_gaussians, look)
+    _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
     return classes
 
 
@@ -159,7 +159,7 @@ def measure_gaussians(
     splats = scene.splats
     measured = MeasuredGaussians(np.empty(splats.num_gaussians, np.int8), np.empty(splats.num_gaussians))
 
-    def look(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
+    def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
         around = surrounding_cameras(SplatScene(splats), count, SIZE) if cameras is None else cameras
         found = _sensitivities(splats, around, 1, seed)
@@ -169,7 +169,7 @@ def measure_gaussians(
             close = _sensitivities(splats, closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE), 1, seed)
             measured.removal[members] += CLOSEUP_WEIGHT * _removal(close)
 
-    _each_part(splats, part if cameras is None else splats.num_gaussians, look)
+    _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
     return measured
 
 
@@ -187,16 +187,16 @@ class FurtherRemoval:
     """Effect of removing each Gaussian from a pruned scene.
 
     Without the Gaussian, the mean squared error of the images, relative to the complete scene, grows by
-    `alone + together`.
+    `own_error + interaction`.
 
     Attributes:
-        alone: Estimated mean squared change of the images.
-        together: Interaction with the error that pruning has already caused. It is positive if both errors add up, such
-            as at a hole, and negative if they cancel.
+        own_error: Estimated mean squared change of the images.
+        interaction: Interaction with the error that pruning has already caused. It is positive if both errors add up,
+            such as at a hole, and negative if they cancel.
     """
 
-    alone: Float64[np.ndarray, "N"]
-    together: Float64[np.ndarray, "N"]
+    own_error: Float64[np.ndarray, "N"]
+    interaction: Float64[np.ndarray, "N"]
 
 
 def measure_further_removal(
@@ -214,7 +214,7 @@ def measure_further_removal(
     # error of the difference R = pruned - complete becomes |R - D|^2 = |R|^2 + |D|^2 - 2 <R, D>. The gradient with R as
     # the gradient of the image gives <R, D>; |D|^2 is estimated with random signs (see `splatwire.render.pruning`).
     rng, splats, behind = Twister(seed), pruned.splats, np.array(pruned.background, np.float32)
-    alone, together = np.zeros(splats.num_gaussians), np.zeros(splats.num_gaussians)
+    own_error, interaction = np.zeros(splats.num_gaussians), np.zeros(splats.num_gaussians)
     for view in range(cameras.num_views):
         seen = splats.seen_from(to_numpy(cameras.centers[view]))
         seen = compensated(seen, cameras, view) if pruned.antialiased else seen
@@ -222,11 +222,11 @@ def measure_further_removal(
         picture = Picture(arrays, cameras, view, kept=True)
         image, _ = picture.draw(behind)
         by_sign = picture.gradients(arrays, image, rng.signs(image.shape))
-        alone += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)
+        own_error += np.square(by_sign[3] * opacities) + _HIDDEN_CONTRAST**2 * np.square(by_sign[4]).sum(axis=1)
         difference = np.clip(image, 0, 1) - references[view]
-        together -= 2 * picture.gradients(arrays, image, difference)[3] * opacities
+        interaction -= 2 * picture.gradients(arrays, image, difference)[3] * opacities
     scale = 1 / (cameras.num_views * cameras.width * cameras.height * 3)
-    return FurtherRemoval(alone * scale, together * scale)
+    return FurtherRemoval(own_error * scale, interaction * scale)
 
 
 def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
@@ -246,11 +246,11 @@ def _each_part(splats: Splats, part: int, measure: Callable[..., None]) -> None:
     edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
     order = kd_order(splats.means, [edges])
 
-    def look_at(ends: tuple[int, int]) -> None:
+    def add_gradients(ends: tuple[int, int]) -> None:
         members = np.sort(order[slice(*ends)])
         measure(members, splats.select(members), whole=False)
 
-    share(look_at, list(itertools.pairwise(edges.tolist())))
+    share(add_gradients, list(itertools.pairwise(edges.tolist())))
 
 
 def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]]) -> Int8[np.ndarray, "G"]:

@@ -70,7 +70,7 @@ class SequenceEncoder:
         self._last: Splats | None = None
         self._degree: int | None = None
         self._groups, self._warned = 0, False
-        self._said: set[str] = set()
+        self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame = 0
         self._extent: BoundingSphere | None = None
@@ -99,7 +99,7 @@ class SequenceEncoder:
         self._finish_deferred_work()
         other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._tracker, other._degree, other._warned = self._tracker, self._degree, self._warned
-        other._said = self._said
+        other._warned_kinds = self._warned_kinds
         other._first_frame = other._num_frames = self._num_frames
         number = ByteWriter()
         number.unsigned(self._num_frames)
@@ -118,7 +118,7 @@ class SequenceEncoder:
         """
         other = SequenceEncoder(self._options, self._classes, live=self._live)
         other._first_frame = other._num_frames = first_frame
-        other._warned, other._said = self._warned, self._said
+        other._warned, other._warned_kinds = self._warned, self._warned_kinds
         other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
         number = ByteWriter()
         number.unsigned(first_frame)
@@ -171,8 +171,8 @@ class SequenceEncoder:
             frame: The frame, relative to the origin of the sequence.
             moved: True if the frame had another origin.
         """
-        if moved and "place" not in self._said and (found := coarse_positions(frame.splats)) is not None:
-            self._said.add("place")
+        if moved and "place" not in self._warned_kinds and (found := coarse_positions(frame.splats)) is not None:
+            self._warned_kinds.add("place")
             LOG.warning(
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
                 "positions have steps of up to %.2g, more than half of their size: all frames lose precision: "
@@ -180,8 +180,8 @@ class SequenceEncoder:
                 describe_origin(ORIGIN.read(self._sections)), found[2],
             )  # fmt: skip
         drawn = ANTIALIASING in self._sections
-        if frame.antialiased != drawn and "antialiasing" not in self._said:
-            self._said.add("antialiasing")
+        if frame.antialiased != drawn and "antialiasing" not in self._warned_kinds:
+            self._warned_kinds.add("antialiasing")
             LOG.warning(
                 "frame %d %s antialiased, the first one %s: all frames are drawn as the first one", self._num_frames,
                 *(("is", "is not") if frame.antialiased else ("is not", "is")),
@@ -199,7 +199,7 @@ class SequenceEncoder:
             raise InvalidValueError("a clip has one frame at least")
         extent = self._extent  # unknown for a live sequence
         where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
-        return self._writer.finish({**self._stated, **where})
+        return self._writer.finish({**self._all_sections, **where})
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Returns manifest and side information of the groups of pictures encoded so far.
@@ -207,10 +207,10 @@ class SequenceEncoder:
         Args:
             stream_id: Id of the stream, for the manifest.
         """
-        return self._writer.so_far(self._stated, stream_id)
+        return self._writer.so_far(self._all_sections, stream_id)
 
     @property
-    def _stated(self) -> dict[str, bytes]:
+    def _all_sections(self) -> dict[str, bytes]:
         return {SECTION: self.tracking.section(), **self._sections}
 
     def importance(self, packets: Sequence[Packet]) -> list[float]:

@@ -173,7 +173,7 @@ def _warn_of_gaps(source: Path, names: list[str]) -> None:
     missing = [names[at] for at, step in enumerate(steps) if step > usual > 0]
     if missing:
         LOG.warning(
-            "%s: frames are missing after %s%s: the clip goes on with the next", source, ", ".join(missing[:3]),
+            "%s: frames are missing after %s%s: the clip continues with the next frame", source, ", ".join(missing[:3]),
             " and others" if len(missing) > 3 else "",
         )  # fmt: skip
 

@@ -8,8 +8,8 @@ import numpy as np
 from splatwire.codec.sequence.track_group import TrackGroup
 from splatwire.codec.sequence.trajectories import Trajectories
 from splatwire.sequence.partial_tracks import (
-    MORE_AROUND,
-    NUM_AROUND,
+    NUM_NEIGHBORS,
+    NUM_SPARE_NEIGHBORS,
     NeighborIndex,
     NeighborSet,
     TrackedFrame,
@@ -21,7 +21,7 @@ from splatwire.types.splats import Splats
 
 SPARE = 8
 """Inverse of the spare array capacity for new tracks: one eighth of the current number of tracks."""
-MOST_EARLY = 1 << 13
+MAX_EARLY_SEARCHES = 1 << 13
 """Maximum number of partial tracks (which do not exist in all frames) with a neighbour search before the group is
 complete; limits memory."""
 
@@ -38,12 +38,12 @@ class GroupBuilder:
     def __init__(self, frames: int, *, smooth: bool = False) -> None:
         # If `smooth`, neighbours of tracks that appear or disappear are searched as frames arrive, to save time at the
         # end of the group.
-        self._most, self._early = frames, smooth
+        self._max_frames, self._search_early = frames, smooth
         self.frames: list[TrackedFrame] = []
-        self._keys = self._by = self._begins = self._ends = np.zeros(0, np.int64)
-        self._room = 0
+        self._keys = self._key_order = self._begins = self._ends = np.zeros(0, np.int64)
+        self._capacity = 0
         self._values: dict[str, np.ndarray] = {}
-        self._around: list[NeighborSet] = []
+        self._neighbor_sets: list[NeighborSet] = []
         self._tree: NeighborIndex | None = None
         self._sample: NeighborSet | None = None
         self.smooth = False
@@ -59,7 +59,7 @@ class GroupBuilder:
         for name, values in _moving(frame.splats).items():
             self._values[name][rows, number] = values
         self._ends[rows] = number + 1
-        if self._early:
+        if self._search_early:
             self._find_neighbors(number)
 
     def _rows_of(self, keys: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ class GroupBuilder:
         Args:
             keys: Track key of each Gaussian of the frame.
         """
-        by, number = self._by, len(self.frames) - 1
+        by, number = self._key_order, len(self.frames) - 1
         at = np.searchsorted(self._keys, keys, sorter=by)
         known = self._keys[by[np.minimum(at, len(by) - 1)]] == keys if len(by) else np.zeros(len(keys), bool)
         if not known.all():
@@ -76,17 +76,17 @@ class GroupBuilder:
             self._keys = np.concatenate([self._keys, more])
             self._begins = np.concatenate([self._begins, np.full(len(more), number)])
             self._ends = np.concatenate([self._ends, np.full(len(more), number)])
-            self._by = by = np.argsort(self._keys, kind="stable")
+            self._key_order = by = np.argsort(self._keys, kind="stable")
             at = np.searchsorted(self._keys, keys, sorter=by)
-        if not self._values or len(self._keys) > self._room:
+        if not self._values or len(self._keys) > self._capacity:
             self._grow(len(self._keys) + len(self._keys) // SPARE)
         return by[at]
 
     def _grow(self, count: int) -> None:
         """Enlarges the arrays of the group to `count` tracks."""
-        self._room = count
+        self._capacity = count
         for name, values in _moving(self.frames[-1].splats).items():
-            grown = np.zeros((count, self._most, *values.shape[1:]), np.float32)
+            grown = np.zeros((count, self._max_frames, *values.shape[1:]), np.float32)
             if name in self._values:
                 grown[: len(self._values[name])] = self._values[name]
             self._values[name] = grown
@@ -97,21 +97,21 @@ class GroupBuilder:
         Args:
             number: Index of the frame in the group.
         """
-        means, count = self._values["means"], NUM_AROUND + MORE_AROUND
+        means, count = self._values["means"], NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS
         stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
         went = np.flatnonzero(self._ends == number)
-        room = MOST_EARLY - sum(len(around.tracks) for around in self._around)
+        room = MAX_EARLY_SEARCHES - sum(len(found.tracks) for found in self._neighbor_sets)
         if number and self._tree is not None and 0 < len(went) <= room:
-            self._around.append(self._tree.around(means, went, count))
+            self._neighbor_sets.append(self._tree.nearest(means, went, count))
         self._tree = None
-        if not len(stay) or number == self._most - 1:
+        if not len(stay) or number == self._max_frames - 1:
             return
         self._tree = NeighborIndex.of(means, number, stay)
         if not number:
             self._sample = sample_neighbors(means, self._tree)
         came = np.flatnonzero(self._begins == number)
         if number and 0 < len(came) <= room - len(went):
-            self._around.append(self._tree.around(means, came, count))
+            self._neighbor_sets.append(self._tree.nearest(means, came, count))
 
     def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
         """Returns the incomplete group: keys of the tracks, their values in each frame, and the number of frames."""
@@ -127,11 +127,13 @@ class GroupBuilder:
         values = {name: values[:count, :number] for name, values in self._values.items()}
         for some in values.values():
             _repeat_ends(some, self._begins, self._ends)
-        self.smooth = extrapolate_partial_tracks(values["means"], self._begins, self._ends, self._around, self._sample)
+        self.smooth = extrapolate_partial_tracks(
+            values["means"], self._begins, self._ends, self._neighbor_sets, self._sample
+        )
         keys, begins, ends, frames = self._keys, self._begins, self._ends, self.frames
-        if not np.array_equal(self._by, np.arange(count)):
-            keys, begins, ends = keys[self._by], begins[self._by], ends[self._by]
-            values = {name: some[self._by] for name, some in values.items()}
+        if not np.array_equal(self._key_order, np.arange(count)):
+            keys, begins, ends = keys[self._key_order], begins[self._key_order], ends[self._key_order]
+            values = {name: some[self._key_order] for name, some in values.items()}
         values = {name: np.ascontiguousarray(some) for name, some in values.items()}
 
         def first(rows: np.ndarray) -> Splats:
@@ -143,10 +145,10 @@ class GroupBuilder:
 
 def group_of(frames: Sequence[TrackedFrame]) -> TrackGroup:
     """Collects the tracks of consecutive frames into a group of pictures."""
-    gathering = GroupBuilder(len(frames))
+    builder = GroupBuilder(len(frames))
     for frame in frames:
-        gathering.add(frame)
-    return gathering.group()
+        builder.add(frame)
+    return builder.group()
 
 
 def _moving(splats: Splats) -> dict[str, np.ndarray]:

@@ -166,7 +166,9 @@ class LiveIngest:
         if self._others < OTHERS:
             self._skip(f"{path} has {_frame_properties(kind)}, frames before have {_frame_properties(self._kind)}")
             return None
-        self._warn(f"{path}: {OTHERS} frames have {_frame_properties(kind)}: the clip goes on with them")
+        self._warn(
+            f"{path}: {OTHERS} frames in a row have {_frame_properties(kind)}: the stream continues with these frames"
+        )
         self._encoder.restart()
         self._kind, self._others = kind, 0
         return frame

@@ -10,7 +10,7 @@ from splatwire.concealment.temporal.neighbors import smooth_weights
 from splatwire.ops.kd_tree import build_kd_tree
 from splatwire.types.splats import Splats
 
-NUM_AROUND = 40
+NUM_NEIGHBORS = 40
 """Number of neighbours that extrapolate a track's position."""
 ALIKE = 0.25
 """Maximum squared deviation from the neighbours' motion, relative to a track's own squared motion, to count as
@@ -18,7 +18,7 @@ coherent.
 """
 SAMPLE = 512
 """Number of tracks sampled for the test of coherent motion."""
-MORE_AROUND = 16
+NUM_SPARE_NEIGHBORS = 16
 """Number of additional neighbours found early, because some may end before the group does."""
 AT_ONCE = 1 << 12
 """Number of tracks processed at a time."""
@@ -45,7 +45,7 @@ class NeighborSet:
         tracks: Indices of the n tracks, int64 (n).
         frames: Frame in which the distances of each track to its neighbours were measured, int64 (n).
         neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
-        weights: Interpolation weights of the nearest `NUM_AROUND` neighbours, float32 (n, `NUM_AROUND` or fewer).
+        weights: Interpolation weights of the nearest `NUM_NEIGHBORS` neighbours, float32 (n, `NUM_NEIGHBORS` or fewer).
     """
 
     tracks: np.ndarray
@@ -63,7 +63,7 @@ class NeighborSet:
             frames: Frame in which the distances of each track to its neighbours are measured, int64 (n).
             neighbors: Indices of the nearest other tracks, nearest first, int64 (n, k).
         """
-        positions = means[neighbors[:, :NUM_AROUND], frames[:, None]]
+        positions = means[neighbors[:, :NUM_NEIGHBORS], frames[:, None]]
         return NeighborSet(tracks, frames, neighbors, smooth_weights(positions - means[tracks, frames][:, None]))
 
     @staticmethod
@@ -82,13 +82,13 @@ class NeighborSet:
             means: Positions of all tracks in all frames, float32 (T, F, 3).
         """
         known = exists[self.neighbors]
-        same, enough = known[:, :NUM_AROUND].all(axis=1), known.sum(axis=1) >= NUM_AROUND
+        same, enough = known[:, :NUM_NEIGHBORS].all(axis=1), known.sum(axis=1) >= NUM_NEIGHBORS
         other = enough & ~same
-        first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_AROUND]
+        first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_NEIGHBORS]
         neighbors = np.take_along_axis(self.neighbors[other], first, axis=1)
         # Tracks with too few allowed neighbours are omitted.
         return NeighborSet.joined([
-            NeighborSet(self.tracks[same], self.frames[same], self.neighbors[same, :NUM_AROUND], self.weights[same]),
+            NeighborSet(self.tracks[same], self.frames[same], self.neighbors[same, :NUM_NEIGHBORS], self.weights[same]),
             NeighborSet.with_weights(means, self.tracks[other], self.frames[other], neighbors),
         ])  # fmt: skip
 
@@ -141,7 +141,7 @@ class NeighborIndex:
         )  # fast to build, with few queries
         return NeighborIndex(frame, rows, tree)
 
-    def around(self, means: np.ndarray, tracks: np.ndarray, count: int, begin: int = 0) -> NeighborSet:
+    def nearest(self, means: np.ndarray, tracks: np.ndarray, count: int, begin: int = 0) -> NeighborSet:
         """Finds the nearest neighbours of tracks.
 
         Args:
@@ -162,7 +162,7 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
         index: Search tree. The sample is evenly spaced in it; the neighbours are tracks of the tree.
     """
     some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE)).astype(np.int64)]
-    return index.around(means, some, NUM_AROUND + MORE_AROUND + 1, begin=1)
+    return index.nearest(means, some, NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS + 1, begin=1)
 
 
 def extrapolate_partial_tracks(
@@ -188,9 +188,9 @@ def extrapolate_partial_tracks(
     frames = means.shape[1]
     stays = (begins == 0) & (ends == frames)
     whole = np.flatnonzero(stays)
-    if len(whole) <= NUM_AROUND or not _is_coherent(means, stays, sample):
+    if len(whole) <= NUM_NEIGHBORS or not _is_coherent(means, stays, sample):
         return False
-    parts = [around.only(stays, means) for around in ([NeighborSet.joined(known)] if known else [])]
+    parts = [found.only(stays, means) for found in ([NeighborSet.joined(known)] if known else [])]
     late, gone = np.flatnonzero(begins > 0), np.flatnonzero(ends < frames)
     wanted = np.union1d(late * frames + begins[late], gone * frames + ends[gone] - 1)
     lacking = wanted[
@@ -199,7 +199,7 @@ def extrapolate_partial_tracks(
     for frame in np.unique(lacking % frames).tolist():
         tracks, index = lacking[lacking % frames == frame] // frames, NeighborIndex.of(means, frame, whole)
         some = np.array_split(tracks, -(-len(tracks) // AT_ONCE))
-        parts += [index.around(means, few, NUM_AROUND) for few in some]
+        parts += [index.nearest(means, few, NUM_NEIGHBORS) for few in some]
     for part in parts:
         for begin in range(0, len(part.tracks), AT_ONCE):
             _extrapolate(means, begins, ends, part.part(slice(begin, begin + AT_ONCE)))

@@ -20,16 +20,16 @@ class MonitoringContent:
     """Content of the HTTP server for monitoring: `/healthz`, `/readyz` and `/metrics`.
 
     Attributes:
-        opened: Server to monitor.
+        running: Server to monitor.
         host: Address that the HTTP server listens on.
     """
 
-    opened: RunningServer
+    running: RunningServer
     host: str = "127.0.0.1"
     _registry: CollectorRegistry = field(default_factory=CollectorRegistry, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self._registry.register(_ServerCollector(self.opened))
+        self._registry.register(_ServerCollector(self.running))
         ProcessCollector(registry=self._registry)
 
     def answer(self, head: bytes) -> Answer:
@@ -47,7 +47,7 @@ class MonitoringContent:
             case "/healthz":
                 return make_answer("200 OK", body=b"ok\n")
             case "/readyz":
-                reason = self.opened.not_ready()
+                reason = self.running.not_ready()
                 status = "503 Service Unavailable" if reason else "200 OK"
                 return make_answer(status, body=f"{reason or 'ready'}\n".encode())
             case "/metrics":
@@ -62,14 +62,14 @@ class MonitoringContent:
 class _ServerCollector(Collector):
     """Prometheus collector that reads the counters of a server when they are scraped."""
 
-    def __init__(self, opened: RunningServer) -> None:
-        self._opened = opened
+    def __init__(self, running: RunningServer) -> None:
+        self._running = running
 
     def collect(self) -> Iterable[Metric]:
         """Yields the metrics of the server."""
-        server, page, core = self._opened.server, self._opened.page, self._opened.server.core
+        server, page, core = self._running.server, self._running.page, self._running.server.core
         yield InfoMetricFamily("splatwire_build", "Version of splatwire.", {"version": __version__})
-        yield _gauge("ready", "1 if the server accepts transfers.", self._opened.not_ready() is None)
+        yield _gauge("ready", "1 if the server accepts transfers.", self._running.not_ready() is None)
         yield _gauge("streams", "Streams that clients can request.", core.num_streams)
         yield _gauge("transfers", "Active transfers over UDP or QUIC.", core.num_transfers)
         yield _counter("transfers_started", "Transfers that have started.", core.num_served)

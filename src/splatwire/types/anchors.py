@@ -100,33 +100,33 @@ class Anchors:
         positions = gap(self.positions, positions)
         return Anchors(positions, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
 
-    def with_estimates(self, loss_mask: LossMask, proposed: "Anchors") -> "Anchors":
+    def with_estimates(self, loss_mask: LossMask, estimates: "Anchors") -> "Anchors":
         """Returns the anchors with lost attributes replaced by estimates.
 
         Args:
             loss_mask: Mask of received attributes.
-            proposed: All anchors, with estimates of lost attributes.
+            estimates: All anchors, with estimates of lost attributes.
 
         Raises:
             InvalidValueError: If an argument has another type, or is for other numbers of anchors, channels or offsets.
         """
         check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
-        check_kind(proposed, Anchors, "open_scene(...).anchors", "proposed")
+        check_kind(estimates, Anchors, "open_scene(...).anchors", "estimates")
         check_mask(loss_mask.known, self.num_anchors, "loss_mask")
-        shapes = [tuple(getattr(one, name).shape for name in _SHAPES) for one in (self, proposed)]
+        shapes = [tuple(getattr(one, name).shape for name in _SHAPES) for one in (self, estimates)]
         if shapes[0] != shapes[1]:
-            raise InvalidValueError(f"proposed: arrays of shapes {shapes[1]}, not {shapes[0]}")
+            raise InvalidValueError(f"estimates: arrays of shapes {shapes[1]}, not {shapes[0]}")
         received = loss_mask.received
 
         def merge(attribute: Attribute, decoded: Any, filled: Any) -> Any:
             return where(received[:, int(attribute)].reshape(-1, *[1] * (decoded.ndim - 1)), decoded, filled)
 
-        mask = merge(Attribute.MASK, self.mask, proposed.mask)
+        mask = merge(Attribute.MASK, self.mask, estimates.mask)
         return Anchors(
             self.positions,
-            merge(Attribute.FEATURE, self.features, proposed.features),
-            merge(Attribute.SCALING, self.scalings, proposed.scalings),
-            merge(Attribute.OFFSET, self.offsets, proposed.offsets * mask[:, :, None]),
+            merge(Attribute.FEATURE, self.features, estimates.features),
+            merge(Attribute.SCALING, self.scalings, estimates.scalings),
+            merge(Attribute.OFFSET, self.offsets, estimates.offsets * mask[:, :, None]),
             mask,
         )
 

@@ -39,11 +39,11 @@ class Levels:
     """Level of detail and precision of each Gaussian of a scene with levels of detail.
 
     Attributes:
-        of: Level of detail to which each Gaussian belongs; 0 is the finest level, the scene itself.
+        lod_level: Level of detail to which each Gaussian belongs; 0 is the finest level, the scene itself.
         classes: Precision class of each Gaussian (its set of quantisation steps); 0 is the coarsest.
     """
 
-    of: UInt8[np.ndarray, "N"]
+    lod_level: UInt8[np.ndarray, "N"]
     classes: UInt8[np.ndarray, "N"]
 
     __repr__ = summary_repr
@@ -52,10 +52,10 @@ class Levels:
     def copied(self) -> Bool[np.ndarray, "N"]:
         """Mask of the Gaussians in coarser levels that are unchanged copies of one Gaussian of the next finer level."""
         # The encoder gives copies a more precise class than merged Gaussians.
-        coarser = self.of > 0
+        coarser = self.lod_level > 0
         return coarser & (self.classes == self.classes[coarser].max()) if bool(coarser.any()) else coarser
 
     @property
     def hints(self) -> RenderHints:
         """Rendering hints that draw only the finest level of detail."""
-        return RenderHints(np.ones(len(self.of), np.float32), self.of > 0)
+        return RenderHints(np.ones(len(self.lod_level), np.float32), self.lod_level > 0)

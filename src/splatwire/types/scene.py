@@ -71,12 +71,12 @@ class Elements(Protocol):
             positions: Positions for the lost elements; other rows are ignored.
         """
 
-    def with_estimates(self: Own, loss_mask: LossMask, proposed: Own) -> Own:
+    def with_estimates(self: Own, loss_mask: LossMask, estimates: Own) -> Own:
         """Returns the elements with lost values replaced by estimates.
 
         Args:
             loss_mask: Mask of received values.
-            proposed: All elements, with estimates of the lost values.
+            estimates: All elements, with estimates of the lost values.
         """
 
 

@@ -188,26 +188,26 @@ class Splats:
         opacities = np.where(known, self.opacities, np.float32(0))
         return dataclasses.replace(self, means=np.where(known[:, None], self.means, positions), opacities=opacities)
 
-    def with_estimates(self, loss_mask: LossMask, proposed: "Splats") -> "Splats":
+    def with_estimates(self, loss_mask: LossMask, estimates: "Splats") -> "Splats":
         """Returns the Gaussians with lost ones replaced by estimates.
 
         Args:
             loss_mask: Mask of received Gaussians.
-            proposed: All Gaussians, with estimates of the lost ones.
+            estimates: All Gaussians, with estimates of the lost ones.
 
         Raises:
             InvalidValueError: If an argument has another type, or is for another number of Gaussians.
         """
         check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
-        check_kind(proposed, Splats, "open_scene", "proposed")
+        check_kind(estimates, Splats, "open_scene", "estimates")
         check_mask(loss_mask.known, self.num_gaussians, "loss_mask")
-        if proposed.sh.shape != self.sh.shape:
-            raise InvalidValueError(f"proposed: Gaussians with sh {proposed.sh.shape}, not {self.sh.shape}")
-        if proposed is self:
+        if estimates.sh.shape != self.sh.shape:
+            raise InvalidValueError(f"estimates: Gaussians with sh {estimates.sh.shape}, not {self.sh.shape}")
+        if estimates is self:
             return self
         known, merged = loss_mask.known, {}
         for name, own in vars(self).items():
-            merged[name] = np.where(known.reshape(-1, *[1] * (own.ndim - 1)), own, getattr(proposed, name))
+            merged[name] = np.where(known.reshape(-1, *[1] * (own.ndim - 1)), own, getattr(estimates, name))
         return Splats(**merged)
 
     def seen_from(self, camera_center: Float[np.ndarray, "3"]) -> Gaussians:

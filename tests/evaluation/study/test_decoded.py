@@ -168,7 +168,7 @@ def test_results_that_do_not_fit_are_refused(folder, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ('curve = ""', 'preset = "paper"', "unknown key 'preset'"),
         ('scene = "made up"\nsource', 'scene = "other"\nsource', "other"),
@@ -179,10 +179,10 @@ def test_results_that_do_not_fit_are_refused(folder, tmp_path):
         ("[[row.decoded]]", "[row.decoded]", "decoded must be a list"),
     ],
 )
-def test_mistakes_in_results_are_named(folder, tmp_path, old, new, told):
+def test_mistakes_in_results_are_named(folder, tmp_path, old, new, message):
     text = row("x", folder / "fine.ply", 9)
     assert old in text
-    with pytest.raises((InvalidValueError, UnknownNameError, DatasetError), match=told):
+    with pytest.raises((InvalidValueError, UnknownNameError, DatasetError), match=message):
         study_of(folder, tmp_path, text.replace(old, new))
 
 

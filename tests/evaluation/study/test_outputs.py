@@ -210,11 +210,11 @@ def test_official_files_are_counted_like_the_official_total(data_dir):
 def test_saved_pictures_equal_the_scored_ones(done):
     """Saved pictures are the workers' renders of the worst views of the baseline under its worst loss."""
     store, result = done
-    look = result.looks["made up"]
+    images = result.report_images["made up"]
     (baseline,) = [cell for cell in result.cells if cell.row.key == "drop" and cell.seed == 0]
     psnr = [record.psnr for record in result.records[baseline.unit.key]]
-    assert list(look.views) == sorted(range(2), key=psnr.__getitem__)
-    for picture, view in zip(take_pictures(result, store), look.views, strict=True):
+    assert list(images.views) == sorted(range(2), key=psnr.__getitem__)
+    for picture, view in zip(take_pictures(result, store), images.views, strict=True):
         assert [shot.label for shot in picture.shots] == [row.label for row in result.study.rows]
         cells = [cell for cell in result.cells if cell.seed in (None, 0)]
         for shot, cell in zip(picture.shots, cells, strict=True):
@@ -225,7 +225,7 @@ def test_saved_pictures_equal_the_scored_ones(done):
                 error = np.mean((shot.pixels / 255.0 - picture.reference / 255.0) ** 2)
                 assert -10 * np.log10(error) == pytest.approx(shot.psnr, abs=0.1)
         assert set(picture.loss_maps) == (
-            {"paper-block_size=60", "paper-block_size=60-contiguous"} if view == look.views[0] else set()
+            {"paper-block_size=60", "paper-block_size=60-contiguous"} if view == images.views[0] else set()
         )
 
 
@@ -233,7 +233,7 @@ def test_saved_pictures_show_the_worst_loss(edited, tmp_path):
     """Pictures of a very small loss would show no difference."""
     mild, store = '[[loss]]\nmodel = "bernoulli:0.05"\n\n', Store(tmp_path)
     result = run_study(load_study(edited(("[[loss]]", mild + "[[loss]]"))), store, InProcess(), silent)
-    assert result.looks["made up"].loss.model == "bernoulli:0.3"
+    assert result.report_images["made up"].loss.model == "bernoulli:0.3"
     assert {view.loss for view in take_pictures(result, store)} == {"bernoulli:0.3 per pak, seed 0"}
 
 

@@ -77,7 +77,7 @@ class TracksDecoder:
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """Allocates the keyframe Gaussians of all tracks before packets are decoded (see `Decoder.expect`)."""
-        self._lives = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
+        self._lifetimes = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
         self._splats = blank_splats(self._num_tracks, self.info.keyframes.degree)
         self._positions = np.zeros((self._num_tracks, 3), np.int64)
         self._shifts = np.zeros((self._num_tracks, NUM_CHANNELS), np.int8)
@@ -87,7 +87,7 @@ class TracksDecoder:
         self._packets: dict[int, tuple[Packet, ...]] = {}
         self._sizes: dict[int, int] = {}
         self._ready: dict[PacketId, _Moved] = {}
-        self._held = self.scene_bytes
+        self._memory_bytes = self.scene_bytes
 
     def take_over(self, other: "TracksDecoder") -> None:
         """Copies the keyframe Gaussians that an earlier decoder of the same live stream has decoded.
@@ -156,7 +156,7 @@ class TracksDecoder:
     def scene(self) -> ReceivedScene[SequenceScene]:
         """Returns the sequence decoded so far, with masks of received elements (see `Decoder.scene`)."""
         blocks = self._spans.blocks_of_tracks()
-        tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lives)
+        tracks = Tracks(self._splats, self._spans.born, self._received, blocks, self._rounding, *self._lifetimes)
         background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
         sequence = SequenceScene(
             self.info.timeline, tracks, self._motion, self._num, background, antialiased,
@@ -216,8 +216,8 @@ class TracksDecoder:
                 if moved is None:
                     continue
                 self._ready[packet.id] = moved
-                self._held += moved[0].nbytes + moved[1].nbytes
-                check_memory(self._held, num_bytes, "motion that is ready")
+                self._memory_bytes += moved[0].nbytes + moved[1].nbytes
+                check_memory(self._memory_bytes, num_bytes, "motion that is ready")
 
     def _decode_packets(self, packets: Sequence[Packet], received: np.ndarray) -> list["_Moved | None"]:
         """Decodes the given motion packets of one group of frames.

@@ -96,7 +96,7 @@ class KeyframeEncoder:
         self._quality, self._packetization, self._threads = quality, packetization, threads
         self._infos: list[tuple[int, list[SideInfo]]] = []
         self._references: list[SideInfo] = []
-        self._like: SideInfo | None = None
+        self._template: SideInfo | None = None
         self._warned = False
         self._level = 0
 
@@ -161,16 +161,16 @@ class KeyframeEncoder:
         """
         size = span_size(splats.num_gaussians, self._packetization.block_size)
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
-        like, level = self._like, self._level
-        if like is None:
+        template, level = self._template, self._level
+        if template is None:
             return self._begin_shot(self._fitted(splats, classes, plan, None, None), group)
         if cut:
             fresh = self._fitted(splats, classes, plan, None, None)
             if self._differs(fresh.info):
                 return self._begin_shot(fresh, group)
-        coding = self._coding(splats, classes, like, level)
-        self._warn_of_coarse_lattice(splats, like)
-        shared = self._fitted(splats, classes, plan, coding, like)
+        coding = self._coding(splats, classes, template, level)
+        self._warn_of_coarse_lattice(splats, template)
+        shared = self._fitted(splats, classes, plan, coding, template)
         coded = self._coded(shared)
         if cut:
             fresh = self._fitted(splats, classes, plan, coding, None)
@@ -203,7 +203,7 @@ class KeyframeEncoder:
         self._infos.append((group, [fitted.info]))
         keep = self._references and spacing_of(fitted.info, self.reference) in KEPT_UNITS
         self._references.append(self.reference if keep else fitted.info)
-        self._like, self._level = fitted.info, int(np.median(fitted.source.classes))
+        self._template, self._level = fitted.info, int(np.median(fitted.source.classes))
         return self._coded(fitted)
 
     def _differs(self, info: SideInfo) -> bool:
@@ -211,8 +211,10 @@ class KeyframeEncoder:
 
         False, too, if the units of positions differ by more than the format allows (`MAX_SPACING`).
         """
-        assert self._like is not None
-        apart = np.abs(info.bases - self._like.bases).max() + (abs(info.size_log - self._like.size_log) << STEP_BITS)
+        assert self._template is not None
+        apart = np.abs(info.bases - self._template.bases).max() + (
+            abs(info.size_log - self._template.size_log) << STEP_BITS
+        )
         return bool(apart >= LEAST_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
 
     def _fitted(

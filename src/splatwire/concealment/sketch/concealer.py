@@ -80,7 +80,7 @@ def conceal_with(partial: ReceivedScene[AnchorScene], section: SketchSection) ->
     """
     filled = with_sketch(partial, section)
     if section.trust and bool(filled.known.any()):
-        return SketchedLoss.of(filled).proposal(section)
+        return SketchedLoss.of(filled).conceal(section)
     grow = Grow(exponent=section.exponent, max_excess=section.max_excess)
     return replace(grow(filled), elements=filled.filled)
 
@@ -142,7 +142,7 @@ class SketchedLoss:
         around = surroundings_of(filled, np.flatnonzero(filled.known))
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
-    def proposal(self, section: SketchSection) -> Concealed:
+    def conceal(self, section: SketchSection) -> Concealed:
         """Hides lost anchors without a coarse copy, and enlarges the drawn anchors next to hidden anchors.
 
         Args:

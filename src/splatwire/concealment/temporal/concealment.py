@@ -42,9 +42,9 @@ def conceal_group(
     if len(lost_tracks):
         prediction = no_motion(lost_tracks)
         if not motion.unchanged:
-            proposal = _checked_estimate(concealer, LostMotion(sequence, group, lost_tracks, arrived, before))
-            prediction = proposal.at
-            hidden[lost_tracks[~proposal.shown]] = True
+            result = _checked_estimate(concealer, LostMotion(sequence, group, lost_tracks, arrived, before))
+            prediction = result.at
+            hidden[lost_tracks[~result.shown]] = True
         others = GroupPoses(
             lost_tracks,
             *lifetimes(sequence, group, lost_tracks),
@@ -62,17 +62,17 @@ def conceal_group(
 
 def _checked_estimate(concealer: TemporalConcealer, lost: LostMotion) -> ConcealedMotion:
     """Calls a concealer of lost motion, and checks the type, shape and values of its result in each frame."""
-    proposal, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
-    if not isinstance(proposal, ConcealedMotion):
-        found = type(proposal).__name__
+    result, shape = concealer(lost), (len(lost.tracks), NUM_CHANNELS)
+    if not isinstance(result, ConcealedMotion):
+        found = type(result).__name__
         raise InvalidValueError(f"concealer '{concealer.name}' returned {found}, not ConcealedMotion")
-    shown = np.asarray(proposal.shown)
+    shown = np.asarray(result.shown)
     if shown.dtype != np.bool_ or shown.shape not in ((), shape[:1]):
         what = f"a mask of shape {shown.shape} and type {shown.dtype} for {shape[0]:,} tracks"
         raise InvalidValueError(f"concealer '{concealer.name}' returned {what}")
 
     def at(frame: int, arrived: np.ndarray) -> np.ndarray:
-        offsets = np.asarray(proposal.at(frame, arrived))
+        offsets = np.asarray(result.at(frame, arrived))
         if offsets.shape != shape:
             what = f"motion of shape {offsets.shape} for {shape[0]:,} tracks of {shape[1]} channels"
             raise InvalidValueError(f"concealer '{concealer.name}' returned {what}")

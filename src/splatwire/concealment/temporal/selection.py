@@ -115,18 +115,18 @@ def _errors(
             tracks = arrived.tracks[tested]
             begins, ends = lifetimes(sequence, group, tracks)
             true = splats.means[tracks] + offsets[tested, PLACE], exists[tested]
-            at_true = field.around(true[0], tested)
+            at_true = field.colour_at(true[0], tested)
             hidden = true[0], np.zeros(len(tested), bool)
             errors[:, -1] += true[1] * field.error(at_true, tested, true, hidden)
             for number, estimate in enumerate(ways):
                 place = splats.means[tracks] + estimate(frame, offsets[rest])[:, PLACE]
                 shown = place, (begins <= frame) & (frame < ends)
-                for around, counts in ((at_true, true[1]), (field.around(place, tested), shown[1])):
-                    errors[:, number] += counts * field.error(around, tested, true, shown)
+                for local, counts in ((at_true, true[1]), (field.colour_at(place, tested), shown[1])):
+                    errors[:, number] += counts * field.error(local, tested, true, shown)
     return found
 
 
-class _Around(NamedTuple):
+class _LocalColour(NamedTuple):
     """Colour and opacity that some Gaussians produce at t points.
 
     Attributes:
@@ -153,12 +153,12 @@ class _Field:
     def __init__(self, splats: Splats, tracks: np.ndarray, offsets: np.ndarray, exists: np.ndarray) -> None:
         self._square = (splats.scales[tracks].astype(np.float64) ** 2).mean(axis=1) + 1e-30
         opacity = np.full((len(tracks), 1), OPACITY_ERROR)
-        self._looks = np.concatenate([splats.sh[tracks, 0] * DC + 0.5, opacity], axis=1)
+        self._colours = np.concatenate([splats.sh[tracks, 0] * DC + 0.5, opacity], axis=1)
         self._opacities = splats.opacities[tracks].astype(np.float64)
         self._rows = np.flatnonzero(exists)
         self._tree = build_kd_tree((splats.means[tracks] + offsets)[self._rows])
 
-    def around(self, points: np.ndarray, tested: np.ndarray) -> "_Around":
+    def colour_at(self, points: np.ndarray, tested: np.ndarray) -> "_LocalColour":
         """Computes the colour and opacity that received Gaussians produce at given points.
 
         To measure the error of an estimator, the motion of the tested tracks is estimated as if it were lost. The
@@ -174,9 +174,11 @@ class _Field:
         near = self._rows[near.reshape(len(points), -1)]
         weights = there[near] * self._opacities[near]
         weights *= np.exp(-(distance.reshape(near.shape) ** 2) / (2 * self._square[near]))
-        return _Around(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._looks[near]))
+        return _LocalColour(points, weights.sum(axis=1), np.einsum("nk,nka->na", weights, self._colours[near]))
 
-    def error(self, background: "_Around", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def error(
+        self, background: "_LocalColour", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]
+    ) -> np.ndarray:
         """Computes the error in one frame if tracks are drawn in an estimated state in place of the true state.
 
         Args:
@@ -193,7 +195,7 @@ class _Field:
         for place, exists in states:
             own = exists * opacities * np.exp(-((points - place) ** 2).sum(axis=1) / (2 * square))
             total = density + own
-            mixed = (colour + own[:, None] * self._looks[tested]) / np.maximum(total, 1e-12)[:, None]
+            mixed = (colour + own[:, None] * self._colours[tested]) / np.maximum(total, 1e-12)[:, None]
             shown.append(mixed * (1 - np.exp(-total))[:, None])
         apart: np.ndarray = ((shown[0] - shown[1]) ** 2).sum(axis=1)
         return square * opacities * apart

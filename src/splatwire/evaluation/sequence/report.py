@@ -19,7 +19,7 @@ from splatwire.types.sequence_scene import Timeline
 HEADINGS = ("method", "loss", "PSNR dB", "below complete", "worst below", "first group dB", "flicker", "packets lost")
 
 
-class Film:
+class PlayerPictures:
     """Pictures of one view of a sequence for the player in the HTML report, by experiment and frame.
 
     Args:
@@ -70,7 +70,7 @@ def cells(row: dict[str, Any]) -> list[str]:
 
 
 def render_sequence_report(
-    title: str, subtitle: str, timeline: Timeline, scores: Sequence[SequenceScore], film: Film
+    title: str, subtitle: str, timeline: Timeline, scores: Sequence[SequenceScore], player_pictures: PlayerPictures
 ) -> str:
     """Renders the report of a sequence evaluation as HTML.
 
@@ -79,13 +79,13 @@ def render_sequence_report(
         subtitle: Description of the comparison.
         timeline: Frame rate and groups of pictures.
         scores: Scores of the experiments, the complete sequence first.
-        film: Pictures of the reference and of each experiment.
+        player_pictures: Pictures of the reference and of each experiment.
     """
     rows = score_rows(scores)
     labels = ["reference", *(", ".join(filter(None, (row["method"], row["loss"]))) for row in rows)]
     players = [
         {"label": label, "pictures": pictures, "psnr": [] if number == 0 else rows[number - 1]["frames"]}
-        for number, (label, pictures) in enumerate(zip(labels, film.pictures, strict=True))
+        for number, (label, pictures) in enumerate(zip(labels, player_pictures.pictures, strict=True))
     ]
     return filled_page(
         "splatwire.evaluation.sequence", "report.html.jinja", title=title, subtitle=subtitle, columns=HEADINGS,

@@ -12,7 +12,7 @@ from splatwire.data import load_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels
 from splatwire.evaluation.sequence.evaluation import NUM_VIEWS, VIEW_SIZE, SequenceRow, score_sequence
-from splatwire.evaluation.sequence.report import Film, render_sequence_report, score_rows
+from splatwire.evaluation.sequence.report import PlayerPictures, render_sequence_report, score_rows
 from splatwire.evaluation.views import spread
 from splatwire.files.atomic_write import atomic_write
 from splatwire.render.importance import surrounding_cameras
@@ -48,10 +48,10 @@ def evaluate_sequence(
     frames = open_sequence(reference, None if reference.is_dir() else timeline.num_frames)
     if frames.num_frames != timeline.num_frames:
         raise InvalidValueError(f"the clip has {timeline.num_frames} frames, {reference} has {frames.num_frames}")
-    film, seen_from = Film(len(rows)), _cameras(cameras, views, next(frames.read()))
+    player_pictures, seen_from = PlayerPictures(len(rows)), _cameras(cameras, views, next(frames.read()))
     scores = score_sequence(
         stream, frames.read(), seen_from, rows, renderer=renderer,
-        on_picture=None if output is None else lambda row, frame, image: film.add(row, frame, to_pixels(image)),
+        on_picture=None if output is None else lambda row, at, image: player_pictures.add(row, at, to_pixels(image)),
         progress=lambda done: progress(done / timeline.num_frames),
     )  # fmt: skip
     content: dict[str, Any] = {
@@ -61,7 +61,9 @@ def evaluate_sequence(
     if output is not None:
         text = f"{timeline.num_frames} frames in groups of {timeline.group_frames}, {seen_from.num_views} views"
         atomic_write(
-            output / "report.html", render_sequence_report(title, text, timeline, scores, film).encode(), parents=True
+            output / "report.html",
+            render_sequence_report(title, text, timeline, scores, player_pictures).encode(),
+            parents=True,
         )
         content["report"] = str(output / "report.html")
     return content

@@ -54,12 +54,12 @@ class ViewPictures:
 def take_pictures(result: StudyResult, store: Store) -> list[ViewPictures]:
     """Reads the images for a report from the store."""
     found = []
-    for name, look in result.looks.items():
-        cells = [cell for cell in result.cells if cell.scene == name and look.shows(cell)]
+    for name, images in result.report_images.items():
+        cells = [cell for cell in result.cells if cell.scene == name and images.shows(cell)]
         references = result.scenes[name].references
         views = references.open(store.root)
-        loss = "" if look.loss is None else f"{look.loss.label}, seed {look.seed}"
-        for view in look.views:
+        loss = "" if images.loss is None else f"{images.loss.label}, seed {images.seed}"
+        for view in images.views:
             shots = tuple(_shot(result, store, cell, view) for cell in cells)
             maps = {c.row.variant: c.unit.loss_map(view) for c in cells if c.row.erode is None}
             there = {variant: store.root / file for variant, file in maps.items() if (store.root / file).is_file()}

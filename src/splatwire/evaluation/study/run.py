@@ -52,7 +52,7 @@ class StudyResult:
         scenes: The prepared scenes, by name.
         cells: All combinations of row, loss and seed, with their tasks.
         records: Scores of every task by its key, views in order.
-        looks: Selection of the images that the report shows (loss, seed and views), by name of the scene.
+        report_images: Selection of the images that the report shows (loss, seed and views), by name of the scene.
         skipped: Reasons for everything that was not evaluated.
         skipped_rows: Keys of the rows that were not evaluated, by name of the scene.
         num_computed: Number of tasks computed in this run.
@@ -64,7 +64,7 @@ class StudyResult:
     scenes: Mapping[str, PreparedScene]
     cells: tuple[Cell, ...]
     records: Mapping[str, list[Record]]
-    looks: Mapping[str, ReportImages]
+    report_images: Mapping[str, ReportImages]
     skipped: tuple[str, ...]
     skipped_rows: Mapping[str, tuple[str, ...]]
     num_computed: int
@@ -113,29 +113,31 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
         scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}
         cells = list_cells(study, scenes, lpips_digest=lpips)
         _check_scenes(study, scenes, cells)
-        judges = _hardest_view_tasks(study, cells)
-        shift = _TaskRunner(store, engine, progress, len({c.unit.key for c in cells if not store.has(c.unit.key)}))
-        others = [c for c in cells if c.seed not in (None, study.seeds[0]) and c not in judges]
-        shift.run(
-            [*(c.unit for c in _by_mask(others)), *(_storing_hardest_views(study, store, c.unit) for c in judges)]
+        image_tasks = _hardest_view_tasks(study, cells)
+        runner = _TaskRunner(store, engine, progress, len({c.unit.key for c in cells if not store.has(c.unit.key)}))
+        others = [c for c in cells if c.seed not in (None, study.seeds[0]) and c not in image_tasks]
+        runner.run(
+            [*(c.unit for c in _by_mask(others)), *(_storing_hardest_views(study, store, c.unit) for c in image_tasks)]
         )
-        looks = {name: _choose_images(study, store, [c for c in judges if c.scene == name]) for name in scenes}
-        rest = [c for c in _by_mask(cells, judges) if c not in judges and c not in others]
-        shift.run([_shown(looks[c.scene], c) for c in rest])
+        report_images = {
+            name: _choose_images(study, store, [c for c in image_tasks if c.scene == name]) for name in scenes
+        }
+        rest = [c for c in _by_mask(cells, image_tasks) if c not in image_tasks and c not in others]
+        runner.run([_with_pictures(report_images[c.scene], c) for c in rest])
         records = {cell.unit.key: store.records(cell.unit.key) for cell in cells}
     return StudyResult(
         study=study,
         scenes=scenes,
         cells=tuple(cells),
         records=records,
-        looks=looks,
+        report_images=report_images,
         skipped=_skipped(study, scenes, lpips),
         skipped_rows={
             name: tuple(row.key for row in study.rows if scene.why_unsupported(row)) for name, scene in scenes.items()
         },
-        num_computed=shift.num_done,
-        num_reused=len(records) - shift.num_done,
-        num_lost_workers=shift.num_lost,
+        num_computed=runner.num_done,
+        num_reused=len(records) - runner.num_done,
+        num_lost_workers=runner.num_lost,
     )
 
 
@@ -180,14 +182,14 @@ def _hardest_view_tasks(study: Study, cells: Sequence[Cell]) -> list[Cell]:
     method with losses.
     """
     # A task of the baseline, or of the first row with losses if there is no baseline.
-    judges = []
+    image_tasks = []
     for scene in dict.fromkeys(cell.scene for cell in cells):
         own = [cell for cell in cells if cell.scene == scene and cell.seed in (None, study.seeds[0])]
         own = [cell for cell in own if not cell.row.lossless] or own
         for loss in dict.fromkeys(cell.loss for cell in own):
             group = [cell for cell in own if cell.loss == loss]
-            judges.append(next((cell for cell in group if cell.row.key == study.baseline), group[0]))
-    return judges
+            image_tasks.append(next((cell for cell in group if cell.row.key == study.baseline), group[0]))
+    return image_tasks
 
 
 def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
@@ -196,14 +198,14 @@ def _storing_hardest_views(study: Study, store: Store, unit: Unit) -> Unit:
     return replace(unit, hardest=study.picture_views)
 
 
-def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> ReportImages:
+def _choose_images(study: Study, store: Store, image_tasks: Sequence[Cell]) -> ReportImages:
     """Selects the packet loss and the views whose pictures the report shows for a scene.
 
     Args:
         study: Definition of the evaluation.
         store: Store with the records of the tasks.
-        judges: Tasks of the scene to choose from, one for each loss. The task with the lowest mean PSNR is chosen; the
-            report shows its loss, and its views with the lowest PSNR.
+        image_tasks: Tasks of the scene to choose from, one for each loss. The task with the lowest mean PSNR is chosen;
+            the report shows its loss, and its views with the lowest PSNR.
     """
     # The views with the lowest PSNR of this task are chosen, to show the effect of losses.
 
@@ -211,12 +213,14 @@ def _choose_images(study: Study, store: Store, judges: Sequence[Cell]) -> Report
         values = [r.psnr for r in store.records(cell.unit.key) if r.psnr is not None and math.isfinite(r.psnr)]
         return statistics.fmean(values) if values else math.inf
 
-    judge = min(judges, key=level)
-    return ReportImages(judge.loss, judge.seed, hardest(store.records(judge.unit.key), study.picture_views))
+    hardest_task = min(image_tasks, key=level)
+    return ReportImages(
+        hardest_task.loss, hardest_task.seed, hardest(store.records(hardest_task.unit.key), study.picture_views)
+    )
 
 
-def _shown(look: ReportImages, cell: Cell) -> Unit:
-    return replace(cell.unit, pictures=look.views) if look.shows(cell) else cell.unit
+def _with_pictures(images: ReportImages, cell: Cell) -> Unit:
+    return replace(cell.unit, pictures=images.views) if images.shows(cell) else cell.unit
 
 
 def _by_mask(cells: Sequence[Cell], first: Sequence[Cell] = ()) -> list[Cell]:

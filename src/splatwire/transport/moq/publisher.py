@@ -142,10 +142,10 @@ async def publish(
     origin = moq.OriginProducer()
     async with session(address, trust, publish=origin) as (client, scene):
         broadcast = origin.create_broadcast(scene)
-        asked = broadcast.dynamic()
+        requests = broadcast.dynamic()
 
         async def answer() -> None:
-            async for request in _requests(asked):
+            async for request in _requests(requests):
                 name = request.name
                 frames = _frames_of(name, head, parts, packets)
                 if frames is None:
@@ -169,9 +169,9 @@ async def publish(
         return Published(len(published), client.session.stats().bytes_sent or 0)
 
 
-async def _requests(asked: Any) -> AsyncIterator[Any]:
+async def _requests(requests: Any) -> AsyncIterator[Any]:
     while True:
-        yield await asked.requested_track()
+        yield await requests.requested_track()
 
 
 def _frames_of(name: str, head: bytes, track_packets: list[range], packets: list[bytes]) -> list[bytes] | None:

@@ -88,12 +88,12 @@ class RelayReceiver:
         self.finished: Finished | None = None
         self.num_bytes = self.num_datagrams = self.num_rejected = 0
         self.collector = _Counts()
-        self._tell = on_event or (lambda event: None)
+        self._on_event = on_event or (lambda event: None)
         self._intake: PacketIntake | None = None
         self._manifest: Manifest | None = None
         self._side_info = self._head = b""
-        self._held: list[Any] = []
-        self._whole: set[int] = set()
+        self._subscriptions: list[Any] = []
+        self._complete_parts: set[int] = set()
         self._heard_at, self._bytes_before, self._broken_off = 0.0, 0, False
 
     def stream(self) -> SceneStream | None:
@@ -114,7 +114,7 @@ class RelayReceiver:
         """Ends the transfer and reports the reason as an event."""
         if self.finished is None:
             self.finished = Finished(reason, self._manifest is not None)
-            self._tell(self.finished)
+            self._on_event(self.finished)
 
     def may_resume(self, now: float) -> bool:
         """Returns True if an interrupted transfer may still be resumed.
@@ -126,7 +126,7 @@ class RelayReceiver:
             return False
         if not self._broken_off:
             self._broken_off = True
-            self._tell(Interrupted())
+            self._on_event(Interrupted())
         return True
 
     async def receive(self, broadcast: Any) -> str:
@@ -144,7 +144,7 @@ class RelayReceiver:
             BrokenOffError: If the relay is silent or ends a track early.
             BitstreamError: If the init segment is invalid.
         """
-        self._held.clear()
+        self._subscriptions.clear()
         self._bytes_before = self.num_bytes
         most = self.options.limits.head_bytes
         data = b"".join([frame async for frame in self._frames(broadcast, HEAD, FOREMOST, most, most // 64 + 1)])
@@ -156,13 +156,15 @@ class RelayReceiver:
         kept = data == self._head
         if self._broken_off:
             self._broken_off = False
-            self._tell(Resumed(kept))
+            self._on_event(Resumed(kept))
         if not kept or self._intake is None:
-            self._head, self._manifest, self._intake, self._whole = data, manifest, PacketIntake(manifest), set()
-            self._tell(Welcomed(manifest.num_packets, len(data)))
-            self._tell(SideInfoArrived(manifest, self._side_info, self._intake))
+            self._head, self._manifest, self._intake = data, manifest, PacketIntake(manifest)
+            self._complete_parts = set()
+            self._on_event(Welcomed(manifest.num_packets, len(data)))
+            self._on_event(SideInfoArrived(manifest, self._side_info, self._intake))
         parts, order = parts_of(manifest, tiles), self._order(manifest, tiles)
-        wanted = [(rank, number) for rank, number in enumerate(order) if parts[number] and number not in self._whole]
+        complete = self._complete_parts
+        wanted = [(rank, number) for rank, number in enumerate(order) if parts[number] and number not in complete]
         waiting = iter([(number, parts[number], rank) for rank, number in wanted])
 
         async def work() -> None:
@@ -177,7 +179,7 @@ class RelayReceiver:
                 task.cancel()
         if self._intake.report().complete:
             return "complete"
-        seen = self.options.viewpoint is not None and all(number in self._whole for _, number in wanted)
+        seen = self.options.viewpoint is not None and all(number in self._complete_parts for _, number in wanted)
         return "seen" if seen else "sent"
 
     def _order(self, manifest: Manifest, tiles: Tiles | None) -> list[int]:
@@ -211,9 +213,9 @@ class RelayReceiver:
                 self.num_rejected += 1
             else:
                 num_taken += 1
-                self._tell(PacketArrived(packet, False))
+                self._on_event(PacketArrived(packet, False))
         if num_taken == len(indices):
-            self._whole.add(number)
+            self._complete_parts.add(number)
 
     async def _frames(
         self, broadcast: Any, name: str, priority: int, most_bytes: int, most_frames: int
@@ -236,7 +238,7 @@ class RelayReceiver:
         try:
             async with asyncio.timeout(self.options.silence_s):
                 track = await broadcast.subscribe_track(name, wanted)
-                self._held.append(track)  # a relay drops tracks without subscribers
+                self._subscriptions.append(track)  # a relay drops tracks without subscribers
                 group = await track.recv_group()
             while group is not None:
                 async with asyncio.timeout(self.options.silence_s):

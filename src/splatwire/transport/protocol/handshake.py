@@ -56,22 +56,22 @@ class HandshakeAttempt:
         self.next_at = now + (RELIABLE_RETRY_S if self._reliable else RETRY_S)
         return [self._frame()]
 
-    def challenged(self, token: bytes, now: float) -> bytes:
+    def on_challenge(self, token: bytes, now: float) -> bytes:
         """Stores the server's token and returns the request datagram with the token."""
         self._token, self._token_at, self.next_at = token, now, now + RETRY_S
         return self._frame()
 
-    def refused(self, now: float, after: float = REFUSAL_RETRY_S) -> None:
+    def on_refusal(self, now: float, delay_s: float = REFUSAL_RETRY_S) -> None:
         """Schedules a retry after a temporary refusal.
 
         Args:
             now: Time, seconds.
-            after: Time until the retry, seconds.
+            delay_s: Time until the retry, seconds.
         """
-        self.next_at = now + after
+        self.next_at = now + delay_s
         self._token = self._token if self._reliable else None
 
-    def renewed(self, now: float) -> "HandshakeAttempt":
+    def renew(self, now: float) -> "HandshakeAttempt":
         """Returns a new attempt for the same stream, with a new random nonce."""
         digest = hashlib.sha256(b"again" + self.nonce.to_bytes(8, "little")).digest()
         return HandshakeAttempt(

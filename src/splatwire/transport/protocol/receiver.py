@@ -111,20 +111,20 @@ class Receiver(ReceiveState):
         super().__init__()
         self.options = options or ReceiverOptions()
         self._nonce = nonce
-        self._began = self._asking_since = self._heard_at = self._feedback_at = now
+        self._began = self._connecting_since = self._heard_at = self._feedback_at = now
         self._reliable = reliable
-        self._last_greeting = HandshakeAttempt(
+        self._last_attempt = HandshakeAttempt(
             nonce, now, self.options.name, reliable=reliable, scene_token=self.options.scene_token
         )
-        self._greeting: HandshakeAttempt | None = self._last_greeting
+        self._attempt: HandshakeAttempt | None = self._last_attempt
         self._refusal = ""
         self._view: View | None = None
         self._viewpoint: tuple[Viewpoint, int] | None = None
         self._moved_at = -math.inf
         self._view_number, self._view_at = 0, -math.inf
-        self._have: list[bytes] = []
+        self._have_frames: list[bytes] = []
         self._have_left, self._have_at = 0, now
-        self._vain, self._before = 0, 0
+        self._fruitless_transfers, self._before = 0, 0
         self._longest = 0
         self._begin_session(now)
         self._stream_before: int | None = None
@@ -136,8 +136,8 @@ class Receiver(ReceiveState):
         if self.finished:
             return None
         end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
-        greeting = math.inf if self._greeting is None else self._greeting.next_at
-        return min(greeting, math.inf if self._welcome is None else self._feedback_at, end)
+        attempt = math.inf if self._attempt is None else self._attempt.next_at
+        return min(attempt, math.inf if self._welcome is None else self._feedback_at, end)
 
     def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
         """Performs the actions that are due at time `now` (seconds): handshake, feedback, timeouts.
@@ -152,10 +152,10 @@ class Receiver(ReceiveState):
         events: list[Event] = []
         if self._is_silent(now):
             events = self.reconnect(now)
-        greetings = self._greeting.poll(now) if self._greeting is not None else []
+        handshake = self._attempt.poll(now) if self._attempt is not None else []
         if self._welcome is None or now < self._feedback_at:
-            return greetings, events
-        return [*greetings, *self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)], events
+            return handshake, events
+        return [*handshake, *self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)], events
 
     def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes a received datagram, which may be invalid.
@@ -195,7 +195,7 @@ class Receiver(ReceiveState):
         self._viewpoint = viewpoint, budget
         viewpoint = self._relative_to_origin(viewpoint)
         rows = tuple(viewpoint.viewmat[:3].ravel().tolist())
-        self._view_number, self._told = self._view_number + 1, 0
+        self._view_number, self._view_repeats = self._view_number + 1, 0
         self._view = View(0, self._view_number, budget, viewpoint.width, viewpoint.height, viewpoint.focal, rows)
         self._feedback_at = min(self._feedback_at, self._heard_at)
 
@@ -208,8 +208,8 @@ class Receiver(ReceiveState):
         Returns:
             Event `Interrupted` if the transfer was running, else no events.
         """
-        events: list[Event] = [] if self._greeting is not None else [Interrupted()]
-        self._greeting = self._last_greeting = self._last_greeting.renewed(now)
+        events: list[Event] = [] if self._attempt is not None else [Interrupted()]
+        self._attempt = self._last_attempt = self._last_attempt.renew(now)
         return events
 
     def may_resume(self, now: float) -> bool:
@@ -234,29 +234,29 @@ class Receiver(ReceiveState):
 
     def _on_handshake(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
         """Processes a handshake datagram of the server; returns datagrams to send, and events."""
-        nonce, greeting = getattr(frame, "nonce", None), self._greeting
+        nonce, attempt = getattr(frame, "nonce", None), self._attempt
         if self._welcome is not None and nonce == self._nonce and isinstance(frame, Welcome):
             return self._on_further_welcome(self._welcome, frame, now)
-        if greeting is None or nonce != greeting.nonce:
+        if attempt is None or nonce != attempt.nonce:
             self.num_rejected += 1
             return [], []
         match frame:
             case Challenge():
-                return [greeting.challenged(frame.token, now)], []
+                return [attempt.on_challenge(frame.token, now)], []
             case Refuse():
-                return self._on_refusal(greeting, frame.reason, now)
-            case Welcome() if greeting.is_validated:
+                return self._on_refusal(attempt, frame.reason, now)
+            case Welcome() if attempt.is_validated:
                 if problem := check_welcome(frame, self.options.limits):
                     return self._finish(problem)
                 return self._on_welcome(frame, now)
         self.num_rejected += 1
         return [], []
 
-    def _on_refusal(self, greeting: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
+    def _on_refusal(self, attempt: HandshakeAttempt, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
         """Handles the server's refusal of a request: schedules a retry, or ends the transfer.
 
         Args:
-            greeting: Connection attempt that was refused.
+            attempt: Connection attempt that was refused.
             reason: Reason of the server, as an index into `REFUSALS`.
             now: Time, seconds.
 
@@ -264,13 +264,13 @@ class Receiver(ReceiveState):
             Datagrams to send, and events.
         """
         if reason == NOT_YET:
-            self._asking_since = now
-            greeting.refused(now, RETRY_S if now - self._began < SOON_S else WAIT_S)
+            self._connecting_since = now
+            attempt.on_refusal(now, RETRY_S if now - self._began < SOON_S else WAIT_S)
             return [], []
         self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
         if self._welcome is None or reason in (MISSING_STREAM, OTHER_VERSION, NEEDS_TOKEN):
             return self._finish(self._refusal)
-        greeting.refused(now)
+        attempt.on_refusal(now)
         return [], []
 
     def _on_welcome(self, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
@@ -280,8 +280,8 @@ class Receiver(ReceiveState):
         if before is None:
             self._begin(frame, discard=True)
         else:
-            self._vain = self._vain + 1 if known == self._before else 0
-            if self._vain > MAX_FRUITLESS_TRANSFERS:
+            self._fruitless_transfers = self._fruitless_transfers + 1 if known == self._before else 0
+            if self._fruitless_transfers > MAX_FRUITLESS_TRANSFERS:
                 return self._finish("the server fell silent again and again")
             kept = self._resume(before, frame)
             if not kept and before.is_live and (stream := self.stream()) is not None:
@@ -289,8 +289,8 @@ class Receiver(ReceiveState):
             if not kept:
                 self._begin(frame, discard=True)
             events.append(Resumed(kept))
-        assert self._greeting is not None
-        self._nonce, self._greeting, self._refusal = self._greeting.nonce, None, ""
+        assert self._attempt is not None
+        self._nonce, self._attempt, self._refusal = self._attempt.nonce, None, ""
         self._before = 0 if self._collector is None else self._collector.num_packets
         self._begin_session(now)
         if before is not None:
@@ -306,7 +306,7 @@ class Receiver(ReceiveState):
         """Prepares for the datagrams of a new transfer."""
         self._largest, self._received, self._largest_at = -1, 0, now
         self._nack_tracker, self._gaps = NackTracker(), GapTracker()
-        self._told, self._ends_in_vain = 0, 0
+        self._view_repeats, self._fruitless_ends = 0, 0
         self._progress, self._progress_at = (0, 0), now
         self._ended_at: float | None = None
         if self._collector is not None:
@@ -317,7 +317,7 @@ class Receiver(ReceiveState):
         if not self._have_left or now < self._have_at:
             return []
         self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
-        return self._have
+        return self._have_frames
 
     def _list_held(self, now: float) -> None:
         """Prepares the datagrams that list the packets which this client has from an earlier transfer."""
@@ -325,7 +325,7 @@ class Receiver(ReceiveState):
         assert self._collector is not None
         nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
         held = [] if self._welcome.is_live else list(self._collector.received_masks())
-        self._have = [encode(Have(nonce, stream_id, head, first, bits)) for first, bits in held]
+        self._have_frames = [encode(Have(nonce, stream_id, head, first, bits)) for first, bits in held]
         self._have_left, self._have_at = HAVE_TIMES, now
 
     def _on_further_welcome(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
@@ -345,7 +345,7 @@ class Receiver(ReceiveState):
         if follows:
             self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
         self._nack_tracker.max_attempts, self._ended_at = MAX_ATTEMPTS, None
-        self._progress_at, self._ends_in_vain = now, 0  # the live stream may have paused before it ended
+        self._progress_at, self._fruitless_ends = now, 0  # the live stream may have paused before it ended
         return [self._feedback(now)], [*left, Welcomed.of(frame)]
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
@@ -362,8 +362,8 @@ class Receiver(ReceiveState):
                 self._gaps.on_received(frame.sequence, self._largest)
             if frame.sequence > self._largest:
                 self._largest, self._largest_at = frame.sequence, now
-        events: list[Event] = [] if self._greeting is None else [Resumed(True)]
-        self._greeting = None
+        events: list[Event] = [] if self._attempt is None else [Resumed(True)]
+        self._attempt = None
         match frame:
             case Data() if not self._is_for_next_state(frame):
                 repaired = self._collector.num_repaired
@@ -376,9 +376,9 @@ class Receiver(ReceiveState):
                 events += [PacketArrived(packet, True) for packet in self._collector.add_parity(frame)]
             case End():
                 self._ended_at = now if self._ended_at is None else self._ended_at
-                self._ends_in_vain += 1
+                self._fruitless_ends += 1
         if not isinstance(frame, End):
-            self._ends_in_vain = 0
+            self._fruitless_ends = 0
             self._ended_at = None if self._viewing else self._ended_at
         progress = self._collector.num_packets, self._head.num_missing if self._head else 0
         if progress != self._progress:
@@ -426,21 +426,25 @@ class Receiver(ReceiveState):
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
-            late = now - self._asking_since > CONNECT_S
+            late = now - self._connecting_since > CONNECT_S
             return f"no answer: nothing seems to serve there, or {SMALL_PATH}" if late else None
         if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
             return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
-        unlimited = self._welcome.is_live or self.options.stays
+        unlimited = self._welcome.is_live or self.options.keep_open
         if not unlimited and self._heard_at - self._progress_at > MAX_FRUITLESS_S:
             return "the server sends nothing new"
-        if self._ends_in_vain >= MAX_FRUITLESS_ENDS and self._is_cut_off:
+        if self._fruitless_ends >= MAX_FRUITLESS_ENDS and self._is_cut_off:
             return f"only small datagrams arrive: {SMALL_PATH}"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.is_live
         if self._viewing:
             ended = ended and now - self._moved_at > MOVED_S  # it may be the `End` of the previous view
             seen = ended and self._manifest is not None and not (self._gaps and self.options.nack)
-            return "seen" if seen and not self.options.stays else None
-        if ended and self._manifest is not None and (not self.options.nack or self._ends_in_vain >= MAX_FRUITLESS_ENDS):
+            return "seen" if seen and not self.options.keep_open else None
+        if (
+            ended
+            and self._manifest is not None
+            and (not self.options.nack or self._fruitless_ends >= MAX_FRUITLESS_ENDS)
+        ):
             return "sent"
         return None
 
@@ -455,9 +459,9 @@ class Receiver(ReceiveState):
         suspect_s += self.options.silence_s if self._reliable else 0.0  # QUIC closes the connection earlier
         if self._welcome is None or now - self._heard_at <= suspect_s:
             return False
-        if self._greeting is None:
+        if self._attempt is None:
             return self.options.reconnect_s > 0
-        return not self._reliable and now - self._greeting.began_at > ATTEMPT_S
+        return not self._reliable and now - self._attempt.began_at > ATTEMPT_S
 
     @property
     def _is_cut_off(self) -> bool:
@@ -485,9 +489,9 @@ class Receiver(ReceiveState):
         """Returns a list with the viewpoint datagram, empty if it is not due."""
         if self._view is None or self._welcome is None or not self._welcome.viewable:
             return []
-        if now - self._view_at < (VIEW_S if self._told < TWICE else VIEW_AGAIN_S):
+        if now - self._view_at < (VIEW_S if self._view_repeats < TWICE else VIEW_AGAIN_S):
             return []
-        self._view_at, self._told = now, self._told + 1
+        self._view_at, self._view_repeats = now, self._view_repeats + 1
         return [encode(self._view._replace(session=self._welcome.session))]
 
     def _nacks(self, now: float) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -24,7 +24,7 @@ class ReceiverOptions:
             seconds.
         limits: Maximum sizes of a stream that are accepted.
         viewpoint: Initial viewpoint: only packets visible from there are sent; None to receive all packets.
-        stays: True to wait for further viewpoints after everything visible was received.
+        keep_open: True to wait for further viewpoints after everything visible was received.
     """
 
     name: str = ""
@@ -35,7 +35,7 @@ class ReceiverOptions:
     reconnect_s: float = 60.0
     limits: ReceiverLimits = field(default_factory=ReceiverLimits)
     viewpoint: Viewpoint | None = None
-    stays: bool = False
+    keep_open: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self)

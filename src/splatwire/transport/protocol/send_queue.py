@@ -16,7 +16,7 @@ Item = tuple[int, int, int]
 """
 RECENT = 8192
 """Number of latest datagrams of which the packet indices are stored."""
-LOOK_S, TILE_S = 2e-3, 1e-6
+VIEW_UPDATE_S, TILE_S = 2e-3, 1e-6
 """Time reserved to process a client's new viewpoint, seconds: fixed part, and part per tile of the scene. About five
 times the actual cost, so that viewpoints use at most a fifth of the server's time.
 """
@@ -48,7 +48,7 @@ class ViewUpdateBudget:
             tiles: Number of tiles of the scene.
         """
         at = max(self._free_at, now if last is None else max(now, last + BETWEEN_S))
-        self._free_at = at + LOOK_S + tiles * TILE_S
+        self._free_at = at + VIEW_UPDATE_S + tiles * TILE_S
         return at
 
 
@@ -56,11 +56,11 @@ class SentLog:
     """Log of the packet in each recently sent datagram, to interpret NACKs that contain sequence numbers.
 
     Args:
-        noted: False to log nothing, because the receiver's NACKs contain packet indices.
+        enabled: False to log nothing, because the receiver's NACKs contain packet indices.
     """
 
-    def __init__(self, noted: bool) -> None:
-        self._indices = array("I", bytes(4 * RECENT)) if noted else None
+    def __init__(self, enabled: bool) -> None:
+        self._indices = array("I", bytes(4 * RECENT)) if enabled else None
 
     def record(self, sequence: int, packet_index: int) -> None:
         """Records a sent datagram.
@@ -82,7 +82,7 @@ class SentLog:
         known = self._indices is not None and sequence - RECENT <= number < sequence
         return self._indices[number % RECENT] - 1 if known and self._indices is not None else -1
 
-    def answered(self, number: int | None) -> None:
+    def discard(self, number: int | None) -> None:
         """Removes a lost datagram from the log, so that the server ignores further NACKs for this datagram.
 
         Args:
@@ -100,47 +100,47 @@ class SendQueue:
         reliable: True if the init segment is sent on a reliable (QUIC) stream.
 
     Attributes:
-        head_left: True if the datagram last taken from the queue is the last one of the init segment.
+        is_head_sent: True if the datagram last taken from the queue is the last one of the init segment.
         viewed_at: Time at which the client's last viewpoint was processed, seconds; None before the first.
     """
 
     def __init__(self, stream: ServedStream, reliable: bool) -> None:
         self._stream = stream
         self._schedule = stream.reliable_schedule if reliable else stream.send_schedule
-        self._next, self._passed = 0, stream.bundled
-        self.head_left = False
-        self._gone: np.ndarray | None = None
-        self._wanted: deque[int] = deque()
-        self._run: deque[int] = deque()
+        self._next, self._next_packet = 0, stream.bundled
+        self.is_head_sent = False
+        self._queued_tiles: np.ndarray | None = None
+        self._tile_queue: deque[int] = deque()
+        self._packet_queue: deque[int] = deque()
         self.viewed_at: float | None = None
 
     @property
-    def viewed(self) -> bool:
+    def has_viewpoint(self) -> bool:
         """True if the client has sent a viewpoint, so that the remaining order depends on the viewpoint."""
         return self.viewed_at is not None
 
     def __bool__(self) -> bool:
         """True if the queue is not empty."""
-        return bool(self._run or self._wanted) or self._next < self._num_scheduled
+        return bool(self._packet_queue or self._tile_queue) or self._next < self._num_scheduled
 
     @property
     def _num_scheduled(self) -> int:
         """Number of datagrams in the fixed part of the sending order."""
-        return self._schedule.opening_end if self.viewed else len(self._schedule.datagrams)
+        return self._schedule.opening_end if self.has_viewpoint else len(self._schedule.datagrams)
 
     def pop(self) -> Item:
         """Removes the next datagram from the queue and returns it as in `SendSchedule.datagrams`."""
         if self._next < self._num_scheduled:
             item = self._schedule.datagrams[self._next]
             self._next += 1
-            self._passed = item[2] + 1 if item[0] == DATA else self._passed
-            self.head_left = self._next == self._schedule.head_end
+            self._next_packet = item[2] + 1 if item[0] == DATA else self._next_packet
+            self.is_head_sent = self._next == self._schedule.head_end
             return item
-        self.head_left = False
-        if not self._run:
-            tile = self._wanted.popleft()
+        self.is_head_sent = False
+        if not self._packet_queue:
+            tile = self._tile_queue.popleft()
             self._begin(tile)
-        return DATA, 0, self._run.popleft()
+        return DATA, 0, self._packet_queue.popleft()
 
     def set_viewpoint(self, viewpoint: Viewpoint, budget: int, now: float) -> None:
         """Reorders the queue for a viewpoint: only visible tiles are sent, the most important first.
@@ -152,13 +152,13 @@ class SendQueue:
         """
         tiles = self._stream.tiles
         assert tiles is not None
-        if self._gone is None:
-            self._passed = max(self._passed, self._stream.opening_packets)
-            self._gone = (tiles.first_packets[1:] <= self._passed) | (tiles.packets == 0)
-            if not self._gone.all():  # finish the tile that the schedule has started
-                self._begin(int(np.argmin(self._gone)), if_begun=True)
+        if self._queued_tiles is None:
+            self._next_packet = max(self._next_packet, self._stream.opening_packets)
+            self._queued_tiles = (tiles.first_packets[1:] <= self._next_packet) | (tiles.packets == 0)
+            if not self._queued_tiles.all():  # finish the tile that the schedule has started
+                self._begin(int(np.argmin(self._queued_tiles)), if_begun=True)
         self.viewed_at = now
-        self._wanted = deque(cut_of(tiles, self._gone, viewpoint, budget).wanted)
+        self._tile_queue = deque(cut_of(tiles, self._queued_tiles, viewpoint, budget).wanted)
 
     def _begin(self, tile: int, *, if_begun: bool = False) -> None:
         """Queues the packets of a tile.
@@ -170,12 +170,12 @@ class SendQueue:
         """
         tiles = self._stream.tiles
         assert tiles is not None
-        assert self._gone is not None
+        assert self._queued_tiles is not None
         first, end = tiles.first_packets[tile : tile + 2].tolist()
-        if if_begun and first >= self._passed:
+        if if_begun and first >= self._next_packet:
             return
-        self._gone[tile] = True
-        self._run.extend(range(max(first, self._passed) if if_begun else first, end))
+        self._queued_tiles[tile] = True
+        self._packet_queue.extend(range(max(first, self._next_packet) if if_begun else first, end))
 
     def update(self, stream: ServedStream, reliable: bool, welcome: Item, known: int) -> None:
         """Updates the send queue after a live stream has grown, or after another stream has replaced it.
@@ -190,7 +190,7 @@ class SendQueue:
         self._stream = stream
         source = (stream.reliable_schedule if reliable else stream.send_schedule).datagrams
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule.datagrams[self._next :] if known and stream.wants(*item)]
+        left = [item for item in self._schedule.datagrams[self._next :] if known and stream.is_still_useful(*item)]
         new = [] if known == len(stream.packets) else [
             item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
         ]  # fmt: skip

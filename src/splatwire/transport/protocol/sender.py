@@ -105,7 +105,7 @@ class Server:
         self._sessions: dict[tuple[Hashable, int], Key] = {}
         self._due: list[tuple[float, int, Key]] = []
         self._planned: dict[Key, float] = {}
-        self._turns = ViewUpdateBudget()
+        self._view_budget = ViewUpdateBudget()
         self._tick = 0
         self._swept_at = self._now = 0.0
         self.access: Access | None = None
@@ -172,7 +172,7 @@ class Server:
             case Feedback() | View() | Bye():
                 key = self._sessions.get((address, frame.session))
                 if key is not None:
-                    self._heard(key, frame, now)
+                    self._on_client_frame(key, frame, now)
         return None
 
     def poll(self, now: float, max_datagrams: int = 64) -> list[tuple[Hashable, bytes]]:
@@ -359,13 +359,13 @@ class Server:
             if (address, session) not in self._sessions:
                 return session
 
-    def _heard(self, key: Key, frame: Feedback | View | Bye, now: float) -> None:
+    def _on_client_frame(self, key: Key, frame: Feedback | View | Bye, now: float) -> None:
         match frame:
             case Bye():
                 self._end_transfer(key, "left")
                 return
             case View():
-                self._transfers[key].on_viewpoint(frame, self._turns, now)
+                self._transfers[key].on_viewpoint(frame, self._view_budget, now)
             case Feedback():
                 self._transfers[key].feedback(frame, now)
         self._schedule(key)

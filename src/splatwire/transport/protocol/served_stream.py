@@ -175,7 +175,7 @@ class ServedStream:
         """Returns True if the packet with a given index in sending order may be retransmitted."""
         return index < self.num_retransmittable
 
-    def wants(self, kind: int, group: int, symbol: int) -> bool:
+    def is_still_useful(self, kind: int, group: int, symbol: int) -> bool:
         """True if a datagram that was queued before a live stream has grown is still useful.
 
         Args:

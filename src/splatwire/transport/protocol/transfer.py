@@ -73,24 +73,24 @@ class ServerTransfer:
         self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
         self._limits = limits
         self._reliable_head = reliable_head
-        self._order = SendQueue(stream, reliable_head)
+        self._queue = SendQueue(stream, reliable_head)
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
         self._feedback_tracker = FeedbackTracker()
-        self._left = SentLog(stream.tiles is not None)
+        self._sent_log = SentLog(stream.tiles is not None)
         self._view: View | None = None
-        self._look_at: float | None = None
-        self._heard, self._reported, self._opening = reliable_head, False, False
-        self._again: deque[tuple[int, int, int]] = deque()
-        self._sent_again: dict[tuple[int, int, int], float] = {}
+        self._view_due_at: float | None = None
+        self._has_feedback, self._reported, self._opening = reliable_head, False, False
+        self._retransmissions: deque[tuple[int, int, int]] = deque()
+        self._retransmitted_at: dict[tuple[int, int, int], float] = {}
         self._waiting: set[tuple[int, int, int]] = set()
-        self._held = KnownPackets()
-        self._head_waiting = self._again_bytes = 0
+        self._known_packets = KnownPackets()
+        self._num_head_retransmissions = self._retransmitted_bytes = 0
         self._head_cursor = stream.proactive_symbols
-        self._head_left_at: float | None = None
+        self._head_sent_at: float | None = None
         self._end_at, self._ends = 0.0, 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
-        self._most_bytes = SPARE_BYTES
-        self._allow(0)
+        self._max_bytes = SPARE_BYTES
+        self._raise_byte_limit(0)
 
     def welcome(self) -> bytes:
         """Returns the datagram that accepts the client's request and declares the sizes of the stream."""
@@ -107,37 +107,39 @@ class ServerTransfer:
             stream: New state of the prepared live stream, or another prepared stream.
         """
         old, self.stream = self.stream, stream
-        known, again = len(old.packets), self._again
+        known, retransmissions = len(old.packets), self._retransmissions
         if stream.stream_id != old.stream_id:
-            self._order, known, again = SendQueue(stream, self._reliable_head), 0, deque()
-            self._held, self._sent_again = KnownPackets(), {}
-            self._most_bytes = self.bytes_sent + SPARE_BYTES
-        self._order.update(stream, self._reliable_head, (WELCOME, 0, 0), known)
-        self._again = deque(item for item in again if item[0] == DATA and stream.may_retransmit(item[2]))
-        self._waiting = set(self._again)
-        self._head_waiting, self._head_left_at, self._head_cursor = 0, None, stream.proactive_symbols
-        self._allow(known)
+            self._queue, known, retransmissions = SendQueue(stream, self._reliable_head), 0, deque()
+            self._known_packets, self._retransmitted_at = KnownPackets(), {}
+            self._max_bytes = self.bytes_sent + SPARE_BYTES
+        self._queue.update(stream, self._reliable_head, (WELCOME, 0, 0), known)
+        self._retransmissions = deque(
+            item for item in retransmissions if item[0] == DATA and stream.may_retransmit(item[2])
+        )
+        self._waiting = set(self._retransmissions)
+        self._num_head_retransmissions, self._head_sent_at, self._head_cursor = 0, None, stream.proactive_symbols
+        self._raise_byte_limit(known)
 
-    def _allow(self, known: int) -> None:
+    def _raise_byte_limit(self, known: int) -> None:
         """Raises the maximum number of bytes for this client by the growth of a live stream.
 
         Args:
             known: Number of packets of the stream before the growth.
         """
         known_bytes = sum(DATA_OVERHEAD + len(packet) for packet in self.stream.packets[self.stream.bundled : known])
-        self._most_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
+        self._max_bytes += int(self._limits.max_sent_ratio * (sum(self.stream.sizes().values()) - known_bytes))
 
     def exclude_known(self, frame: Have) -> None:
         """Removes packets that the client already has from the queue."""
-        self._most_bytes -= int(self._limits.max_sent_ratio * self._held.take(frame, self.stream))
+        self._max_bytes -= int(self._limits.max_sent_ratio * self._known_packets.take(frame, self.stream))
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
         """Removes and returns the next datagram in the queue that the client needs, or None."""
-        while self._order:
-            item = self._order.pop()
-            if self._order.head_left:
-                self._head_left_at = now
-            if not self._held.has(item[0], item[2]):
+        while self._queue:
+            item = self._queue.pop()
+            if self._queue.is_head_sent:
+                self._head_sent_at = now
+            if not self._known_packets.has(item[0], item[2]):
                 return item
         return None
 
@@ -154,7 +156,7 @@ class ServerTransfer:
     @property
     def is_exhausted(self) -> bool:
         """True if this client's maximum number of bytes or datagrams has been sent."""
-        return self.bytes_sent > self._most_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
+        return self.bytes_sent > self._max_bytes or self._feedback_tracker.sequence >= MAX_SEQUENCE
 
     def may_welcome(self, now: float) -> bool:
         """Returns True if the server may send its response to the request (welcome) now, and counts it as sent.
@@ -172,39 +174,39 @@ class ServerTransfer:
     def next_at(self) -> float | None:
         """Returns the time of the next datagram, seconds; None if nothing may be sent now."""
         opening = self._opening and not self._reported and self.bytes_sent < INITIAL_WINDOW
-        if self.is_exhausted or not (self._heard or opening):
+        if self.is_exhausted or not (self._has_feedback or opening):
             return None
-        left = self._again or self._order
-        sending = self._pacer.next_at() if left else max(self._pacer.next_at(), self._end_at)
-        return sending if self._look_at is None else min(sending, self._look_at)
+        pending = self._retransmissions or self._queue
+        sending = self._pacer.next_at() if pending else max(self._pacer.next_at(), self._end_at)
+        return sending if self._view_due_at is None else min(sending, self._view_due_at)
 
     def poll(self, now: float) -> bytes | None:
         """Returns the next datagram to send if it is due at time `now` (seconds), else None."""
-        if self._view is not None and self._look_at is not None and self._look_at <= now:
-            self._order.set_viewpoint(viewpoint_of(self._view), self._view.budget, now)
-            self._look_at, self._ends = None, 0
+        if self._view is not None and self._view_due_at is not None and self._view_due_at <= now:
+            self._queue.set_viewpoint(viewpoint_of(self._view), self._view.budget, now)
+            self._view_due_at, self._ends = None, 0
         at = self.next_at()
         if at is None or at > now:
             return None
         if now > self.heard_at + QUIET_S:
-            self._heard = self._opening = False
+            self._has_feedback = self._opening = False
             return None
         self._slow_down(now)
-        if self._again:
-            item = self._again.popleft()
+        if self._retransmissions:
+            item = self._retransmissions.popleft()
             self._on_retransmitted(item, now)
         elif (found := self._take_next(now)) is not None:
             item = found
         else:
-            waits = self._order.viewed and self._ends > OFTEN
+            waits = self._queue.has_viewpoint and self._ends > OFTEN
             self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
-            self._left.record(self._feedback_tracker.sequence, -1)
+            self._sent_log.record(self._feedback_tracker.sequence, -1)
             if self._ends % 2 or not self.stream.is_live:
-                return self._leave(encode(End(self.session, self._feedback_tracker.sequence)), now)
+                return self._record_sent(encode(End(self.session, self._feedback_tracker.sequence)), now)
             item = (WELCOME, 0, 0)
         if item[0] == WELCOME:
-            return self._leave(self.welcome(), now, counted=False)
-        return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
+            return self._record_sent(self.welcome(), now, counted=False)
+        return self._record_sent(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
 
     def on_viewpoint(self, view: View, budget: ViewUpdateBudget, now: float) -> None:
         """Schedules the processing of a client's viewpoint; an older viewpoint that is still waiting is dropped.
@@ -218,14 +220,14 @@ class ServerTransfer:
         if tiles is None or (self._view is not None and view.number <= self._view.number):
             return
         self._view = view
-        if self._look_at is None:
-            self._look_at = budget.take(now, self._order.viewed_at, tiles.num_tiles)
+        if self._view_due_at is None:
+            self._view_due_at = budget.take(now, self._queue.viewed_at, tiles.num_tiles)
 
     def feedback(self, frame: Feedback, now: float) -> None:
         """Processes a feedback report of the client: sets the sending rate and queues retransmissions."""
         if not self._reported and self._welcomes:
             self.control.on_handshake_rtt(now - self._welcomed_at)
-        self.heard_at, self._heard, self._reported = now, True, True
+        self.heard_at, self._has_feedback, self._reported = now, True, True
         if self._feedback_tracker.is_plausible(frame):
             measured = self._feedback_tracker.on_feedback(frame, now)
             if measured is not None:
@@ -242,20 +244,20 @@ class ServerTransfer:
     def _on_retransmitted(self, item: tuple[int, int, int], now: float) -> None:
         """Records that a datagram was retransmitted."""
         if item[0] == SIDE:
-            self._head_waiting -= 1
-            self._head_left_at = now if self._head_waiting == 0 else None
+            self._num_head_retransmissions -= 1
+            self._head_sent_at = now if self._num_head_retransmissions == 0 else None
         else:
             self._waiting.discard(item)
-            self._sent_again[item] = now
+            self._retransmitted_at[item] = now
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
-        self._left.record(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
+        self._sent_log.record(self._feedback_tracker.sequence, symbol if kind == DATA else -1)
         if kind == DATA:
             return encode_data(self.session, self._feedback_tracker.sequence, symbol, self.stream.packets[symbol])
         source = self.stream.head if kind == SIDE else self.stream.parity
         return encode_symbol(kind, self.session, self._feedback_tracker.sequence, group, symbol, source[group][symbol])
 
-    def _leave(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
+    def _record_sent(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
         if counted:
             if not self._feedback_tracker.has_unreported:
                 self.control.on_send(now)
@@ -269,29 +271,29 @@ class ServerTransfer:
         wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
         symbol_bytes = self.stream.symbol_bytes + SIDE_OVERHEAD
         missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.stream.head)))
-        if missing and self._head_left_at is not None and now - self._head_left_at >= wait:
+        if missing and self._head_sent_at is not None and now - self._head_sent_at >= wait:
             items = self._further_head_symbols(missing)
-            self._head_left_at, self._head_waiting = None, len(items)
-            self._again_bytes += len(items) * symbol_bytes
-            self._again.extendleft(items)
-        left = self.stream.resend_bytes - self._again_bytes - RESERVE_FACTOR * missing * symbol_bytes
+            self._head_sent_at, self._num_head_retransmissions = None, len(items)
+            self._retransmitted_bytes += len(items) * symbol_bytes
+            self._retransmissions.extendleft(items)
+        left = self.stream.resend_bytes - self._retransmitted_bytes - RESERVE_FACTOR * missing * symbol_bytes
         for index, number in self._requested(frame):
             item = (DATA, 0, index)
             if index < 0 or not self.stream.may_retransmit(index):
                 continue
             if item in self._waiting:
-                self._left.answered(number)
+                self._sent_log.discard(number)
                 continue
-            if now - self._sent_again.get(item, -1e9) < wait:
+            if now - self._retransmitted_at.get(item, -1e9) < wait:
                 continue
             size = len(self.stream.packets[index]) + DATA_OVERHEAD
             if size > left:
                 break
             left -= size
-            self._again_bytes += size
+            self._retransmitted_bytes += size
             self._waiting.add(item)
-            self._again.append(item)
-            self._left.answered(number)
+            self._retransmissions.append(item)
+            self._sent_log.discard(number)
 
     def _requested(self, frame: Feedback) -> Iterator[tuple[int, int | None]]:
         """Yields the packets that the client requests again in a feedback report (NACKs).
@@ -306,7 +308,7 @@ class ServerTransfer:
         """
         yield from ((index, None) for index in frame.nacks)
         for number in frame.lost_sequences:
-            yield self._left.packet_index(number, self._feedback_tracker.sequence), number
+            yield self._sent_log.packet_index(number, self._feedback_tracker.sequence), number
 
     def _further_head_symbols(self, missing: int) -> list[tuple[int, int, int]]:
         """Chooses further symbols of the init segment for a client that cannot decode it yet.

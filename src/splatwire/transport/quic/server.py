@@ -74,7 +74,7 @@ class QuicServer(SocketServer):
         self.num_malformed = 0
         self.connections: dict[_Connection, None] = {}  # the oldest first
         self.networks: Counter[Network] = Counter()
-        self.greeting: set[_Connection] = set()
+        self.handshaking: set[_Connection] = set()
         self._configuration = configuration(is_client=False, alpn=[ALPN, ALPN_HTTP], idle_s=limits.silence_s)
         self._identity = identity if callable(identity) else lambda: identity
         self.load_identity()
@@ -165,12 +165,12 @@ class QuicServer(SocketServer):
     def accept(self, connection: "_Connection") -> None:
         """Registers a new connection, and adds 1 to the number of connections from the client's network."""
         self.connections[connection] = None
-        self.greeting.add(connection)
+        self.handshaking.add(connection)
         self.networks[connection.network] += 1
 
     def leave(self, connection: "_Connection") -> None:
         """Removes a closed connection from the counts of connections."""
-        self.greeting.discard(connection)
+        self.handshaking.discard(connection)
         if connection in self.connections:
             del self.connections[connection]
             self.networks -= Counter([connection.network])
@@ -249,7 +249,7 @@ class _LimitedEndpoint(AioquicServer):
                 self._owner.num_refused += 1
                 return
             self._owner.load_identity()
-            retried = is_full or token or len(self._owner.greeting) >= RETRY_HANDSHAKES
+            retried = is_full or token or len(self._owner.handshaking) >= RETRY_HANDSHAKES
             self._retry = self._retries if retried else None
         super().datagram_received(data, addr)
 
@@ -304,7 +304,7 @@ class _Connection(QuicConnectionProtocol):
             case events.ProtocolNegotiated():
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
             case events.HandshakeCompleted():
-                self.owner.greeting.discard(self)
+                self.owner.handshaking.discard(self)
                 while not self._over and self.owner.is_full(self.network):
                     # Not refused earlier: the reason would not reach the client before the handshake.
                     self.owner.num_refused += 1
@@ -350,5 +350,5 @@ class _Connection(QuicConnectionProtocol):
             self._sessions.end()
 
     def _impatient(self) -> None:
-        if self._sessions is None or not self._sessions.asked:
-            self.end(FULL, "nothing was asked for")
+        if self._sessions is None or not self._sessions.has_request:
+            self.end(FULL, "no request was received")

@@ -27,7 +27,7 @@ REDUNDANT_FRAMES = 8
 server's first response (welcome) and the init segment, without which nothing can be decoded. A loss on the reliable
 stream costs two round trips; with two copies, the first to arrive counts.
 """
-HELD = 512
+MAX_PENDING_FRAMES = 512
 """Maximum number of frames that wait until the client opens the reliable stream: the client's request as DATAGRAM may
 overtake the opening of the stream. The side information of a large scene has some hundred frames.
 """
@@ -56,7 +56,7 @@ class Session:
         self._reader = FrameReader()
         self._copies = REDUNDANT_FRAMES
         self._most_unacknowledged = WINDOW_BYTES
-        self._held: list[bytes] = []
+        self._pending_frames: list[bytes] = []
 
     def send(self, data: bytes) -> None:
         """Queues a datagram of the protocol for sending."""
@@ -77,17 +77,17 @@ class Session:
                 self.connection.malformed("the stream was given up")
             elif len(quic._streams[self.stream].sender._buffer) > self._most_unacknowledged:
                 self.connection.malformed("the client acknowledges nothing on the stream")
-        elif len(self._held) < HELD:
-            self._held.append(frame)
+        elif len(self._pending_frames) < MAX_PENDING_FRAMES:
+            self._pending_frames.append(frame)
         else:
-            self.connection.malformed("no stream for what was asked for")
+            self.connection.malformed("no stream for the request")
 
     def opened(self, stream: int) -> None:
         """Stores the number of the reliable stream that the client has opened, and sends waiting frames."""
         self.stream = stream
-        for frame in self._held:
+        for frame in self._pending_frames:
             self._on_stream(frame)
-        self._held.clear()
+        self._pending_frames.clear()
 
     def stream_data(self, data: bytes) -> None:
         """Processes bytes received on the reliable stream.
@@ -114,7 +114,7 @@ class NativeSession:
     def __init__(self, connection: Any) -> None:
         self._connection = connection
         self._session = Session(connection, STREAM)
-        self.asked = False
+        self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
         """Processes an event of the QUIC connection."""
@@ -123,7 +123,7 @@ class NativeSession:
                 if event.stream_id != STREAM:
                     self._connection.malformed(f"a stream {event.stream_id}")
                     return
-                self.asked = True
+                self.has_request = True
                 try:
                     self._session.stream_data(event.data)
                 except BitstreamError as error:
@@ -150,9 +150,9 @@ class WebTransportSessions:
         self._http = H3Connection(connection.quic, enable_webtransport=True)
         self._id: int | None = None
         self._session: Session | None = None
-        self._answered: set[int] = set()
+        self._answered_streams: set[int] = set()
         self._outside = 0
-        self.asked = False
+        self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
         """Processes an event of the QUIC connection."""
@@ -184,12 +184,12 @@ class WebTransportSessions:
 
     def _on_event(self, event: H3Event) -> None:
         match event:
-            case HeadersReceived() if event.stream_id not in self._answered:  # others are trailers
+            case HeadersReceived() if event.stream_id not in self._answered_streams:  # others are trailers
                 self._answer(event.stream_id, self._status(dict(event.headers)))
             case WebTransportStreamDataReceived():
                 self._stream_data(event)
             case DatagramReceived() if self._session is not None and event.stream_id == self._id:
-                self.asked = True
+                self.has_request = True
                 self._session.datagram(event.data)
 
     def _status(self, headers: dict[bytes, bytes]) -> int:
@@ -212,7 +212,7 @@ class WebTransportSessions:
         if status == 200:
             self._id, self._session = stream_id, Session(self._connection, None, encode_uint_var(stream_id // 4))
             headers.append((b"sec-webtransport-http3-draft", b"draft02"))
-        self._answered.add(stream_id)
+        self._answered_streams.add(stream_id)
         try:
             self._http.send_headers(stream_id, headers, end_stream=status != 200)
         except (RuntimeError, ValueError, ProtocolError):  # the client has cancelled its request
@@ -223,7 +223,7 @@ class WebTransportSessions:
             self._connection.malformed(f"a stream {event.stream_id} of no session")
             return
         if self._session.stream is None:
-            self.asked = True
+            self.has_request = True
             self._session.opened(event.stream_id)
         if event.stream_id != self._session.stream:
             self._connection.malformed("a second stream")

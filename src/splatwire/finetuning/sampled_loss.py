@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.finetuning.losses import Reception
+from splatwire.finetuning.losses import SimulatedReception
 from splatwire.finetuning.pictures import Pictures
 from splatwire.render import iterate_views
 from splatwire.types import SplatScene
@@ -17,7 +17,7 @@ CHECK_VIEWS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Check:
+class SampledLoss:
     """Measures the training loss of Gaussians in a fixed sample of views, with and without simulated packet losses.
 
     The loss of a view is its mean squared error, divided by its error at the start of the fine-tuning.
@@ -26,8 +26,8 @@ class Check:
         scene: Scene with the background, the origin and the antialiasing; its Gaussians are not used.
         pictures: The sampled views.
         receptions: Simulated packet losses. Each is applied to all views.
-        least: Lower limit of the divisor. It replaces errors at the start that are smaller.
-        first: Mean squared error of each view at the start. Row 0 is without packet loss, row i + 1 with
+        min_divisor: Lower limit of the divisor. It replaces errors at the start that are smaller.
+        initial_errors: Mean squared error of each view at the start. Row 0 is without packet loss, row i + 1 with
             `receptions[i]`.
     """
 
@@ -36,19 +36,19 @@ class Check:
 
     scene: SplatScene
     pictures: Pictures
-    receptions: tuple[Reception, ...]
-    least: float
-    first: Float[np.ndarray, "R V"]
+    receptions: tuple[SimulatedReception, ...]
+    min_divisor: float
+    initial_errors: Float[np.ndarray, "R V"]
 
     @staticmethod
-    def of(
+    def create(
         scene: SplatScene,
         splats: Splats,
         pictures: Pictures,
-        receptions: Sequence[Reception],
+        receptions: Sequence[SimulatedReception],
         min_divisor: float,
         rng: np.random.Generator,
-    ) -> "Check":
+    ) -> "SampledLoss":
         """Chooses views at random, and measures their errors at the start of the fine-tuning.
 
         Args:
@@ -63,17 +63,17 @@ class Check:
         views = sorted(rng.permutation(count)[:CHECK_VIEWS].tolist())
         masks = None if pictures.masks is None else pictures.masks[views]
         sample = Pictures(pictures.cameras.select(views), pictures.images[views], masks)
-        check = Check(scene, sample, tuple(receptions), min_divisor, np.ones((1 + len(receptions), len(views))))
-        return replace(check, first=check._errors(splats))
+        sampled = SampledLoss(scene, sample, tuple(receptions), min_divisor, np.ones((1 + len(receptions), len(views))))
+        return replace(sampled, initial_errors=sampled._errors(splats))
 
     def loss(self, splats: Splats) -> float:
         """Returns the mean training loss of rounded Gaussians."""
         # It is at most 1 at the start.
-        losses = (self._errors(splats) / np.maximum(self.first, self.least)).mean(axis=1)
+        losses = (self._errors(splats) / np.maximum(self.initial_errors, self.min_divisor)).mean(axis=1)
         return float(losses[0] if len(losses) == 1 else (losses[0] + losses[1:].mean()) / 2)
 
     def _errors(self, splats: Splats) -> Float[np.ndarray, "R V"]:
-        shown = [splats, *(reception.shown(splats) for reception in self.receptions)]
+        shown = [splats, *(reception.drawn_splats(splats) for reception in self.receptions)]
         return np.array([self._view_errors(each) for each in shown])
 
     def _view_errors(self, splats: Splats) -> list[float]:
