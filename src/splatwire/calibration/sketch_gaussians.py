@@ -134,8 +134,7 @@ class GaussianSketch:
 
         Args:
             sketched: Result of the method `replace_lost`: the received scene, in which coarse copies replace lost
-            Gaussians,
-                and the inputs for computing the enlargement.
+                Gaussians, and the inputs for computing the enlargement.
 
         Returns:
             The scene with coarse copies in place of lost Gaussians, and the factors that enlarge drawn Gaussians.
