@@ -113,12 +113,13 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
 
 
 def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Chooses the standard deviations with which the entries of a matrix are entropy-coded.
+    """Fits a standard deviation to each entry of a matrix for entropy coding: a row factor times a column factor.
 
-    A standard deviation is given by its index in the coder's table: an index for the row, plus a number for the column.
+    Args:
+        symbols: The matrix, integers.
 
     Returns:
-        The index for each row, and the number for each column, int64.
+        Index of each row's standard deviation in the coder's table; and the number that each column adds to it, int64.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

@@ -39,10 +39,7 @@ class Concealed(RenderHints):
 
 @runtime_checkable
 class Concealer(Protocol):
-    """Typing protocol (structural type) for a loss concealer.
-
-    A loss concealer is a function with a name. It estimates the lost elements of a received scene.
-    """
+    """Interface of a loss concealer: a function with a name that estimates the lost elements of a received scene."""
 
     @property
     def name(self) -> str:

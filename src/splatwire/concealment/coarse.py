@@ -30,16 +30,15 @@ Gaussians finite."""
 @register_concealer("coarse", needs=(Levels,))
 @dataclass(frozen=True)
 class Coarse:
-    """Replaces lost Gaussians by Gaussians of the next coarser level; received Gaussians are enlarged slightly.
+    """Replaces lost Gaussians by Gaussians of the next coarser level of detail, and slightly enlarges received ones.
 
     A coarser Gaussian is a copy of one finer Gaussian, or merged from several. A copy is drawn if its original was
-    lost. The opacity of a merged Gaussian is multiplied by `gap * min(1, trust * loss)`. Here, `gap` is the share of
-    this Gaussian's area whose finer Gaussians were lost, and `loss` is the lost share of all Gaussians of the finest
-    level.
+    lost. A merged Gaussian is drawn with its opacity multiplied by `gap * min(1, trust * loss)`. Here, `gap` is the
+    share of its area whose finer Gaussians were lost, and `loss` is the share of lost Gaussians in the finest level.
 
     Attributes:
-        exponent: Exponent of the gain `(1 - rho) ** -exponent` by which a received Gaussian is enlarged. Here, `rho` is
-            the lost share of its nearest neighbours. 0 disables enlargement.
+        exponent: Exponent of the factor `(1 - rho) ** -exponent` by which a received Gaussian is enlarged. Here, `rho`
+            is the lost share of its nearest neighbours. 0 disables enlargement.
         trust: Factor `trust` in the opacity of merged Gaussians, at least 0; 0 hides them.
     """
 

@@ -56,9 +56,9 @@ class Grow:
         return "grow"
 
     def with_neighbors(self, partial: ReceivedScene) -> "Grow":
-        """Returns a copy of this concealer with the nearest neighbours of all elements of a scene computed in advance.
+        """Returns a copy of this concealer that stores the nearest neighbours of all elements of a scene.
 
-        It is faster if many loss patterns of the same scene are concealed.
+        This saves time if many loss patterns of the same scene are concealed.
         """
         if partial.expectation is None:
             return self  # positions of lost elements depend on the received ones

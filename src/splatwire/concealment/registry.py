@@ -55,8 +55,8 @@ class Named:
     """Concealers registered under one name: one for static scenes, one for sequences, or both.
 
     Attributes:
-        still: Concealer for static scenes, or None.
-        temporal: Concealer for sequences, or None.
+        still: Concealer for static scenes; None if there is none.
+        temporal: Concealer for sequences; None if there is none.
     """
 
     still: Registration | None = None

@@ -62,16 +62,15 @@ def all_stay(headers: np.ndarray, frames: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class MotionCoder:
-    """Encodes the motion of tracks (Gaussians over time) in a group of frames, in packets of limited size.
+    """Encoder for the motion of n tracks (Gaussians over time) in a group of F frames. Packets have a limited size.
 
-    There are n tracks and F frames. The array `targets` may have entries for further tracks (N entries in total).
+    `MotionCoder.of` creates empty arrays, and the caller fills them before encoding.
 
     Attributes:
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        positions: Positions of the tracks' keyframe Gaussians, in the fixed-point unit in which the motion of positions
-            is coded, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians, in the unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
-        targets: Motion coefficients before quantisation, float64 (N, channels, F), in any order.
+        targets: Motion coefficients before quantisation, float64 (N, channels, F). N may be larger than n.
         rows: Index in `targets` of each track, int64 (n).
         first_new: Index in the stream of the first track that begins in the group.
         most: Maximum size of a packet's payload, bytes.
@@ -89,7 +88,7 @@ class MotionCoder:
 
     @staticmethod
     def of(count: int, targets: np.ndarray, first_new: int, max_bytes: int) -> "MotionCoder":
-        """Creates a coder with empty arrays, which the caller fills before encoding.
+        """Creates a coder with zero arrays for `count` tracks.
 
         Args:
             count: Number of tracks to encode.

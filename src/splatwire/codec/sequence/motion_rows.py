@@ -73,9 +73,9 @@ def coefficients_of(
     Args:
         headers: Headers of the n tracks of the packet, int64 (n, fields).
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
-        orders: Number of coded polynomial coefficients that the packet contains for a channel, by kind of channel
-            (position, rotation, scale, opacity, colour), int64 (kinds).
-        positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
+            coded per channel, int64 (kinds).
+        positions: Positions of the tracks' keyframe Gaussians in the unit of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:

@@ -100,15 +100,13 @@ class SequenceInfo:
 
     @property
     def motion_spacings(self) -> np.ndarray:
-        """log2 of the unit of positions in each group's motion, relative to that of the first group, int64 (groups)."""
+        """log2 of the unit of motion in each group of frames, relative to that of the first group, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of half the lattice spacing of a block's keyframe Gaussians, relative to a unit of motion.
-
-        This unit is the one in which the motion of positions is coded in the groups of frames of the block's shot.
+        """Returns log2 of half the lattice spacing of a block's keyframe Gaussians, relative to the unit of motion.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

@@ -33,16 +33,15 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
 
 
 def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Converts positions and quantisation steps of tracks from one fixed-point unit to another.
+    """Converts positions and motion quantisation steps of tracks to another unit, for example after a scene cut.
 
     Args:
-        positions: Positions of the keyframe Gaussians in the former unit, int64 (n, 3), at most `MAX_PLACE` in
-            magnitude.
-        shifts: log2 of the quantisation steps of motion, int64 (n, channels).
-        spacings: log2 of the ratio of each track's former unit to its new unit, int64 (n).
+        positions: Positions of the keyframe Gaussians in the old unit, int64 (n, 3), at most `MAX_PLACE` in magnitude.
+        shifts: log2 of the quantisation steps of motion in the old unit, int64 (n, channels).
+        spacings: log2 of the ratio of the old to the new unit for each track, int64 (n).
 
     Returns:
-        Positions in the new unit, and log2 of the quantisation steps in it.
+        Positions in the new unit, int64 (n, 3); and log2 of the quantisation steps, int64 (n, channels).
     """
     if not spacings.any():
         return positions, shifts

@@ -158,10 +158,10 @@ class PacketMoves:
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """Computes the motion of a group's tracks (Gaussians over time) in any frame, from decoded polynomials.
+    """Decoded motion of a group's tracks (Gaussians over time), which can be evaluated in any frame.
 
-    Args:
-        moves: Decoded motion of the moving tracks of each packet.
+    Attributes:
+        moves: Motion polynomials of the moving tracks of each packet.
         frames: Number of frames in the group.
         unit: Resolution of positions: the spacing of their lattice is `2**-unit` times the scene's size.
         size_log: log2 of the scene's size in world units.
@@ -173,13 +173,13 @@ class Offsets:
     size_log: int
 
     def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
-        """Returns a function that computes the motion of some tracks (Gaussians over time) in a frame.
+        """Returns a function that evaluates the motion of some tracks in a frame.
 
         Args:
             rows: Index of each track among the moving tracks of all packets, int64 (n); -1 for one that does not move.
 
         Returns:
-            Function of the frame (relative to the group), which returns the offsets of the tracks from their keyframe
+            Function of the frame (relative to the group). It returns the offsets of the tracks from their keyframe
             Gaussians, float32 (n, channels).
         """
         counts = [len(packet.coefficients) for packet in self.moves]

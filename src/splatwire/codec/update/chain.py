@@ -20,7 +20,7 @@ MAX_UPDATES = 256
 
 @dataclass(frozen=True, eq=False)
 class UpdateChain:
-    """Current state of a scene that a server sends, with the updates for receivers that have an earlier state.
+    """State of a live scene on a server, with the updates that bring receivers of earlier states up to date.
 
     Attributes:
         source: The scene's stream as read from the file, with all updates applied; the next update changes this stream.
@@ -40,7 +40,7 @@ class UpdateChain:
     def offers(self) -> dict[str, SceneStream | None]:
         """Returns the updates that receivers can request, by name.
 
-        The value is None for the update from the present state to the next one, which does not exist yet.
+        The last entry is the update of the current state. Its value is None, because it does not exist yet.
         """
         offers: dict[str, SceneStream | None] = {
             update_name(read_update(sections_of(update)[SECTION]).base_digest): update for update in self.updates
@@ -72,8 +72,8 @@ class UpdateChain:
 
         Args:
             scene: The changed scene.
-            finest: Number of the finest precision class of the scene's first stream; 0 is the coarsest. The newest
-                stream may have no Gaussian of that class.
+            finest: Precision class of Gaussians with a 0 in `classes`, as numbered in the bitstream, where 0 is the
+                coarsest.
             classes: Precision class of each Gaussian (M), 0 for `finest` and negative for coarser; None for `finest`. A
                 Gaussian of the stream with a coarser class is replaced.
 

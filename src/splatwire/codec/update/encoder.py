@@ -110,9 +110,9 @@ def encode_change(
         scene: As for `encode_update`.
         classes: As for `encode_update`.
         threads: As for `encode_update`.
-        finest: Precision class to which 0 in `classes` refers, as numbered in the bitstream: from 0 (the coarsest) to
-            `MAX_CLASSES - 1`. Unchanged Gaussians that the stream contains with a coarser class than requested are
-            then encoded again. None for the finest class of the stream; unchanged Gaussians then keep their class.
+        finest: Precision class of Gaussians with a 0 in `classes`, as numbered in the bitstream, from 0 (the coarsest)
+            to `MAX_CLASSES - 1`. Unchanged Gaussians with a coarser class in the stream are encoded again. None for the
+            finest class of the stream; unchanged Gaussians then keep their class.
     """
     info = check_base(base)
     found = as_scene(scene)

@@ -16,8 +16,9 @@ def find_unchanged(
     Args:
         before: Decoded Gaussians of the stream.
         coding: Quantisation steps and precision classes of these Gaussians.
-        after: Gaussians of the edited scene, of the same degree.
-        coarsest_class: Coarsest class of a match for each Gaussian of `after`, uint8 (M); None for any class.
+        after: Gaussians of the edited scene, with spherical harmonics of the same degree.
+        coarsest_class: For each Gaussian of `after`, the coarsest precision class that counts as unchanged, uint8 (M);
+            None for any class.
     """
     found = np.full(after.num_gaussians, -1, np.int64)
     for level in np.unique(coding.classes)[::-1]:

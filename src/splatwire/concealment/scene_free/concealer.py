@@ -25,7 +25,7 @@ from splatwire.types.splats import Splats
 @register_concealer("scene_free", needs=[(Prior, Splats)], shipped=SHIPPED)
 @dataclass(frozen=True)
 class SceneFree:
-    """Hides lost elements; multiplies size and opacity of received ones by factors (gains) that a network predicts.
+    """Hides lost elements, and enlarges the received ones around them by factors that a neural network predicts.
 
     The inputs of the network are ratios and counts, so it also works for scenes outside its training set. Anchors and
     explicit Gaussians have separate networks.

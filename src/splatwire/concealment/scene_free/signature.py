@@ -84,9 +84,9 @@ def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:
 def _weighting_inputs(
     area: np.ndarray, rows: np.ndarray, neighbors: Neighborhood
 ) -> tuple[Float[np.ndarray, "M k"], Float[np.ndarray, "M k"]]:
-    """Returns two properties of each neighbour from which its weight follows: area and squared relative distance.
+    """Returns the area and the relative squared distance of each neighbour, which determine its weight.
 
-    The squared distance is divided by twice the sum of two areas: the anchor's and the neighbour's.
+    The squared distance is divided by twice the sum of the anchor's and the neighbour's area.
 
     Args:
         area: Area that the prior predicts for each anchor of the scene.
@@ -146,16 +146,17 @@ def _sizes(
 def _size_features(
     partial: ReceivedScene[AnchorScene], surroundings: Surroundings, log_sizes: np.ndarray, lost: np.ndarray
 ) -> list[Float[np.ndarray, "M"]]:
-    """Returns network inputs for each of M anchors: numbers of active offsets, relative size, and uncertainties.
-
-    The size is relative to the expected size. The uncertainties are those of the features and of the scalings that the
-    prior predicts.
+    """Computes the network inputs of M anchors that describe their own size instead of the losses around them.
 
     Args:
         partial: The received scene.
         surroundings: Neighbours and expected sizes of the M anchors.
         log_sizes: Logarithms of the actual sizes of the M anchors.
         lost: 1 for lost anchors of the scene, 0 for received ones.
+
+    Returns:
+        Five logarithms for each anchor: its number of existing offsets, the mean number for its neighbours, its size
+        relative to the predicted size, and the relative uncertainties of its predicted features and scalings.
     """
     anchors, prior, rows, near = (
         to_arrays(partial.scene.anchors),

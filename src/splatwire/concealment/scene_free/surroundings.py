@@ -39,9 +39,9 @@ class Neighborhood:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Neighbours and expected sizes of anchors, which a concealer needs to enlarge received anchors.
+    """Neighbours and expected sizes of anchors, from which the enlargement of received anchors is computed.
 
-    Both are independent of the losses in a scene.
+    They do not depend on which anchors were lost.
 
     Attributes:
         log_size: Logarithm of the size that the prior predicts for each of the scene's N anchors.

@@ -34,7 +34,7 @@ BYTES_PER_BIT = 2
 
 
 class Coder(NamedTuple):
-    """State of the range coder that codes a sketch, the coarse copies of a scene's most important anchors.
+    """Range coder of a sketch (coarse copies of a scene's most important anchors), in either direction.
 
     Attributes:
         decoding: True when decoding, False when encoding.
@@ -68,9 +68,9 @@ class Coder(NamedTuple):
 @njit(error_model="numpy")
 @no_type_check
 def copy_flag_context(precision_levels, n):
-    """Returns the entropy coder's context for the bit that is 1 if anchor `n` has a copy.
+    """Returns the context for the bit that is 1 if anchor `n` has a copy.
 
-    The context, 0 to 3, is the number of copies among the four preceding anchors, at most 3.
+    It is the number of copies among the four preceding anchors, at most 3.
 
     Args:
         precision_levels: Precision level of each anchor's copy; 0 for anchors without a copy.
@@ -131,7 +131,7 @@ def code_levels(coder, models, precision_levels, buckets, num_levels):
         coder: State of the range coder.
         models: Table of adaptive bit probabilities, changed in place.
         precision_levels: Precision level of each anchor's copy; 0 without a copy.
-        buckets: Size class of each anchor, part of the context of the entropy coder.
+        buckets: Size class of each anchor; selects the context.
         num_levels: Number of precision levels.
 
     Returns:

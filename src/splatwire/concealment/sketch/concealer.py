@@ -120,11 +120,11 @@ def with_copies(partial: ReceivedScene[SplatScene], copies: Copies) -> ReceivedS
 
 @dataclass(frozen=True, eq=False)
 class SketchedLoss:
-    """Received scene with copies in place of lost anchors, and data for enlarging the M drawn anchors.
+    """Received scene in which copies have replaced lost anchors, and data for enlarging the M drawn anchors.
 
     Attributes:
         filled: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
-        left: For each drawn anchor, share of drawn anchors among its neighbours, 0 to 1.
+        left: For each drawn anchor, fraction of its neighbours that are drawn, 0 to 1.
         inputs: Inputs of the network that corrects the enlargement.
     """
 
@@ -134,11 +134,7 @@ class SketchedLoss:
 
     @staticmethod
     def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
-        """Computes the data for enlarging drawn anchors next to lost ones; a lost anchor with a copy counts as drawn.
-
-        Args:
-            filled: Received scene in which coarse copies have replaced lost anchors.
-        """
+        """Computes the data for enlarging drawn anchors, given a scene in which copies have replaced lost anchors."""
         around = surroundings_of(filled, np.flatnonzero(filled.known))
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
@@ -179,7 +175,7 @@ def with_sketch(partial: ReceivedScene[AnchorScene], section: SketchSection) -> 
 
 
 def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
-    """Returns the scalings that the prior predicts, raised to a minimum.
+    """Returns the scalings that the prior predicts, raised to a minimum above 0.
 
     The minimum of each of the six columns is a fixed fraction of the column's median over all anchors.
     """

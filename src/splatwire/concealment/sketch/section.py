@@ -84,14 +84,14 @@ class SketchSizes:
 class SketchBasis:
     """Basis vectors and quantisation steps for dequantising coarse copies of anchors (a sketch).
 
-    The D channels of a copy are its features and logarithms of scalings relative to their prediction. They are the mean
+    A copy has D channels: the features, and the logarithms of scalings relative to their prediction. They are the mean
     plus a sum of C basis vectors, each multiplied by a coded integer.
 
     Attributes:
         mean: Mean of the channels, float32 (D).
-        directions: Basis vectors as columns, int16 (D, C); at the first level, they are multiplied by `scales`.
-        scales: Scale of each basis vector, float32 (C).
-        offset_step: Quantisation step of offset coordinates at the first level.
+        directions: Basis vectors as columns, before multiplication with `scales`, int16 (D, C).
+        scales: Scale of each basis vector at the first precision level, float32 (C).
+        offset_step: Quantisation step of offset coordinates at the first precision level.
         num_levels: Number of precision levels; steps halve from each level to the next.
     """
 

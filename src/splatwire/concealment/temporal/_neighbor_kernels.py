@@ -101,16 +101,14 @@ def smooth_weights(offsets, ridges, nearest, wild, proximity, terms, lower, solu
 def interpolate(index, weights, closeness, contrasts, contrast, values, has_shapes, has_colours, scratch, out):
     """Estimates the motion of n tracks from the motion of their k neighbours (see `Neighbors`).
 
-    The change of colour is assumed to be a linear function of the colour: the mean change of the neighbours, plus a
-    slope times the difference of the track's colour from the neighbours' mean colour.
-
     Args:
         index: Neighbours of each track, as rows of `values`, int32 (n, k).
-        weights: Interpolation weights for all channels except colour, float32 (n, k).
-        closeness: Inverse-distance weights, for the colour, float32 (n, k).
-        contrasts: Weights of the neighbours' colour changes, float32 (n, k, 3). The slope is the sum of weight times
-            colour change over neighbours and colour channels.
-        contrast: Difference of each track's colour from the mean of its neighbours, float32 (n, 3).
+        weights: Weight of each neighbour for all channels except colour, float32 (n, k).
+        closeness: Weight of each neighbour for the mean colour change, float32 (n, k).
+        contrasts: Weights of the neighbours' colour changes in the slope, float32 (n, k, 3). The slope is the change of
+            colour per difference in colour.
+        contrast: Difference of each track's colour from the mean of its neighbours, float32 (n, 3). It is multiplied by
+            the slope.
         values: Values of the tracks that serve as neighbours, float32 (m, 13).
         has_shapes: True if a scale or opacity in `values` is not 0.
         has_colours: True if a colour in `values` is not 0.

@@ -57,9 +57,7 @@ class ConcealedMotion:
 
 @runtime_checkable
 class TemporalConcealer(Protocol):
-    """Typing protocol (structural type) for a loss concealer of sequences.
-
-    Such a concealer is a function with a name. It estimates lost motion in a group of pictures.
+    """Interface of a loss concealer of sequences: a function with a name that estimates lost motion.
 
     Attributes:
         grow: True if received Gaussians are enlarged around lost keyframe Gaussians and around hidden tracks.

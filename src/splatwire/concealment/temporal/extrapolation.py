@@ -79,14 +79,14 @@ def _query_neighbors(
     sequence: SequenceScene, tracks: np.ndarray, observed: np.ndarray, origins: np.ndarray | None,
     lost_tracks: np.ndarray, before: ConcealmentState, count: int, *, smooth: bool,
 ) -> Neighbors:  # fmt: skip
-    """Finds the nearest tracks with received motion for each track with lost motion.
+    """Finds, for each track with lost motion, its nearest tracks with received motion.
 
     Args:
         sequence: The sequence.
-        tracks: Indices of the received tracks.
-        observed: Received tracks that may serve as neighbours: m indices into `tracks`.
-        origins: Offsets of these m tracks at the start of the group, float32 (m, C), for measuring distances at that
-            time. None to measure distances between keyframe Gaussians.
+        tracks: Indices of all tracks with received motion.
+        observed: The m of these tracks that may serve as neighbours, as indices into `tracks`.
+        origins: Offsets of the m tracks from their keyframe Gaussians at the start of the group, float32 (m, C).
+            Distances are then measured at that time. None to measure distances between keyframe Gaussians.
         lost_tracks: Indices of the tracks with lost motion.
         before: Concealment state at the end of the previous group.
         count: Maximum number of neighbours per track.
@@ -130,9 +130,9 @@ def _most_common_birth(born: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
-    """Returns the share of a track's deviation from its neighbours' motion that remains in the next group of pictures.
+    """Returns the share of a track's deviation from its neighbours' motion that continues in the next group.
 
-    The share is an estimate: a small deviation is probably a rounding error.
+    Small deviations count less, because they are probably rounding errors.
 
     Args:
         deviation: Deviation from the neighbours' motion at the end of the previous group, (n, C).
@@ -140,7 +140,7 @@ def _kept_deviation(deviation: np.ndarray, rounding: np.ndarray, concealed: np.n
         concealed: Mask of tracks whose motion was only estimated, bool (n).
 
     Returns:
-        Estimated share, 0 to 1, float (n, C).
+        Share by channel, 0 to 1, float (n, C).
     """
     # a small deviation is probably a rounding error; those of scale, opacity and colour are not kept
     apart, kept = (deviation[:, PLACE] ** 2).sum(axis=1), np.zeros_like(deviation)

@@ -29,19 +29,19 @@ AT_ONCE = 1 << 15
 
 @dataclass(frozen=True, eq=False)
 class Neighbors:
-    """Neighbours of tracks with lost motion, and weights to estimate motion and colour from them.
+    """Received neighbours of each track with lost motion, and weights for estimating its motion and colour from theirs.
 
-    A track is assumed to move like the weighted mean of its neighbours. The change of colour is assumed to be a linear
-    function of the colour. It is the mean change of the neighbours, plus a slope times the difference of the track's
-    colour from the neighbours' mean colour.
+    A track moves like the weighted mean of its neighbours. Its colour changes like the neighbours' mean colour, plus a
+    slope times the difference of its colour from theirs: lighting changes bright surfaces more than dark ones.
 
     Attributes:
         observed: Received tracks that may serve as neighbours: indices into the list of received tracks, int64 (m).
         index: Neighbours of each track, as indices into `observed`, int32 (n, k).
-        weights: Interpolation weight of each neighbour for all channels except colour, float32 (n, k).
-        closeness: Inverse-distance weight of each neighbour, float32 (n, k); the weights of a track add up to 1.
-        contrasts: Weights of the neighbours' colour changes, float32 (n, k, 3). The slope is the sum of weight times
-            colour change over neighbours and colour channels.
+        weights: Weight of each neighbour for all channels except colour, float32 (n, k).
+        closeness: Weight of each neighbour for the mean colour change, by inverse squared distance, float32 (n, k); the
+            weights of a track add up to 1.
+        contrasts: Weights of the neighbours' colour changes in the slope, float32 (n, k, 3). The slope is their
+            weighted sum over neighbours and colour channels.
         contrast: Difference of the track's colour from the mean colour of its neighbours, float32 (n, 3).
     """
 
@@ -80,7 +80,7 @@ class Neighbors:
             offsets = (positions[mine][index[some]] - positions[lost[some]][:, None]).astype(np.float64)
             closeness[some] = _closeness((offsets**2).sum(axis=2))
             weights[some] = smooth_weights(offsets) if smooth else closeness[some]
-            contrasts[some], contrast[some] = _contrasts(
+            contrasts[some], contrast[some] = _colour_slope(
                 colours[mine][index[some]], colours[lost[some]], closeness[some]
             )
         return Neighbors(observed, index, weights, closeness, contrasts, contrast)
@@ -96,12 +96,13 @@ class Neighbors:
         return interpolated
 
 
-def _contrasts(colours: np.ndarray, track_colours: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Computes how strongly the change of colour depends on the colour among the neighbours of each lost track.
+def _colour_slope(
+    colours: np.ndarray, track_colours: np.ndarray, closeness: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fits the slope of colour change against colour over the neighbours of each lost track, by least squares.
 
-    The change is modelled as a linear function of the colour. The slope of this function is a weighted sum of the
-    neighbours' colour changes, which are known only later, frame by frame. The weights are computed here by a
-    least-squares fit.
+    The colour changes are known only later, frame by frame. The slope is a weighted sum of them, and this function
+    computes the weights.
 
     Args:
         colours: Colours of the neighbours, (n, k, 3).

@@ -127,12 +127,14 @@ def _errors(
 
 
 class _LocalColour(NamedTuple):
-    """Colour and opacity that some Gaussians produce at t points.
+    """Colour and opacity that surrounding Gaussians produce at t points, as sums over these Gaussians.
+
+    The weight of a Gaussian is its opacity times its falloff at the point.
 
     Attributes:
         points: Positions, (t, 3).
-        density: Sum of the Gaussians' weights at each point, (t). A Gaussian's weight is its opacity times its falloff.
-        colour: Sum of the Gaussians' colours, each times its weight, (t, 4). The fourth channel stands for opacity.
+        density: Sum of the weights, (t).
+        colour: Weighted sum of the colours, (t, 4). A fourth channel represents opacity.
     """
 
     points: np.ndarray
@@ -159,14 +161,12 @@ class _Field:
         self._tree = build_kd_tree((splats.means[tracks] + offsets)[self._rows])
 
     def colour_at(self, points: np.ndarray, tested: np.ndarray) -> "_LocalColour":
-        """Computes the colour and opacity that received Gaussians produce at given points.
-
-        To measure the error of an estimator, the motion of the tested tracks is estimated as if it were lost. The
-        Gaussians of the tested tracks are therefore left out.
+        """Computes the colour and opacity that received Gaussians, except the tested ones, produce at given points.
 
         Args:
             points: One point for each tested track, (t, 3).
-            tested: Tested tracks, as indices into the received tracks, int64 (t).
+            tested: Tracks whose motion is estimated for a test as if it were lost, as indices into the received tracks,
+                int64 (t).
         """
         there = np.ones(len(self._square), bool)
         there[tested] = False
@@ -179,13 +179,13 @@ class _Field:
     def error(
         self, background: "_LocalColour", tested: np.ndarray, *states: tuple[np.ndarray, np.ndarray]
     ) -> np.ndarray:
-        """Computes the error in one frame if tracks are drawn in an estimated state in place of the true state.
+        """Computes the error in one frame if tracks are drawn in an estimated state instead of the true one.
 
         Args:
             background: Colour and opacity of the other Gaussians at the tracks' positions.
-            tested: Tested tracks, as indices into the received tracks, int64 (t).
-            states: Two states of the tested tracks: the true one, then the estimated one. A state consists of
-                positions, (t, 3), and the mask of the tracks that exist, bool (t).
+            tested: The tracks, as indices into the received tracks, int64 (t).
+            states: Two states of the tracks: the true one, then the estimated one. A state consists of positions, (t,
+                3), and the mask of the tracks that exist, bool (t).
 
         Returns:
             Squared difference of colour and opacity, times the area of the track's Gaussian, float64 (t).
