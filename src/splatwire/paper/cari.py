@@ -138,14 +138,14 @@ CARI_PRESETS = {"paper": Cari()}
 
 @dataclass(frozen=True, eq=False)
 class _ConstantData:
-    """Inputs of CARI that are the same in every pass over the lost anchors.
+    """Data of a received scene that all passes of CARI share. A pass estimates the lost anchors from their neighbours.
 
     Attributes:
         context: The received scene.
         groups: Groups of attribute channels that are interpolated with the same neighbours and weights.
         unit_context: Hash-grid feature of each anchor, normalised to length 1.
-        certainty: Factor of each anchor's score per attribute group, lower if the hash grid's prediction (prior) of the
-            anchor is uncertain; `w_unc` in the paper.
+        certainty: Factor on each anchor's score as a neighbour, per attribute group; lower if the hash grid's
+            prediction (prior) of the anchor is uncertain; `w_unc` in the paper.
         everyone: Search tree over the positions of all anchors.
     """
 

@@ -178,19 +178,20 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
 @njit(inline="always", error_model="numpy")
 @no_type_check
 def _build_tile_lists(order, corners, strips, starts, grid_x):
-    """Lists the Gaussians in each tile, given the pixel rows that each Gaussian covers.
+    """Lists the Gaussians of each tile, nearest first, from the pixel rows that each Gaussian covers.
 
     Args:
         order: Indices of the Gaussians, nearest first.
-        corners: For each Gaussian of `order`: index of the topmost tile in the first tile column that it overlaps, and
-            number of tile columns that it overlaps.
+        corners: For each Gaussian of `order`, index of the tile in its leftmost tile column and the image's first tile
+            row, relative to the first listed tile; and number of tile columns that it overlaps.
         strips: Pixel rows that a Gaussian covers in a tile column: first row and end (exclusive). One row of the array
             for each tile column of the first Gaussian, then of the second, and so on.
         starts: Start of each tile's list in the result, and the total length.
         grid_x: Number of tile columns of the image.
 
     Returns:
-        Second to fourth result of `fill_tiles`.
+        Three arrays, as returned by `fill_tiles`: the lists of all tiles, the pixel rows that each entry covers, and
+        the entries sorted by Gaussian.
     """
     num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)

@@ -71,7 +71,7 @@ def quick_sensitivity(
                 removal[:] += each.sum(axis=1) ** 2 / probes
                 offsets[:] += each**2 / probes
                 if len(rows) and not probe:
-                    parts.append(_back_propagate(scene, cameras.centers[view], rows, (seen, found.fields), each[rows]))
+                    parts.append(_estimate_errors(scene, cameras.centers[view], rows, (seen, found.fields), each[rows]))
 
         each_gradient_cpu(seen.gaussians, cameras.select([view]), signs, found.add, behind)
         if progress:
@@ -101,24 +101,24 @@ class _NetworkErrors:
     removal: float
 
 
-def _back_propagate(
+def _estimate_errors(
     scene: AnchorScene,
     camera_center: np.ndarray,
     rows: np.ndarray,
     drawn: tuple[SpawnedGaussians, list[np.ndarray]],
     each: Float64[np.ndarray, "R K"],
 ) -> _NetworkErrors:
-    """Estimates the errors of one picture if attributes of the selected anchors change.
+    """Estimates the squared error of one picture if attributes of the selected anchors change.
 
-    The estimates are squared derivatives of the signed sum: the sum of all pixel values, each multiplied by a random
+    The estimates are squared derivatives of a signed sum: the sum of all pixel values, each multiplied by a random
     sign.
 
     Args:
         scene: The complete scene.
         camera_center: Position of the camera.
         rows: Indices of the R selected anchors.
-        drawn: Gaussians of the view, and gradients of the signed sum with respect to the Gaussians.
-        each: Change of the signed sum if one Gaussian is removed, for each of the K Gaussians of the selected anchors.
+        drawn: Gaussians of the view; and derivatives of the signed sum with respect to their attributes.
+        each: Change of the signed sum if one Gaussian is removed, for each of the K offsets of each selected anchor.
     """
     # Gradients of the Gaussians are back-propagated through the networks that generate the Gaussians. They are the
     # gradients of the sum of all pixels, each multiplied by a random sign.

@@ -226,15 +226,15 @@ class SequenceEncoder:
         self._ended = frames[0], frames[-1]
         new = group.keys > self._newest
         self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
-        scenes = _scene_cuts(group, frames, new)
-        classes = self._precision(group, scenes, new)
-        apart = len(frames) > 1 and len(frames[0].keys) > 0 and len(scenes) > APART * len(frames)
+        cuts = _scene_cuts(group, frames, new)
+        classes = self._precision(group, cuts, new)
+        apart = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > APART * len(frames)
         first, smooth, self._groups = not self._groups, self._live and self._frames.smooth, self._groups + 1
         if first and apart and not self._live:
             assert classes is not None
-            return self._encode_single_frames(group, frames, scenes, classes)
+            return self._encode_single_frames(group, frames, cuts, classes)
         self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
-        return self._writer.add(group, classes, cut=bool(scenes) and not self._live)
+        return self._writer.add(group, classes, cut=bool(cuts) and not self._live)
 
     def _collect_tracks(self) -> TrackGroup:
         """Joins the frames of the current group of pictures to tracks."""
@@ -248,14 +248,14 @@ class SequenceEncoder:
         return group
 
     def _encode_single_frames(
-        self, group: TrackGroup, frames: list[TrackedFrame], scenes: list[int], classes: np.ndarray
+        self, group: TrackGroup, frames: list[TrackedFrame], cuts: list[int], classes: np.ndarray
     ) -> list[Packet]:
         """Switches to groups of one frame, for a sequence with many scene cuts, and encodes the first frames.
 
         Args:
             group: Tracks of the first frames.
             frames: The first frames of the sequence, which were to become one group.
-            scenes: Indices of those frames in which a new scene begins (scene cuts).
+            cuts: Indices of those frames that begin a new scene.
             classes: Precision class of each track (its set of quantisation steps), (n).
 
         Returns:
@@ -264,16 +264,16 @@ class SequenceEncoder:
         self._options = replace(self._options, group_frames=1)
         self._writer, self._frames = self._new_writer(), GroupBuilder(1)
         LOG.warning(
-            "%d of the first %d frames show another scene than the one before: each frame is a group", len(scenes),
+            "%d of the first %d frames show another scene than the one before: each frame is a group", len(cuts),
             len(frames),
         )  # fmt: skip
         packets = []
         for number, frame in enumerate(frames):
             own = group_of([frame])
-            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)], cut=number in scenes)
+            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)], cut=number in cuts)
         return packets
 
-    def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
+    def _precision(self, group: TrackGroup, cuts: list[int], new: np.ndarray) -> np.ndarray | None:
         """Chooses the precision class (set of quantisation steps) of each track in a group with a scene cut.
 
         Tracks that begin at or after a scene cut are measured by rendering. In the first group, classes that are
@@ -281,13 +281,13 @@ class SequenceEncoder:
 
         Args:
             group: Tracks of the group.
-            scenes: Indices of the frames of the group in which a new scene begins (scene cuts).
+            cuts: Indices of the frames of the group that begin a new scene.
             new: Mask of tracks that are new in this group, bool (n).
 
         Returns:
             Precision class of each track. None without a scene cut, and in all groups of a live sequence but the first.
         """
-        if not scenes or (self._live and self._groups):  # too slow for a live sequence
+        if not cuts or (self._live and self._groups):  # too slow for a live sequence
             return None
         classes = self._median_classes(len(group.keys))
         if not self._groups and self._known is not None:
@@ -295,8 +295,8 @@ class SequenceEncoder:
             if len(here) >= KNOWN_SHARE * len(group.keys):
                 classes[here] = self._known[1][at]
                 return classes
-        scene = np.where(new, np.searchsorted(scenes, group.begins, side="right") - 1, -1)
-        for number in range(len(scenes)):
+        scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
+        for number in range(len(cuts)):
             some = np.flatnonzero(scene == number)
             first = group.first(some)
             classes[some] = self._classes(first)

@@ -74,12 +74,12 @@ class _ConstantData:
 
 
 class _ScaledMlp:
-    """Network in training whose outputs are divided by typical values.
+    """Trainable network whose outputs are divided by typical values, so that one learning rate suits all outputs.
 
-    One learning rate then suits all outputs.
+    Args:
+        mlp: The initial network.
+        unit: Typical value of each output.
     """
-
-    # Scaled outputs need only one learning rate.
 
     def __init__(self, mlp: Mlp, unit: Float[Tensor, "out"]) -> None:
         self._slope, self._unit = mlp.negative_slope, unit

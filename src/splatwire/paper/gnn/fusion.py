@@ -68,12 +68,12 @@ class Branches:
 
 
 def branches(raw: RawResiduals, prior: Prior, interpolated: Anchors, settings: GnnSettings) -> Branches:
-    """Computes estimates of the attributes of lost anchors (queries) from the outputs of the network.
+    """Converts outputs of the network to estimates of the attributes of lost anchors.
 
     Args:
-        raw: Outputs of the network for the queries.
-        prior: Prior of the queries.
-        interpolated: The queries with attributes filled by the interpolation.
+        raw: Outputs of the network for the lost anchors.
+        prior: Distributions that the hash grid predicts for these anchors.
+        interpolated: The same anchors with attributes interpolated from their neighbours.
         settings: Settings of the network.
     """
     # The network's residuals are clipped, multiplied by the confidence and added to the baseline.

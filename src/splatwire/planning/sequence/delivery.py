@@ -1,7 +1,7 @@
 """Simulates the delivery of a sequence's packets over a lossy channel."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,17 +70,15 @@ class MotionTransfer:
     model: TransferModel
 
     @staticmethod
-    def of(load: SequenceLoad, arranged: Arranged, protection: Protection) -> "MotionTransfer":
+    def of(load: SequenceLoad, arranged: Arranged) -> "MotionTransfer":
         """Builds the list of datagrams that a transfer sends: motion packets, and repair symbols (parity).
 
         Args:
             load: Sizes of the sequence's packets.
             arranged: Sending order of the packets, and the ranges of packets that share parity.
-            protection: Redundancy settings, such as the position of repair symbols. The field `parity_until` is
-                ignored.
         """
         order, codes = np.array(arranged.order, np.int64), tuple(parity_groups(arranged.parity_ranges))
-        timing = replace(protection, parity_until=0.0)
+        timing = Protection(parity_until=0.0)  # repair symbols are sent among the packets that they protect
         items = build_send_schedule([], arranged.parity_ranges, [code.repair for code in codes], timing, [len(order)])
         table = np.array(items, np.int64).reshape(-1, 3)
         kind, group, symbol = table.T
@@ -114,9 +112,7 @@ def model_motion_transfer(load: SequenceLoad, protection: Protection, group: int
     groups = range(len(load.groups)) if group is None else [group]
     found = [arrange([load.groups[number]], importance, protection, number) for number in groups]
     order = tuple(packet for part in found for packet in part.order)
-    return MotionTransfer.of(
-        load, Arranged(order, tuple(one for part in found for one in part.parity_ranges)), protection
-    )
+    return MotionTransfer.of(load, Arranged(order, tuple(one for part in found for one in part.parity_ranges)))
 
 
 def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed: int) -> set[PacketId]:

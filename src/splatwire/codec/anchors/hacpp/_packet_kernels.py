@@ -78,7 +78,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
+def mixture_indices(outputs, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
     """Converts outputs of a channel network to the second normal distribution and mixture weight of each feature.
 
     Features are coded with a mixture of two normals. The prior network predicts the first, and the channel network of
@@ -87,7 +87,6 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
     Args:
         outputs: Outputs of the channel network for the group's channels: means, standard deviations, and mixture
             weights as logits.
-        group: Index of the group.
         prior_outputs: Outputs of the prior network.
         weight_column: Column in `prior_outputs` with the logit of the first channel's mixture weight.
         q_column: Column in `prior_outputs` from which the quantisation step is computed.

@@ -290,7 +290,7 @@ def predict_group(
     means = np.empty((len(outputs), size), dtype=np.int32)
     scales, weights = np.empty(means.shape, dtype=np.int16), np.empty(means.shape, dtype=np.uint8)
     kernels.mixture_indices(
-        context.channel_outputs(group, shared, activations), group, outputs,
+        context.channel_outputs(group, shared, activations), outputs,
         columns.feature_weight + int(_group_edges(context)[group]), columns.steps,
         inverse_step_table(context.config.base_steps[0]), means, scales, weights,
     )  # fmt: skip
