@@ -15,8 +15,8 @@ def step_exponent(bases, attribute, precision_class, area, elongation, flatness,
         bases: `-log2` of each attribute's quantisation step in precision class 0, for a Gaussian with scales and
             opacity 1; `STEP_BITS` fractional bits.
         attribute: Index of the attribute in `gaussians.layout.STEPS`.
-        precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
-            large as in the class before it.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest; each class has half the steps of the one
+            before.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
@@ -33,18 +33,18 @@ def step_exponent(bases, attribute, precision_class, area, elongation, flatness,
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def step_shift(bases, attribute, precision_class, area, elongation, flatness, opacity, max_shift):
-    """Returns log2 of an attribute's quantisation step, given the Gaussian's size, shape and opacity.
+    """Computes log2 of the quantisation step of one attribute of a Gaussian, limited to the range of the format.
 
     Args:
-        bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        attribute: The attribute, as an index into `gaussians.layout.STEPS`.
-        precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
-            large as in the class before it.
+        bases: `-log2` of each attribute's quantisation step in precision class 0, `STEP_BITS` fractional bits.
+        attribute: Index of the attribute in `gaussians.layout.STEPS`.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest; each class has half the steps of the one
+            before.
         area: log2 of the product of the two largest scales, `BITS` fractional bits.
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
-        max_shift: Upper limit on the returned value.
+        max_shift: Upper limit on the result.
 
     Returns:
         log2 of the step in units of `2**-BITS`, 0 to `max_shift`.
@@ -57,18 +57,18 @@ def step_shift(bases, attribute, precision_class, area, elongation, flatness, op
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def position_shift(bases, precision_class, s0, elongation, flatness, opacity, unit, max_shift):
-    """Returns log2 of the quantisation step of a Gaussian's position, which depends on size, shape and precision class.
+    """Computes log2 of the quantisation step of a Gaussian's position, which is at most half the second scale.
 
     Args:
-        bases: `-log2` of the quantisation steps in precision class 0, by attribute, `STEP_BITS` fractional bits.
-        precision_class: Precision class of the Gaussian, 0 for the coarsest; quantisation steps of a class are half as
-            large as in the class before it.
+        bases: `-log2` of each attribute's quantisation step in precision class 0, `STEP_BITS` fractional bits.
+        precision_class: Precision class of the Gaussian, 0 for the coarsest; each class has half the steps of the one
+            before.
         s0: log2 of the largest of the three scales, `BITS` fractional bits.
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
         unit: `-log2` of the spacing of the lattice of positions, relative to the scene's size.
-        max_shift: Upper limit on the returned value.
+        max_shift: Upper limit on the result.
 
     Returns:
         log2 of the step in lattice spacings, 0 to `max_shift`.

@@ -119,7 +119,8 @@ def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         symbols: The matrix, integers.
 
     Returns:
-        Index of each row's standard deviation in the coder's table; and the number that each column adds to it, int64.
+        Index of the row factor in the coder's table of standard deviations; and difference that the column factor makes
+        to this index; int64.
     """
     # Alternating maximum-likelihood estimates.
     square = symbols.astype(np.float64) ** 2 + 1e-3

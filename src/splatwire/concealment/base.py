@@ -26,7 +26,7 @@ class Concealed(RenderHints):
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":
-        """Builds a result that draws all elements, with estimates of the lost ones."""
+        """Returns a result that draws all elements; `elements` contains the estimates of the lost ones."""
         elements = to_arrays(elements)
         count = len(next(iter(vars(elements).values())))
         return Concealed(np.ones(count, np.float32), np.zeros(count, np.bool_), elements=elements)

@@ -42,9 +42,9 @@ def conceal(partial: ReceivedScene[S], concealer: Concealer | str) -> S:
 
 
 def apply_result(partial: ReceivedScene[S], result: Concealed, name: str) -> S:
-    """Returns the scene to draw, with estimates of lost values and the hints of a concealer.
+    """Applies the result of a concealer to a received scene: fills in lost values, and adds the hints for rendering.
 
-    Received values are not replaced by estimates.
+    Received values do not change.
 
     Args:
         partial: The received scene.

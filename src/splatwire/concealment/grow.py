@@ -101,15 +101,13 @@ class Grow:
         known: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Raises small received shares, so that the enlargement of anchors stays within `max_gain` and `max_excess`.
-
-        The enlargement is a negative power of the received share.
+        """Raises small received shares, to limit the enlargement computed from them to `max_gain` and `max_excess`.
 
         Args:
             received: Received share of each anchor's neighbours, 0 to 1.
             known: Mask of received anchors of the whole scene.
-            weights: Weight of each anchor when the received share of the whole scene is computed: the typical size
-                of the anchors in its importance tier. None for equal weights.
+            weights: Weight of each anchor when the received share of the whole scene is computed: the typical size of
+                the anchors in its importance tier. None for equal weights.
 
         Returns:
             The shares `received`, with a lower bound.

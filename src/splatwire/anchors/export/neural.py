@@ -61,7 +61,7 @@ def slots_of(scene: AnchorScene) -> Slots:
 
 
 def slot_view(scene: AnchorScene, slots: Slots, camera_center: Float[np.ndarray, "3"]) -> SlotView:
-    """Computes, with the scene's head networks, how a list of Gaussians appears to a camera.
+    """Evaluates the scene's head networks for a list of Gaussians and a camera position.
 
     Args:
         scene: The anchor scene.

@@ -13,7 +13,7 @@ _COLOURS = NUM_CHANNELS - 3
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, out):
-    """Evaluates the decoded motion of n tracks in one frame: their changes relative to their keyframe Gaussians.
+    """Evaluates the motion polynomials of n tracks (Gaussians over time) in one frame.
 
     Args:
         coefficients: Polynomial coefficients of the moving tracks of all packets, one after another, float32.
@@ -21,11 +21,11 @@ def offsets(coefficients, starts, packets, orders, widths, weights, factors, col
         packets: Index of each track's packet, int64 (n).
         orders: For each packet and channel, number of coefficients that may differ from 0, int64 (packets, channels).
         widths: For each packet, number of coefficients that the array `coefficients` stores per channel, int64
-            (packets). It is the same for all channels of the packet.
+            (packets).
         weights: Value of each basis polynomial in this frame, float64 (F), for a group of F frames.
         factors: Factor from fixed point to floats, by channel, float64 (channels).
         colours: Matrix from Y Co Cg to red, green, blue, float64 (3, 3).
-        out: Output: the changes, float32 (n, channels).
+        out: Output: changes of the tracks relative to their keyframe Gaussians, float32 (n, channels).
     """
     values = np.zeros(NUM_CHANNELS)
     # `tests/reference/trajectories.py` is an equivalent implementation in plain Python.

@@ -241,10 +241,10 @@ def _reconstruct(means, octaves, steps, row):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _unpack_coefficients(flat, orders, rows):
-    """Copies the coded motion coefficients of M tracks (Gaussians over time) into an array by channel and degree.
+    """Distributes the motion coefficients of M tracks (Gaussians over time) to channels and degrees.
 
     Args:
-        flat: The coded coefficients, (M, U), with U coefficients per track.
+        flat: The coefficients that the packet contains, (M, U), with U coefficients per track.
         orders: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial coefficients
             coded per channel, int64 (kinds).
         rows: Output: the coefficients, (M, channels, frames). The last axis is the degree, which is below the number of
@@ -261,7 +261,7 @@ def _unpack_coefficients(flat, orders, rows):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def pack_coefficients(values, rows, states, orders, flat):
-    """Copies the coded motion coefficients of each Gaussian (track) into one array row.
+    """Gathers the motion coefficients that a packet contains into one array row per track (Gaussian over time).
 
     Args:
         values: Coefficients by channel and degree, (N, channels, frames).

@@ -74,7 +74,7 @@ class _Fitted:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Returns the size of blocks if elements are divided evenly into as few blocks as possible.
+    """Returns the block size that divides elements evenly into as few blocks as possible.
 
     Args:
         count: Number of elements, at least one.

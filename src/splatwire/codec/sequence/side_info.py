@@ -179,7 +179,7 @@ def spacing_of(info: KeyframeInfo, reference: KeyframeInfo) -> int:
 
 
 def _version_of(shots: Sequence[Shot]) -> int:
-    """Returns the lowest version of the side information with which the keyframe Gaussians of all shots can be stored.
+    """Returns the lowest version of the side information that can store the keyframe Gaussians of all shots.
 
     A shot is a range of groups of frames that share quantisation steps.
     """

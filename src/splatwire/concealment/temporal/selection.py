@@ -38,7 +38,7 @@ def select(
 ) -> np.ndarray:  # fmt: skip
     """Chooses for each track with lost motion the estimator with the lowest expected error, or hides the track.
 
-    The expected error is measured on nearby tracks with received motion, which are estimated as if they were lost.
+    The error is measured on nearby tracks with received motion, whose motion is estimated as if it were lost.
 
     Args:
         sequence: The sequence.
@@ -46,8 +46,8 @@ def select(
         arrived: Tracks with received motion.
         tracks: Indices of the tracks with lost motion, int64 (n).
         before: Concealment state at the end of the previous group of pictures.
-        candidates: Estimators of lost motion, at least one; the first is used if too few tracks were received for
-            tests.
+        candidates: Estimators of lost motion, at least one. The first is used if too few tracks were received to
+            measure errors.
         grow: True if received Gaussians are enlarged around hidden tracks.
 
     Returns:
