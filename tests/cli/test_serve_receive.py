@@ -445,3 +445,25 @@ def test_following_that_is_stopped_before_a_scene_arrives_fails(tmp_path: Path, 
         waiting.join()
     assert not list(tmp_path.iterdir())
     assert capsys.readouterr().err.endswith("splatwire: stopped\n")
+
+
+def test_signals_have_their_handlers_again_after_a_transfer():
+    """With the system's default action, SIGTERM would leave temporary files of the output that is then written."""
+    from splatwire.cli._receiving import canceling_on_signals
+
+    def own(number: int, frame: object) -> None:
+        raise AssertionError("a signal during the transfer only stops it")
+
+    async def work() -> None:
+        stop = asyncio.get_running_loop().create_future()
+        with canceling_on_signals(stop) as received:
+            signal.raise_signal(signal.SIGTERM)
+            await asyncio.wait([stop], timeout=60)
+        assert (received, stop.cancelled()) == ([signal.SIGTERM], True)
+
+    outside = signal.signal(signal.SIGTERM, own)
+    try:
+        asyncio.run(work())
+        assert signal.getsignal(signal.SIGTERM) is own
+    finally:
+        signal.signal(signal.SIGTERM, outside)
