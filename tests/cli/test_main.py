@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 import threading
+import time
+from typing import Any
 
 import numba
 import numpy as np
@@ -15,6 +17,7 @@ from splatwire.bitstream.limits import MAX_GROUP_FRAMES
 from splatwire.cli import main as main_module
 from splatwire.cli._deprecated_options import with_current_names
 from splatwire.cli._parsing import settings_of
+from splatwire.cli._signals import raising
 from splatwire.cli.main import VERBS
 from splatwire.sequence.options import GROUP_FRAMES
 
@@ -141,6 +144,62 @@ def test_errors_are_one_line_without_traceback(run, monkeypatch, error, status, 
     assert words in outcome.err
     assert outcome.err.count("\n") == 1
     assert outcome.out == ""
+
+
+def _python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def test_ctrl_c_while_the_command_line_loads_is_one_error_line():
+    done = _python(
+        "import splatwire.__main__ as entry\n"
+        "class Loader:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'splatwire.cli.main':\n"
+        "            raise KeyboardInterrupt\n"
+        "entry.sys.meta_path.insert(0, Loader())\n"
+        "entry.start()"
+    )
+    assert (done.returncode, done.stderr) == (130, "splatwire: stopped\n")
+
+
+def test_ctrl_c_after_the_end_of_a_command_prints_no_traceback():
+    done = _python(
+        "import atexit, os, signal, sys\nimport splatwire.__main__ as entry\n"
+        "atexit.register(os.kill, os.getpid(), signal.SIGINT)\n"
+        "sys.argv = ['splatwire', '--version']\nentry.start()"
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+    assert done.stdout.startswith("splatwire ")
+
+
+@pytest.mark.parametrize(
+    ("module", "function"), [("llvmlite.binding.executionengine", "callback"), ("elsewhere", "__del__")]
+)
+def test_ctrl_c_waits_while_an_error_would_be_lost(module, function):
+    """LLVM and Python ignore errors of the functions that they call back."""
+    code = (
+        f"def {function}():\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    for _ in range(1000):\n"
+        "        pass\n"
+        "    done.append(True)\n"
+    )
+    values: dict[str, Any] = {"__name__": module, "os": os, "signal": signal, "done": []}
+    exec(code, values)
+
+    def interrupted() -> None:
+        values[function]()
+        time.sleep(60)  # the repeated signal ends the wait
+
+    before, started = signal.signal(signal.SIGINT, raising(lambda _: KeyboardInterrupt())), time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert values["done"] == [True]
+    assert time.monotonic() - started < 50
 
 
 def test_ctrl_c_in_a_kernel_is_one_error_line(run, monkeypatch):

@@ -18,7 +18,7 @@ from typing import Any
 import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
-from splatwire.cli._signals import status_of
+from splatwire.cli._signals import raising, status_of
 from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     if arguments is None:
         sys.excepthook = _print_traceback
-    with _standard_streams(), _signals_as_exit(), _rare_collections():
+    with _standard_streams(), _signals_as_exit(in_process=arguments is not None), _rare_collections():
         try:
             status: Any = _run(list(sys.argv[1:] if arguments is None else arguments))
         except SystemExit as end:
@@ -55,6 +55,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _discard_stdout()
             status = 0
         status = _flush_stdout(status)
+        if arguments is None:
+            _end_at_next_interrupt()
     sys.exit(status)
 
 
@@ -114,16 +116,35 @@ def _rare_collections() -> Iterator[None]:
         gc.set_threshold(*before)
 
 
+def _end_at_next_interrupt() -> None:
+    """Lets another Ctrl-C end the process at once, after the command has ended."""
+    # Otherwise, Python prints a traceback for it while objects are freed and the process shuts down.
+    if _in_main_thread() and signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN):
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
 @contextmanager
-def _signals_as_exit() -> Iterator[None]:
-    """Converts SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed."""
+def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
+    """Converts SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed.
 
-    def end(number: int, _: object) -> None:
-        sys.exit(128 + number)
+    Args:
+        in_process: True if the process goes on after the command; the action of Ctrl-C is then restored, too.
+    """
 
-    if threading.current_thread() is not threading.main_thread():
+    def stop(number: int) -> BaseException:
+        return KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
+
+    end = raising(stop)
+    if not _in_main_thread():
         yield
         return
+    interrupt = signal.getsignal(signal.SIGINT)
+    if interrupt is signal.default_int_handler:
+        signal.signal(signal.SIGINT, end)
     numbers = [n for n in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)) if _is_default(n)]
     before = {number: signal.signal(number, end) for number in dict.fromkeys(numbers)}
     try:
@@ -131,6 +152,8 @@ def _signals_as_exit() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        if in_process:
+            signal.signal(signal.SIGINT, interrupt)  # Python's own action, or that of the caller
 
 
 def _is_default(number: int) -> bool:
@@ -161,6 +184,7 @@ def _run(arguments: list[str]) -> int:
         raise
     except (Exception, KeyboardInterrupt) as error:
         if (status := _signal_status(error)) is not None:
+            _end_at_next_interrupt()
             try:
                 print("splatwire: stopped", file=sys.stderr)
             except BrokenPipeError:
