@@ -32,7 +32,7 @@ export interface ClipFrame {
 }
 
 /** Properties of a stream that do not change. */
-type Known = Facts & { readonly sequence: NonNullable<Facts["sequence"]> };
+type SequenceFacts = Facts & { readonly sequence: NonNullable<Facts["sequence"]> };
 
 /**
  * A clip that is being received and played. It starts paused, unless it is live.
@@ -60,7 +60,7 @@ export class Clip extends EventTarget {
 
   private constructor(
     readonly worker: Worker,
-    readonly facts: Known,
+    readonly facts: SequenceFacts,
     readonly concealer: string,
   ) {
     super();

@@ -364,7 +364,7 @@ async function everything(received: DecodedStream, options: Options): Promise<Ga
 /** Returns the finest received tiles. Coarser tiles replace the missing ones. */
 async function finest(tiling: Tiling, pause: Pause): Promise<Splats[]> {
   const parts: Splats[] = [];
-  tiling.look(null, Infinity);
+  tiling.setCamera(null, Infinity);
   for (const piece of tiling.drawn) {
     await pause();
     parts.push(...tiling.splatsOf(piece));

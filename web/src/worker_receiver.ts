@@ -307,7 +307,7 @@ export class WorkerReceiver implements Receiver {
     await nextTask(); // `#working` must be set before this function can end
     while ((this.#waiting.length || this.#batches.length) && !this.failed) {
       try {
-        this.#handOut();
+        this.#fillPool();
         if (this.#batches.length) await this.#acceptBatch();
         else this.#decodeSlice();
       } catch (error) {
@@ -333,7 +333,7 @@ export class WorkerReceiver implements Receiver {
   }
 
   /** Gives waiting packets of the current stream to the helpers. */
-  #handOut(): void {
+  #fillPool(): void {
     const pool = this.#pool,
       of = this.#received!;
     while (pool && this.#waiting[0]?.of === of && this.#batches.length < pool.capacity) {
@@ -423,10 +423,10 @@ export class WorkerReceiver implements Receiver {
       const requestId = this.#viewRequest;
       let fresh = received.hasNew;
       tiling!.budget = this.#budget;
-      for (const { gone, come } of received.swaps(this.#camera, this.#pieces)) {
+      for (const { removed, added } of received.swaps(this.#camera, this.#pieces)) {
         const tiles = [];
-        for (const tile of gone) this.#pieces.delete(tile);
-        for (const tile of come) {
+        for (const tile of removed) this.#pieces.delete(tile);
+        for (const tile of added) {
           await pause();
           if (received !== this.#received) return;
           const parts = tiling!.splatsOf(tile);
@@ -434,12 +434,12 @@ export class WorkerReceiver implements Receiver {
           this.#pieces.set(tile, parts.length);
         }
         const transfer = tiles.flatMap(({ packed }) => buffersOf(packed));
-        post({ kind: "tiles", gone, come: tiles, fresh, requestId }, transfer);
+        post({ kind: "tiles", removed, added: tiles, fresh, requestId }, transfer);
         fresh = false;
         if (requestId !== this.#viewRequest) break; // the view has changed
       }
       if (requestId === this.#viewRequest) this.#answeredRequest = requestId;
-      post({ kind: "tiles", gone: [], come: [], fresh, requestId });
+      post({ kind: "tiles", removed: [], added: [], fresh, requestId });
     }
   }
 
@@ -607,11 +607,11 @@ export class WorkerReceiver implements Receiver {
     return (await decoder.digest(periodicPause())) === decoder.head.manifest.symbolsDigest;
   }
 
-  get looking(): Camera | null {
+  get camera(): Camera | null {
     return this.#viewRequest && this.#received?.decoder.schema.tiling ? this.#camera : null;
   }
 
-  sawAll(): void {
+  viewComplete(): void {
     void this.settled().then(() => {
       if (!this.#received?.decoder.schema.tiling?.wanted.length) this.note(VIEW_COMPLETE);
     });

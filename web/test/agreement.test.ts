@@ -180,8 +180,8 @@ test("the units of a cut cover the scene exactly once", { skip }, () => {
       else assert.equal(size(tiles.count + tile), tiles.gaussians[tile]);
     for (const { drawn } of views) {
       const covered = pieces.drawn({ drawn, wanted: [] }).flatMap((piece) => {
-        const { tile, instead } = pieces.of(piece);
-        return below(instead ?? tile).filter((finest) => !tiles.children[finest].length);
+        const { tile, child } = pieces.of(piece);
+        return below(child ?? tile).filter((finest) => !tiles.children[finest].length);
       });
       assert.equal(new Set(covered).size, covered.length);
       const roots = drawn.filter((tile) => tiles.parents[tile] < 0).flatMap(below);
@@ -211,9 +211,9 @@ test("a tile is drawn once most packets arrived, and redrawn with late packets",
     held = new Map<number, number>();
   const show = (): readonly Swap[] => {
     const swaps = received.swaps(near, held);
-    for (const { gone, come } of swaps) {
-      for (const piece of gone) held.delete(piece);
-      for (const piece of come) held.set(piece, tiling.splatsOf(piece).length);
+    for (const { removed, added } of swaps) {
+      for (const piece of removed) held.delete(piece);
+      for (const piece of added) held.set(piece, tiling.splatsOf(piece).length);
     }
     return swaps;
   };
@@ -227,7 +227,7 @@ test("a tile is drawn once most packets arrived, and redrawn with late packets",
   show();
   assert.ok(isDrawn() && tiling.wanted.includes(finer));
   for (const bytes of late) received.addPacket(bytes);
-  assert.ok(show().some(({ gone, come }) => gone.length === 1 && gone[0] === come[0]));
+  assert.ok(show().some(({ removed, added }) => removed.length === 1 && removed[0] === added[0]));
   assert.ok(isDrawn() && !tiling.wanted.includes(finer));
   assert.deepEqual(show(), []);
 });

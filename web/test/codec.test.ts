@@ -110,7 +110,7 @@ test("Gaussians equal Python's to six digits", {
     const { head, packets } = readStream(path),
       decoder = new StreamDecoder(head),
       camera = expected!.camera;
-    const { splats } = decoder.addPacket(packets[0])!.seen(camera),
+    const { splats } = decoder.addPacket(packets[0])!.forCamera(camera),
       rows = expected!.splats[path],
       number = 3 * ((splats.degree + 1) ** 2 - 1);
     assert.equal(splats.count, rows.length);

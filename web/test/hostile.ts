@@ -61,7 +61,7 @@ function hostilePacket(bytes: Uint8Array, next: Random): Uint8Array {
 function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
   const packet = new Intake(decoder.intake.plan).offer(bytes);
   if (!packet) return 0;
-  const { splats } = decoder.schema.read(packet).seen(CAMERA);
+  const { splats } = decoder.schema.read(packet).forCamera(CAMERA);
   for (const values of [
     splats.means,
     splats.quats,

@@ -7,7 +7,7 @@ import { ContainerReader, fileHead } from "../src/packets/container.ts";
 import type { Listener } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { dataView } from "../src/transport/frames.ts";
-import type { Before } from "../src/transport/transfer.ts";
+import type { StoredStream } from "../src/transport/transfer.ts";
 import type { Session } from "../src/transport/webtransport.ts";
 import { type Answering, begun, Caches, packetOffsets, part, Server, type Visit, visit, whole } from "./fake_web.ts";
 import { fileOf, random } from "./vectors.ts";
@@ -69,7 +69,7 @@ function sessionOf(
   ends: string,
   noteSent: (count: number) => void = () => undefined,
 ): Transports["receiveDatagrams"] {
-  return async (_session: Session, _name: string, listener: Listener, before: Before | null = null) => {
+  return async (_session: Session, _name: string, listener: Listener, before: StoredStream | null = null) => {
     const container = new ContainerReader(),
       packets = container.feed(file),
       bits = before?.bitsOf(order) ?? null;

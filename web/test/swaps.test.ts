@@ -39,9 +39,9 @@ test("each swap leaves a complete scene", () => {
       held = round % 10 ? cut(parents) : new Set<number>(),
       drawn = cut(parents),
       shown = new Set(held);
-    for (const { gone, come } of swapsOf(parents, held, drawn)) {
-      for (const tile of gone) assert.ok(shown.delete(tile));
-      for (const tile of come) assert.ok(!shown.has(tile) && shown.add(tile));
+    for (const { removed, added } of swapsOf(parents, held, drawn)) {
+      for (const tile of removed) assert.ok(shown.delete(tile));
+      for (const tile of added) assert.ok(!shown.has(tile) && shown.add(tile));
       const leaves = finest(shown, parents);
       assert.equal(new Set(leaves).size, leaves.length);
       if (held.size) assert.deepEqual(leaves, finest(held, parents));

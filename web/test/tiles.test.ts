@@ -41,7 +41,7 @@ function visitor(): { listener: Listener; view: Fetching; store: PacketStore; pl
     { tiling } = received.decoder.schema;
   assert.ok(tiling);
   store.begin(container.headBytes, head);
-  tiling.look(LOOK);
+  tiling.setCamera(LOOK);
   const listener: Listener = {
     preview: () => undefined,
     head: () => undefined,
@@ -64,8 +64,8 @@ function visitor(): { listener: Listener; view: Fetching; store: PacketStore; pl
       return received.decoder.intake.size;
     },
     missing: (tile) => tiling.tiles.packets[tile] - (received.decoder.intake.blocks.get(tile)?.length ?? 0),
-    moved: () => Promise.resolve(void tiling.look(null)),
-    taken: () => Promise.resolve(void tiling.look(LOOK)),
+    moved: () => Promise.resolve(void tiling.setCamera(null)),
+    taken: () => Promise.resolve(void tiling.setCamera(LOOK)),
   };
   return { listener, view, store, places };
 }

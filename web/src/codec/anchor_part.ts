@@ -36,7 +36,7 @@ export class AnchorPart implements Part {
     return this.ranks;
   }
 
-  seen(camera: Camera): ViewGaussians {
+  forCamera(camera: Camera): ViewGaussians {
     if (this.features) this.#hidden = this.heads.featureActivations(this.features);
     this.features = null;
     return this.heads.spawn(this.anchors, this.#hidden, camera);

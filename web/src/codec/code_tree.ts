@@ -12,7 +12,7 @@ export const TREE_CONTEXTS = RUNS * SIZES;
 /**
  * Callback with the codes `begin` to `end - 1` of a leaf. `prefix` has the bits above `bit` of their three coordinates.
  */
-type Found = (begin: number, end: number, bit: number, prefix: Int32Array) => void;
+type LeafCallback = (begin: number, end: number, bit: number, prefix: Int32Array) => void;
 
 /**
  * Decodes the bits `bits - 1` down to `lowest` of Morton codes. Bit 0 belongs to x, bit 1 to y, bit 2 to z, bit 3 to x
@@ -25,7 +25,7 @@ export function decodeTree(
   bits: number,
   lowest: number,
   leaf: number,
-  found: Found,
+  onLeaf: LeafCallback,
 ): void {
   const stack = new Int32Array(DEEPEST * FIELDS),
     prefix = new Int32Array(3);
@@ -48,7 +48,7 @@ export function decodeTree(
     if (n === 0) continue;
     for (let a = 0; a < 3; a++) prefix[a] = stack[at + 4 + a];
     if (bit < lowest || n <= leaf) {
-      found(begin, end, bit, prefix);
+      onLeaf(begin, end, bit, prefix);
       continue;
     }
     const together = coder.bit(models, (Math.min(31 - Math.clz32(n), SIZES) - 1) * RUNS + run);

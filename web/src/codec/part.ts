@@ -18,7 +18,7 @@ export interface Part {
   /** Index of each element in the scene. */
   readonly places: Int32Array;
   /** Returns the Gaussians for a camera. The camera has no effect for explicit Gaussians. */
-  seen(camera: Camera): ViewGaussians;
+  forCamera(camera: Camera): ViewGaussians;
 }
 
 /** Redundant copies from the side information, drawn in place of lost elements. */

@@ -43,23 +43,23 @@ export function lostShare({ sizes, tierSizes, known }: GrowingElements, near: In
 /** Returns the received share of the scene, weighted by tier size if known. */
 export function receivedShare({ tierSizes, known }: GrowingElements): number {
   let all = 0,
-    there = 0;
+    sceneShare = 0;
   known.forEach((received, i) => {
     const weight = tierSizes ? tierSizes[i] : 1;
     all += weight;
-    there += received * weight;
+    sceneShare += received * weight;
   });
-  return there / all;
+  return sceneShare / all;
 }
 
-/** Returns the size gain for the received share among the neighbours (`left`) and in the whole scene (`there`). */
-export function sizeGain(left: number, there: number, rule: Rule): number {
-  return boundedShare(left, there, rule) ** -rule.exponent;
+/** Returns the size gain for the received share among the neighbours and in the whole scene. */
+export function sizeGain(localShare: number, sceneShare: number, rule: Rule): number {
+  return boundedShare(localShare, sceneShare, rule) ** -rule.exponent;
 }
 
-function boundedShare(left: number, there: number, { exponent, maxExcess }: Rule): number {
-  const most = Math.min(MAX_GAIN, maxExcess * there ** -exponent);
-  return Math.max(left, exponent ? most ** (-1 / exponent) : 1);
+function boundedShare(localShare: number, sceneShare: number, { exponent, maxExcess }: Rule): number {
+  const most = Math.min(MAX_GAIN, maxExcess * sceneShare ** -exponent);
+  return Math.max(localShare, exponent ? most ** (-1 / exponent) : 1);
 }
 
 /**

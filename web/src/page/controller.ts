@@ -507,11 +507,11 @@ export class Controller {
   }
 
   /** Replaces tiles. */
-  #replaceTiles({ gone, come, fresh, requestId }: FromWorker & { kind: "tiles" }): void {
+  #replaceTiles({ removed, added, fresh, requestId }: FromWorker & { kind: "tiles" }): void {
     this.#start();
-    if (gone.length || come.length) this.stage.replaceTiles(gone, come);
+    if (removed.length || added.length) this.stage.replaceTiles(removed, added);
     this.#viewUpdates?.onAnswer(requestId);
-    this.#gaussiansChanged(this.stage.count, fresh || (gone.length > 0 && this.#dropsPackets));
+    this.#gaussiansChanged(this.stage.count, fresh || (removed.length > 0 && this.#dropsPackets));
   }
 
   /** Draws a frame, then requests the next one once it is on the screen. */

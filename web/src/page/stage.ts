@@ -428,23 +428,23 @@ export class Stage implements ContextOwner {
   }
 
   /** Replaces tiles. */
-  replaceTiles(gone: readonly number[], come: readonly Tile[]): void {
-    for (const tile of gone) this.#tiles.delete(tile);
-    for (const { tile, packed } of come) this.#tiles.set(tile, packed);
+  replaceTiles(removed: readonly number[], added: readonly Tile[]): void {
+    for (const tile of removed) this.#tiles.delete(tile);
+    for (const { tile, packed } of added) this.#tiles.set(tile, packed);
     this.#parts = [...this.#tiles.values()];
     this.#count = this.#parts.reduce((sum, { count }) => sum + count, 0);
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
-    this.view?.replaceTiles(gone, come);
+    this.view?.replaceTiles(removed, added);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
     this.touch();
   }
 
-  /** Adds Gaussians, or replaces all with `instead`. */
-  add(packed: Packed, instead = false): void {
-    this.#parts = instead ? [packed] : [...this.#parts, packed];
-    this.#count = instead ? packed.count : this.#count + packed.count;
+  /** Adds Gaussians, or replaces all with `replaces`. */
+  add(packed: Packed, replaces = false): void {
+    this.#parts = replaces ? [packed] : [...this.#parts, packed];
+    this.#count = replaces ? packed.count : this.#count + packed.count;
     if (this.#count >= 1.5 * this.#framedCount) this.#frame();
-    this.view?.add(packed, instead);
+    this.view?.add(packed, replaces);
     if (this.#count > WEBGL_GAUSSIANS) this.startWebGL();
     this.touch();
   }

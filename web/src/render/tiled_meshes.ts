@@ -16,7 +16,7 @@ interface DrawnTile {
 
 /** Queued work: a swap, or gains for the tiles after the earlier swaps. */
 type Work =
-  | { readonly gone: readonly number[]; readonly come: readonly Tile[] }
+  | { readonly removed: readonly number[]; readonly added: readonly Tile[] }
   | { readonly gains: Float32Array | null; readonly done: () => void };
 
 export class TiledMeshes {
@@ -51,8 +51,8 @@ export class TiledMeshes {
     return !this.#working;
   }
 
-  replaceTiles(gone: readonly number[], come: readonly Tile[]): void {
-    this.#enqueue({ gone, come });
+  replaceTiles(removed: readonly number[], added: readonly Tile[]): void {
+    this.#enqueue({ removed, added });
   }
 
   /**
@@ -74,7 +74,7 @@ export class TiledMeshes {
     this.#slices.begin();
     for (let next = this.#queue.shift(); next; next = this.#queue.shift()) {
       try {
-        if ("come" in next) await this.#swap(next.gone, next.come);
+        if ("added" in next) await this.#swap(next.removed, next.added);
         else {
           this.#show();
           await this.#applyGains(next.gains);
@@ -90,11 +90,11 @@ export class TiledMeshes {
     }
   }
 
-  async #swap(gone: readonly number[], come: readonly Tile[]): Promise<void> {
-    for (const tile of gone) {
+  async #swap(removed: readonly number[], added: readonly Tile[]): Promise<void> {
+    for (const tile of removed) {
       if (!this.#discard(tile)) this.#removed.add(tile);
     }
-    for (const { tile, packed } of come) {
+    for (const { tile, packed } of added) {
       if (this.#destroyed) return;
       this.#format ??= textureFormat(this.app.graphicsDevice, packed.degree);
       const gaussians = new GpuGaussians(this.app.graphicsDevice, packed.count, packed.degree, this.#format);

@@ -333,10 +333,10 @@ export class View {
     this.#mesh.clear();
   }
 
-  /** Adds Gaussians, or replaces all with `instead`. */
-  add(packed: Packed, instead = false): void {
+  /** Adds Gaussians, or replaces all with `replaces`. */
+  add(packed: Packed, replaces = false): void {
     if (this.#failure) return;
-    if (instead) return this.#try(() => this.#replace(packed));
+    if (replaces) return this.#try(() => this.#replace(packed));
     this.#pending.push(packed);
     this.#uploading ??= this.#upload()
       .catch((error: Error) => this.#fail(error))
@@ -416,7 +416,7 @@ export class View {
   }
 
   /** Replaces tiles of a scene with levels once the new ones are uploaded. */
-  replaceTiles(gone: readonly number[], come: readonly Tile[]): void {
+  replaceTiles(removed: readonly number[], added: readonly Tile[]): void {
     this.#tiles ??= new TiledMeshes(
       this.#app,
       this.#gpu,
@@ -424,7 +424,7 @@ export class View {
       (error) => this.#fail(error),
     );
     this.#replaced = true;
-    this.#tiles.replaceTiles(gone, come);
+    this.#tiles.replaceTiles(removed, added);
   }
 
   /**

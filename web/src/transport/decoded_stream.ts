@@ -55,7 +55,7 @@ export class DecodedStream {
 
   /** Decoded Gaussians of all packets, without redundant copies, in order of arrival. */
   get splats(): Splats[] {
-    return this.#parts.filter((part) => part.packet).map((part) => part.seen(ANY_CAMERA).splats);
+    return this.#parts.filter((part) => part.packet).map((part) => part.forCamera(ANY_CAMERA).splats);
   }
 
   /** True if redundant copies are among the drawn Gaussians. */
@@ -100,7 +100,7 @@ export class DecodedStream {
    */
   async gaussiansFor(camera: Camera, all: boolean, pause: Pause): Promise<ShownGaussians | null> {
     const { tiling } = this.decoder.schema;
-    all = tiling?.look(camera) || all; // the view has changed to other tiles
+    all = tiling?.setCamera(camera) || all; // the view has changed to other tiles
     const first = all ? 0 : this.#drawn,
       end = this.#parts.length,
       found: Splats[] = [],
@@ -109,7 +109,7 @@ export class DecodedStream {
     for (let p = first; p < end; p++) {
       if (!(await pause())) return null;
       const part = this.#parts[p],
-        seen = part.seen(camera);
+        seen = part.forCamera(camera);
       found.push(seen.splats);
       if (part === this.#copies?.part) copied = seen.splats.count;
       if (seen.owners) owners.push(seen.owners.map((owner) => owner + this.#firsts[p]));
@@ -135,13 +135,13 @@ export class DecodedStream {
    */
   swaps(camera: Camera, before: ReadonlyMap<number, number>): Swap[] {
     const tiling = this.decoder.schema.tiling!;
-    tiling.look(camera);
+    tiling.setCamera(camera);
     this.#drawn = this.#parts.length;
     const drawn = new Set(tiling.drawn),
       grown = tiling.drawn.filter((piece) => tiling.packetsOf(piece) > (before.get(piece) ?? Infinity));
     return [
       ...swapsOf(tiling.pieces.parents, new Set(before.keys()), drawn),
-      ...grown.map((piece) => ({ gone: [piece], come: [piece] })),
+      ...grown.map((piece) => ({ removed: [piece], added: [piece] })),
     ];
   }
 

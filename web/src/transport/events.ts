@@ -50,9 +50,9 @@ export interface Listener {
   /** Tiles requested by the view; null for streams without levels or before the first view. */
   readonly fetching?: Fetching | null;
   /** Camera of the view, a new object for each change. Null before the first one, absent without a view. */
-  readonly looking?: ViewCamera | null;
+  readonly camera?: ViewCamera | null;
   /** Called when all tiles of the view were sent. */
-  sawAll?(): void;
+  viewComplete?(): void;
   /** Called when the server confirmed that the stored packets belong to the current stream. */
   confirmed?(): void;
   /** Called when the stream was replaced, so that all stored packets are obsolete. */

@@ -155,9 +155,9 @@ export function writeHave(nonce: bigint, streamId: number, received: Uint8Array)
 }
 
 /** Builds a view update. `number` counts the updates. */
-export function writeView(session: number, number: number, look: ViewCamera, budget: number): Uint8Array {
+export function writeView(session: number, number: number, camera: ViewCamera, budget: number): Uint8Array {
   return frame(VIEW, 68, (numbers) => {
-    const { viewmat, focal, width, height } = look;
+    const { viewmat, focal, width, height } = camera;
     [session, number, budget].forEach((value, n) => numbers.setUint32(1 + 4 * n, value, true));
     [width, height].forEach((value, n) => numbers.setUint16(13 + 2 * n, Math.min(Math.round(value), 65535), true));
     const rows = viewmat.slice(0, 3).flat();

@@ -69,7 +69,7 @@ export type FromWorker =
       requestId: number;
     }
   /** Tile replacements of a scene with levels. Other fields as in `splats`. */
-  | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; requestId: number }
+  | { kind: "tiles"; removed: readonly number[]; added: readonly Tile[]; fresh: boolean; requestId: number }
   /**
    * A frame, which replaces the one before. `concealed` is the number of tracks with estimated motion, `shownPackets`
    * the number of motion packets that were not lost. `antialiased` is as in `Facts`; it may change in live clips.

@@ -17,7 +17,7 @@ export const HEAD = "head";
 const RECORD_BYTES = 14;
 
 /** Cached records of a stream. */
-export interface Before {
+export interface CachedStream {
   readonly head: Uint8Array;
   readonly packets: readonly ReceivedPacket[];
 }
@@ -49,7 +49,7 @@ export class PacketCache {
   }
 
   /** Returns the unverified records of the stream; null if they are unreadable or have no head. */
-  async read(): Promise<Before | null> {
+  async read(): Promise<CachedStream | null> {
     try {
       const before = await this.#read();
       if (!before) void this.clear();
@@ -60,7 +60,7 @@ export class PacketCache {
     }
   }
 
-  async #read(): Promise<Before | null> {
+  async #read(): Promise<CachedStream | null> {
     const packets: ReceivedPacket[] = [];
     let head: Uint8Array | null = null;
     for (const key of await withTimeout(this.#keys())) {

@@ -48,7 +48,7 @@ const MAX_ATTEMPTS = 8;
 const MAX_CONTRADICTIONS = 64;
 
 /** A stream with some stored packets. */
-export interface Before {
+export interface StoredStream {
   readonly head: Head;
   /** Init segment without bundled packets. */
   readonly object: Uint8Array;
@@ -115,7 +115,7 @@ export class Transfer {
     readonly name: string,
     readonly nonce: bigint,
     readonly began: number,
-    readonly before: Before | null = null,
+    readonly before: StoredStream | null = null,
   ) {
     this.#largestAt = began;
     this.#request = writeRequest(nonce, name);
@@ -273,7 +273,7 @@ export class Transfer {
    * Continues with stored packets. Only those with the same order have known positions. If the head may have changed,
    * it is received again and compared.
    */
-  #resume(before: Before, welcome: Welcome): void {
+  #resume(before: StoredStream, welcome: Welcome): void {
     if (welcome.streamId !== before.head.manifest.streamId || welcome.isLive) return void (this.isSame = false);
     const bits = before.bitsOf(welcome.order);
     if (!bits && (welcome.bundled || sha256(before.object) !== hex(welcome.digest))) return;

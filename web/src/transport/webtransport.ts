@@ -4,7 +4,7 @@ import { BUDGET, type ViewCamera } from "../codec/levels/cut.ts";
 import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
-import { type Before, Transfer } from "./transfer.ts";
+import { type StoredStream, Transfer } from "./transfer.ts";
 
 /** Interval between feedback datagrams, which contain the requests for lost packets, milliseconds. */
 const FEEDBACK_MS = 20;
@@ -87,7 +87,7 @@ export async function receiveDatagrams(
   session: Session,
   name: string,
   listener: Listener,
-  before: Before | null = null,
+  before: StoredStream | null = null,
   opening = FIRST,
 ): Promise<string> {
   if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
@@ -125,7 +125,7 @@ export async function receiveDatagrams(
     send(transfer.takeHave());
   }).catch(end);
   const progress = new Progress(transfer, listener),
-    looker = new ViewReporter(transfer, listener);
+    viewReporter = new ViewReporter(transfer, listener);
   try {
     while (!transfer.finished) {
       await delay(FEEDBACK_MS);
@@ -133,10 +133,10 @@ export async function receiveDatagrams(
       if (listener.stopped()) transfer.finished = "stopped";
       else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
       else
-        for (const bytes of transfer.welcome ? looker.messages(now) : now < transfer.waitUntil ? [] : [request])
+        for (const bytes of transfer.welcome ? viewReporter.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagrams.write(bytes).catch(() => undefined);
-      if (!looker.seen) progress.report();
-      looker.look(now);
+      if (!viewReporter.isComplete) progress.report();
+      viewReporter.update(now);
     }
     progress.report();
     if (transfer.welcome) {
@@ -153,12 +153,12 @@ export async function receiveDatagrams(
 
 /** Sends view updates and feedback, at a low rate once all tiles of the view arrived. */
 class ViewReporter {
-  #looking: ViewCamera | null = null;
-  #sawFrom: ViewCamera | null = null;
+  #sentCamera: ViewCamera | null = null;
+  #completeCamera: ViewCamera | null = null;
   #times = 0;
-  #toldAt = -Infinity;
+  #sentAt = -Infinity;
   #reportedAt = -Infinity;
-  #seenAt = Infinity;
+  #completeAt = Infinity;
 
   constructor(
     readonly transfer: Transfer,
@@ -166,31 +166,31 @@ class ViewReporter {
   ) {}
 
   /** True if all tiles of the view arrived. */
-  get seen(): boolean {
-    return this.#seenAt < Infinity;
+  get isComplete(): boolean {
+    return this.#completeAt < Infinity;
   }
 
-  look(now: number): void {
-    const seen = this.transfer.ended && this.transfer.viewing;
+  update(now: number): void {
+    const isComplete = this.transfer.ended && this.transfer.viewing;
     // A view change that needs no further tiles is reported, too, because no packet follows.
-    if (seen && (!this.seen || this.#sawFrom !== this.#looking)) this.listener.sawAll?.();
-    if (seen) this.#sawFrom = this.#looking;
-    this.#seenAt = seen ? Math.min(this.#seenAt, now) : Infinity;
+    if (isComplete && (!this.isComplete || this.#completeCamera !== this.#sentCamera)) this.listener.viewComplete?.();
+    if (isComplete) this.#completeCamera = this.#sentCamera;
+    this.#completeAt = isComplete ? Math.min(this.#completeAt, now) : Infinity;
   }
 
   messages(now: number): Uint8Array[] {
     const { transfer } = this,
-      looks = transfer.welcome!.viewable && this.listener.looking !== undefined,
-      looking = looks ? (this.listener.looking ?? NO_VIEW) : null,
+      hasView = transfer.welcome!.viewable && this.listener.camera !== undefined,
+      camera = hasView ? (this.listener.camera ?? NO_VIEW) : null,
       datagrams: Uint8Array[] = [];
-    if (looking !== this.#looking) this.#times = 0;
-    if (looking && now - this.#toldAt >= (this.#times < IMMEDIATE_UPDATES ? VIEW_MS : VIEW_AGAIN_MS)) {
-      datagrams.push(transfer.view(looking, looking === NO_VIEW ? 1 : BUDGET));
-      this.#toldAt = now;
+    if (camera !== this.#sentCamera) this.#times = 0;
+    if (camera && now - this.#sentAt >= (this.#times < IMMEDIATE_UPDATES ? VIEW_MS : VIEW_AGAIN_MS)) {
+      datagrams.push(transfer.view(camera, camera === NO_VIEW ? 1 : BUDGET));
+      this.#sentAt = now;
       this.#times++;
-      this.#looking = looking;
+      this.#sentCamera = camera;
     }
-    if (now - this.#reportedAt >= (now - this.#seenAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
+    if (now - this.#reportedAt >= (now - this.#completeAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
       datagrams.push(transfer.feedback(now));
       this.#reportedAt = now;
     }

@@ -141,13 +141,13 @@ export class PacketDecoder {
     stage: Stage,
     outputs: Float64Array,
     width: number,
-    there: Uint8Array | null,
+    exists: Uint8Array | null,
     numbers: Int32Array,
   ): void {
     const { first, size, masks } = stage;
     for (let at = first, row = masks, mask = 0; at < numbers.length; at += this.width, row += width, mask += size / 3) {
       for (let c = 0; c < size; c++) {
-        if (there && !there[mask + Math.floor(c / 3)]) continue;
+        if (exists && !exists[mask + Math.floor(c / 3)]) continue;
         const symbol = zeroMeanNormal(scaleOf(outputs[row + size + c])).decode(coder);
         numbers[at + c] = outputs[row + c] + Math.min(Math.max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL) * FULL;
       }

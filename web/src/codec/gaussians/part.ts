@@ -19,7 +19,7 @@ export class GaussianPart implements Part {
     return this.splats.count;
   }
 
-  seen(): ViewGaussians {
+  forCamera(): ViewGaussians {
     return { splats: this.splats, owners: null };
   }
 }

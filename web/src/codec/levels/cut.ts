@@ -32,10 +32,10 @@ export interface Cut {
  * Without a camera both values are the error in world units. The coarsest level has an infinite error because nothing
  * replaces it.
  */
-function tileUtility(tiles: Tiles, tile: number, look: ViewCamera | null, eye: readonly number[]): [number, number] {
+function tileUtility(tiles: Tiles, tile: number, camera: ViewCamera | null, eye: readonly number[]): [number, number] {
   const parent = tiles.parents[tile],
     error = parent < 0 ? Infinity : tiles.errors[parent];
-  if (!look) return [error, error];
+  if (!camera) return [error, error];
   const middle = [0, 0, 0],
     half = [0, 0, 0],
     outside = [0, 0, 0];
@@ -47,27 +47,27 @@ function tileUtility(tiles: Tiles, tile: number, look: ViewCamera | null, eye: r
     outside[a] = Math.max(Math.abs(eye[a] - middle[a]) - half[a], 0);
   }
   const distance = Math.max(length(outside), Math.max(2 * MIN_DISTANCE_RATIO * length(half), 1e-9)),
-    place = look.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]),
-    reach = look.viewmat.map(
+    place = camera.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]),
+    reach = camera.viewmat.map(
       (row) => Math.abs(row[0]) * half[0] + Math.abs(row[1]) * half[1] + Math.abs(row[2]) * half[2],
     ),
     near = Math.max(place[2] - reach[2], distance),
     far = Math.max(place[2] + reach[2], near);
   let seen = place[2] + reach[2] > 0,
     covered = 1;
-  for (const [axis, edge] of [look.width / 2 / look.focal, look.height / 2 / look.focal].entries()) {
+  for (const [axis, edge] of [camera.width / 2 / camera.focal, camera.height / 2 / camera.focal].entries()) {
     const low = place[axis] - reach[axis],
       high = place[axis] + reach[axis],
       extent = Math.min(high / (high < 0 ? far : near), edge) - Math.max(low / (low < 0 ? near : far), -edge);
     seen &&= extent > 0;
-    covered = covered * extent * look.focal;
+    covered = covered * extent * camera.focal;
   }
   const [a, b, c] = half,
-    scale = look.focal / distance,
+    scale = camera.focal / distance,
     counts = seen ? 1 : OUTSIDE_WEIGHT;
-  if (!seen) covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, look.width * look.height);
+  if (!seen) covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, camera.width * camera.height);
   const size = Math.max(tiles.offsets[tile + 1] - tiles.offsets[tile], 1);
-  return [((error * look.focal) / distance) * counts, parent < 0 ? Infinity : (covered * counts) / size];
+  return [((error * camera.focal) / distance) * counts, parent < 0 ? Infinity : (covered * counts) / size];
 }
 
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
@@ -75,22 +75,23 @@ const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y
 /**
  * Selects tiles by usefulness until the budget is spent or all errors are small.
  *
- * An infinite budget selects every tile. `there` is true for complete tiles, `drawable` for tiles with enough packets.
+ * An infinite budget selects every tile. `isComplete` is true for complete tiles, `drawable` for tiles with enough
+ * packets.
  */
 export function cutOf(
   tiles: Tiles,
-  there: (tile: number) => boolean,
-  look: ViewCamera | null,
+  isComplete: (tile: number) => boolean,
+  camera: ViewCamera | null,
   budget = BUDGET,
-  drawable = there,
+  drawable = isComplete,
 ): Cut {
-  const chosen = selectedTiles(tiles, look, budget),
+  const chosen = selectedTiles(tiles, camera, budget),
     real = new Uint8Array(tiles.count),
     drawn: number[] = [],
     wanted: number[] = [];
   for (const tile of chosen) {
     real[tile] = Number(drawable(tile));
-    if (!there(tile)) wanted.push(tile);
+    if (!isComplete(tile)) wanted.push(tile);
   }
   for (let tile = 0; tile < tiles.count; tile++) {
     const parent = tiles.parents[tile];
@@ -101,16 +102,16 @@ export function cutOf(
 }
 
 /** Returns the selected tiles, most useful first. A coarser tile precedes its children. */
-function selectedTiles(tiles: Tiles, look: ViewCamera | null, budget: number): number[] {
+function selectedTiles(tiles: Tiles, camera: ViewCamera | null, budget: number): number[] {
   if (budget === Infinity) return Array.from({ length: tiles.count }, (_, tile) => tile);
   const { count, parents, gaussians } = tiles,
-    eye = look ? cameraPosition(look) : [],
-    least = look ? MIN_SCREEN_ERROR : 0,
+    eye = camera ? cameraPosition(camera) : [],
+    least = camera ? MIN_SCREEN_ERROR : 0,
     errors = new Float64Array(count),
     useful = new Float64Array(count),
     some: number[] = [];
   for (let tile = 0; tile < count; tile++) {
-    const [error, use] = tileUtility(tiles, tile, look, eye),
+    const [error, use] = tileUtility(tiles, tile, camera, eye),
       parent = parents[tile];
     errors[tile] = parent < 0 ? error : Math.min(error, errors[parent]);
     useful[tile] = parent < 0 ? use : Math.min(use, useful[parent]);

@@ -4,10 +4,10 @@
 import type { Cut } from "./cut.ts";
 import type { Tiles } from "./tiles.ts";
 
-/** A drawing unit: all Gaussians of `tile` if `instead` is null, otherwise those that represent the child `instead`. */
+/** A drawing unit: all Gaussians of `tile` if `child` is null, otherwise those that represent the child `child`. */
 export interface Piece {
   readonly tile: number;
-  readonly instead: number | null;
+  readonly child: number | null;
 }
 
 /**
@@ -30,7 +30,7 @@ export class Pieces {
 
   of(piece: number): Piece {
     const { count, parents } = this.tiles;
-    return piece < count ? { tile: parents[piece], instead: piece } : { tile: piece - count, instead: null };
+    return piece < count ? { tile: parents[piece], child: piece } : { tile: piece - count, child: null };
   }
 
   /** Returns the units that a cut draws. Their union is the received scene, without overlap. */

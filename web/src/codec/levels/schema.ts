@@ -40,11 +40,11 @@ class LevelPart implements Part {
     return this.schema.gaussians.plan.members(this.packet);
   }
 
-  /** Returns the indices of the Gaussians that represent a child tile; all if `instead` is null. */
-  which(instead: number | null, splats?: Splats): Int32Array {
-    if (instead === null) return Int32Array.from({ length: this.count }, (_, n) => n);
+  /** Returns the indices of the Gaussians that represent a child tile; all if `child` is null. */
+  which(child: number | null, splats?: Splats): Int32Array {
+    if (child === null) return Int32Array.from({ length: this.count }, (_, n) => n);
     this.#ofChildren ??= this.#grouped((splats ?? this.decoded()).means);
-    return this.#ofChildren.get(instead) ?? new Int32Array();
+    return this.#ofChildren.get(child) ?? new Int32Array();
   }
 
   /** Groups Gaussians by child tile once, because a tile may have thousands of children. */
@@ -62,14 +62,14 @@ class LevelPart implements Part {
     return this.schema.gaussians.read(this.packet).splats;
   }
 
-  seen(): ViewGaussians {
+  forCamera(): ViewGaussians {
     const drawn = this.schema.drawnChildren(this.packet.block);
     if (!drawn.length) {
       this.#splats = null;
       return { splats: this.schema.noGaussians, owners: new Int32Array() };
     }
     const splats = (this.#splats ??= this.decoded()),
-      owners = Int32Array.from(drawn.flatMap((instead) => [...this.which(instead, splats)]));
+      owners = Int32Array.from(drawn.flatMap((child) => [...this.which(child, splats)]));
     return { splats: owners.length === this.count ? splats : selectSplats(splats, owners), owners };
   }
 }
@@ -102,7 +102,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     this.#receivedPackets = new Int32Array(this.tiles.count);
     this.#parts = Array.from({ length: this.tiles.count }, () => []);
     this.noGaussians = emptySplats(0, this.degree);
-    this.look(null);
+    this.setCamera(null);
   }
 
   get degree(): number {
@@ -147,17 +147,17 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   }
 
   partsOf(piece: number): { part: LevelPart; which: Int32Array }[] {
-    const { tile, instead } = this.pieces.of(piece);
-    return this.#parts[tile].map((part) => ({ part, which: part.which(instead) }));
+    const { tile, child } = this.pieces.of(piece);
+    return this.#parts[tile].map((part) => ({ part, which: part.which(child) }));
   }
 
   splatsOf(piece: number): Splats[] {
-    const { tile, instead } = this.pieces.of(piece),
+    const { tile, child } = this.pieces.of(piece),
       parts = this.#parts[tile];
-    if (instead === null) return parts.map((part) => part.decoded());
+    if (child === null) return parts.map((part) => part.decoded());
     const known = this.#cachedTile?.tile === tile && this.#cachedTile.splats.length === parts.length;
     if (!known) this.#cachedTile = { tile, splats: parts.map((part) => part.decoded()) };
-    return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, parts[n].which(instead, splats)));
+    return this.#cachedTile!.splats.map((splats, n) => selectSplats(splats, parts[n].which(child, splats)));
   }
 
   /** Returns the children for which Gaussians of a tile are drawn. The only entry is null for a finest tile. */
@@ -167,7 +167,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return children[tile].filter((child) => this.#drawn.has(child));
   }
 
-  look(camera: Camera | null, budget = this.budget): boolean {
+  setCamera(camera: Camera | null, budget = this.budget): boolean {
     const { packets, parents } = this.tiles,
       came = this.#receivedPackets,
       there = (tile: number): boolean => came[tile] === packets[tile],

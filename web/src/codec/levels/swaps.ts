@@ -2,15 +2,15 @@
 
 /** A step: a tile is replaced by finer tiles below it, or the other way round. */
 export interface Swap {
-  readonly gone: readonly number[];
-  readonly come: readonly number[];
+  readonly removed: readonly number[];
+  readonly added: readonly number[];
 }
 
 /** Returns the steps from one cut of a tile tree to another, in the order of the added tiles. */
 export function swapsOf(parents: Int32Array, before: ReadonlySet<number>, drawn: ReadonlySet<number>): Swap[] {
-  const swaps = new Map<number, { gone: number[]; come: number[] }>();
-  const swapAt = (tile: number): { gone: number[]; come: number[] } => {
-    const found = swaps.get(tile) ?? { gone: [], come: [] };
+  const swaps = new Map<number, { removed: number[]; added: number[] }>();
+  const swapAt = (tile: number): { removed: number[]; added: number[] } => {
+    const found = swaps.get(tile) ?? { removed: [], added: [] };
     swaps.set(tile, found);
     return found;
   };
@@ -20,7 +20,7 @@ export function swapsOf(parents: Int32Array, before: ReadonlySet<number>, drawn:
     return tile;
   };
   for (const tile of [...drawn].sort((a, b) => a - b))
-    if (!before.has(tile)) swapAt(place(tile, before)).come.push(tile);
-  for (const tile of before) if (!drawn.has(tile)) swapAt(place(tile, drawn)).gone.push(tile);
+    if (!before.has(tile)) swapAt(place(tile, before)).added.push(tile);
+  for (const tile of before) if (!drawn.has(tile)) swapAt(place(tile, drawn)).removed.push(tile);
   return [...swaps.values()];
 }

@@ -18,7 +18,7 @@ export interface Tiling {
   /** Maximum number of drawn Gaussians in a view. */
   budget: number;
   /** Selects tiles for a view, at most `budget` Gaussians. Returns true if the drawn units changed. */
-  look(camera: Camera | null, budget?: number): boolean;
+  setCamera(camera: Camera | null, budget?: number): boolean;
   /** Returns the number of received packets of a unit's tile. */
   packetsOf(piece: number): number;
   /** Returns those packets, and the indices of their Gaussians that belong to the unit. */

@@ -46,7 +46,7 @@ export async function readUpdate(file: Uint8Array, pause: Pause): Promise<SceneU
     splats: Splats[] = [];
   for (const bytes of packets) {
     const part = decoder.addPacket(bytes);
-    if (part) splats.push(part.seen(ANY_CAMERA).splats);
+    if (part) splats.push(part.forCamera(ANY_CAMERA).splats);
     await pause();
   }
   if (!decoder.intake.complete) throw new BitstreamError("packets of the update are missing");
