@@ -37,10 +37,11 @@ class SketchFit(CheckedFields):
     Attributes:
         num_levels: Number of precision levels of copies; the quantisation step halves from each level to the next.
         max_columns: Maximum number of basis vectors (transform coefficients) for coding features and scalings.
-        removal_error_factor: Correction factor on the estimated picture error of losing an anchor, for the choice of
-            the anchors to copy. A smaller factor gives fewer copies.
-        exponent: Exponent of the enlargement of received anchors next to lost ones (`Grow.exponent`).
-        max_excess: Upper limit on this enlargement, relative to the enlargement for the average loss of the scene
+        removal_error_factor: Factor for the estimated picture error if an anchor is lost. Anchors with large errors get
+            copies, so a smaller factor gives fewer copies.
+        exponent: Received anchors next to lost ones are enlarged to cover them; this exponent controls by how much
+            (`Grow.exponent`).
+        max_excess: Largest enlargement, as a multiple of the enlargement of an anchor with average losses around it
             (`Grow.max_excess`).
         trust: Weight of the neural network that corrects the enlargement, 0 (no correction) to 1 (`SceneFree.trust`).
     """

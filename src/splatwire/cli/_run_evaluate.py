@@ -113,7 +113,7 @@ def _print_result(command: Evaluate, content: Mapping[str, Any], show: Callable[
 
 
 def _check(command: Evaluate) -> Link | None:
-    """Checks the options of `splatwire evaluate`, before files are read.
+    """Checks the options of `splatwire evaluate` and parses that of the simulated network, before files are read.
 
     Returns:
         The simulated network link for the camera path of `--path`; None without a path.

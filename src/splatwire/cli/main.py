@@ -82,7 +82,8 @@ def _flush_stdout(status: Any) -> Any:
 def _discard_stdout() -> None:
     """Redirects standard output to the null device.
 
-    Without this, Python would write the buffered output again at exit, and fail again.
+    It is called when nobody reads standard output any more. Python would otherwise try to write the rest at exit, and
+    report an error.
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

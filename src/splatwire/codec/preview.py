@@ -84,8 +84,8 @@ class PreviewFrame:
         Args:
             middle: Centre of the scene, world units.
             linear_range: Distance up to which positions have nearly uniform precision, world units.
-            low: Minima of four values: the three coordinates, transformed by `asinh((x - middle) / spread)`, and
-                `log(size / spread)`, a natural logarithm.
+            low: Minima of four values: the three coordinates, transformed by `asinh((x - middle) / linear_range)`,
+                and `log(size / linear_range)`, a natural logarithm.
             high: Maxima of these four values.
 
         Raises:

@@ -144,15 +144,15 @@ class Schema(StreamSchema):
     Attributes:
         scene_type: Type of the scenes it encodes.
         provides: Types of side information that concealers get with every decoded stream (`ReceivedScene.provides`).
-        prepare: Function that prepares a scene for encoding; all elements of the scene are drawable.
+        prepare: Function that prepares a scene for encoding. It may assume that all elements of the scene are drawable.
         open_decoder: Function that creates a decoder from manifest, side information and the number of received bytes.
-        update_digest: Function that adds decoded integers to a hashlib object.
+        update_digest: Function that adds decoded integers to a hash (a `hashlib` object), for the digest of the stream.
         codes: Function that returns True for the scenes of `scene_type` that the codec can encode.
         prepare_repack: Function that prepares a stream for a new division into packets with the same decoded integers.
             None if the codec does not support this.
         can_repack: Function that returns True for streams that can be divided into other packets.
-        remap_sections: Function that updates element indices in named sections, given a stream before and after a new
-            division into packets.
+        remap_sections: Function that returns the second of two streams with new element indices in its named sections.
+            Both have the same elements; the second one divides them into other packets.
     """
 
     scene_type: type

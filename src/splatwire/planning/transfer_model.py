@@ -68,7 +68,8 @@ class TransferModel:
         segment_sizes: Number of source symbols of each source block of the init segment.
         groups: Parity groups: packets that share repair symbols.
         num_packets: Number of packets.
-        num_bundled: Number of packets at the start of the sending order that are part of the init segment.
+        num_bundled: Number of the first packets that are sent inside the init segment; they have no `DATA` datagrams of
+            their own.
     """
 
     kind: np.ndarray

@@ -220,9 +220,9 @@ def _prune_and_tune(
 
 
 def _slope(pairs: Sequence[tuple[float, float]]) -> float:
-    """Estimates the ratio of changes in the reported PSNR to changes in the PSNR that the search measures, 0.5 to 2.
+    """Estimates how much the PSNR in the held-out views changes for each decibel in the views of the search.
 
-    The search measures the PSNR in other views than those of the reported PSNR.
+    The estimate is at least 0.5 and at most 2.
 
     Args:
         pairs: PSNR in the views of the search, and PSNR in the held-out views, for each stream so far, decibels.

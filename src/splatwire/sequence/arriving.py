@@ -95,7 +95,7 @@ class PipeSource:
         return found
 
     def mark_read(self, path: Path, signature: Signature | None) -> None:
-        """Does nothing, because each name that arrives is a new frame."""
+        """Does nothing: names arrive one after another, and each name is a new frame (see `FrameSource.mark_read`)."""
 
 
 class FolderSource:

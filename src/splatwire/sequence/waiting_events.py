@@ -65,9 +65,9 @@ class WaitingEvents:
 
 
 def _replaces(event: Event, last: Event, is_full: bool) -> bool:
-    """True if a new event makes the last event in the queue unnecessary, because both are manifests.
+    """True if a new event makes the last event in the queue unnecessary.
 
-    Manifests of two different streams are both needed, unless the queue is full.
+    This is the case if both are manifests of the same stream. In a full queue, it is the case for any two manifests.
 
     Args:
         event: The new event.

@@ -27,8 +27,8 @@ class SplatCoding(CheckedFields):
 
     Attributes:
         size_log: log2 of the scene's size in world units.
-        unit: Positions are integer multiples of a length, `2 ** -unit` times the scene's size.
-        coarsest: log2 of the largest quantisation step of positions, in multiples of this length.
+        unit: `-log2` of the spacing of decoded positions, as a share of the scene's size.
+        coarsest: log2 of the largest quantisation step of positions, in multiples of this spacing.
         bases: `-log2` of the quantisation step of each attribute in the least precise class.
         transform: Decorrelating transform of the spherical harmonics, as integers.
         classes: Precision class of each Gaussian; class 0 has the largest quantisation steps.

@@ -120,10 +120,10 @@ class KeyframeEncoder:
 
     @property
     def reference(self) -> SideInfo:
-        """Side information whose lattice spacing is the unit of motion in the current shot (see `shots`).
+        """Side information that determines the unit of motion in the current shot (see `shots`).
 
-        It belongs to the first keyframe Gaussians of the shot, or of an earlier shot with almost the same quantisation
-        steps.
+        The unit is its lattice spacing. It is the side information of the first keyframe Gaussians of this shot, or of
+        an earlier shot with almost the same quantisation steps.
         """
         return self._references[-1]
 

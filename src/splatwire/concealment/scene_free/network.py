@@ -84,7 +84,14 @@ class Perceptron:
         return cls(np.zeros(cls.INPUTS, np.float32), np.ones(cls.INPUTS, np.float32), first, last)
 
     def evaluate(self, signature: Float[np.ndarray, "M D"]) -> Float[np.ndarray, "M 2"]:
-        """Returns the two outputs of the network for each row of inputs."""
+        """Computes the network for several received elements at once.
+
+        Args:
+            signature: The D inputs of each of M elements.
+
+        Returns:
+            The two outputs for each element, without activation.
+        """
         x = np.clip((signature - self.mean) / self.spread, -MOST_UNUSUAL, MOST_UNUSUAL)
         h = x @ self.hidden.weight.T + self.hidden.bias
         h = h / (1 + np.exp(-h))

@@ -141,7 +141,8 @@ class Row:
     def variant(self) -> str:
         """Name of the stream that this method uses, also for file names.
 
-        It follows from the packetization and the additional side information. Rows with equal names share a stream.
+        The name consists of the packetization and the additional side information. Methods with equal names use the
+        same stream.
         """
         if self.decoded:
             return f"decoded-{self.key}"

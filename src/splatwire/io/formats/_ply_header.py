@@ -154,8 +154,8 @@ def _elements(
         order: Byte order of binary data, `<` or `>`.
 
     Returns:
-        Number of rows and row type of each element before the first one with lists; and the names of list properties by
-        element.
+        Number of rows and row type by element, up to the first element with list properties; and the names of the list
+        properties by element.
     """
     elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
     lists: dict[str, tuple[str, ...]] = {}

@@ -67,7 +67,7 @@ _MIN_OPACITY = 1e-6
 def content_of_vertices(vertices: PlyElement) -> FileContent:
     """Builds Gaussians from the vertices of a 3DGS PLY.
 
-    Positions far from 0 are relative to an origin.
+    If the positions are far from 0, the content has an origin, and its positions are relative to it.
 
     Raises:
         DatasetError: If a property is missing, or values are invalid.

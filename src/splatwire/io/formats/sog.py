@@ -127,7 +127,7 @@ class _Sog:
 
     Attributes:
         meta: Content of its `meta.json`.
-        bytes_outside: Number of bytes of the file outside of the archive.
+        bytes_outside: Number of bytes before and after the zip archive in the file; 0 for a folder.
     """
 
     bytes_outside = 0

@@ -313,7 +313,10 @@ class Receiver(ReceiveState):
             self._collector.highest = -1
 
     def _received_lists(self, now: float) -> list[bytes]:
-        """Returns the datagrams that list the packets of an earlier transfer; empty if they are not due."""
+        """Returns datagrams that list the packets which this receiver has from an earlier transfer.
+
+        The server then does not send them again. Empty if the lists were sent a short time ago.
+        """
         if not self._have_left or now < self._have_at:
             return []
         self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
