@@ -120,9 +120,10 @@ def _encoding(command: Live, options: SequenceOptions, protection: Protection, p
 
 
 async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
-    """Waits for the encoder to end after a stop request; returns True if it is still compiling kernels.
+    """Waits for the encoder to end after a stop request, but not while it compiles kernels.
 
-    Returns False if the encoder has ended, or has not ended in time for another reason.
+    Returns:
+        True as soon as the encoder compiles kernels. False once it has ended, or when the time for it has passed.
     """
     # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_S` after the request.
     end = time.monotonic() + STOP_S - COMPILING_S

@@ -106,7 +106,9 @@ class SequenceInfo:
         return np.repeat(np.array([shot.motion_spacing for shot in self.shots], np.int64), counts)
 
     def shot_spacing(self, block: int) -> int:
-        """Returns log2 of half the lattice spacing of a block's keyframe Gaussians, relative to the unit of motion.
+        """Returns log2 of the ratio of half the lattice spacing of a block to the unit of motion of its shot.
+
+        The lattice spacing is that of the positions of the block's keyframe Gaussians.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.

@@ -155,6 +155,9 @@ class PacketLosses:
         Args:
             state: State of the training, with anchors sorted by importance.
             share: Share of the anchors that are received, 0 to 1.
+
+        Returns:
+            Received anchors, and factors by which their Gaussians are enlarged; None if all or no anchors are received.
         """
         self._update_order(state)
         return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
