@@ -288,14 +288,14 @@ def encode_fixed(
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
-        source: The block's Gaussians, a `BlockSource`.
+        source: The block's Gaussians, as fields of a `BlockSource`.
         sizes: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
         harmonics: Output: decoded spherical harmonics, int32 (n, 3 K), for K harmonics of three colour components.
         ends: Output: end of each payload in the buffer, int64 (packets).
     """
-    begin, at = 0, 0
+    begin, at = ZERO, ZERO  # with the literal 0, numba would compile `_encode_packet` for literals first
     for p in range(len(sizes)):
         end = begin + sizes[p]
         at += _encode_packet(
@@ -332,7 +332,7 @@ def encode_cut(
         statistics: Counters of coded symbols, from `empty_statistics`; increased in place.
         box_bits: Number of bits of a coordinate within the block's bounding box.
         defaults: Mean opacity, scales and colour of the block, int64 (7).
-        source: The block's Gaussians, a `BlockSource`.
+        source: The block's Gaussians, as fields of a `BlockSource`.
         max_bytes: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
@@ -343,7 +343,7 @@ def encode_cut(
     Returns:
         Number of packets.
     """
-    total, begin, at, packets = len(rows), 0, 0, 0
+    total, begin, at, packets = len(rows), ZERO, ZERO, 0
     aim, levels, used = max_bytes - (max_bytes >> AIM), source[4], np.int64(0)
     while begin < total:
         left = total - begin

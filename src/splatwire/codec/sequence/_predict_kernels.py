@@ -307,7 +307,7 @@ def predict_from_neighbours(positions, states, shifts, orders, quantised, target
         used += orders[KIND_OF[c]]
     moving = states == MOVING
     known, around, squares = np.empty(len(positions), np.int64), np.empty((3, len(positions))), np.empty(len(positions))
-    count = 0
+    count = np.int64(0)  # numba would compile `nearest` a second time for the literal 0
     for i in range(len(positions)):
         if not moving[i]:
             count = add_known(near, i, known, around, count)
