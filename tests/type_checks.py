@@ -70,7 +70,7 @@ def _with_shapes(found: Callable[..., Any], make: Callable[[], Callable[..., Any
 
 
 def _made_at_first_call(found: Callable[..., Any], make: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
-    """Returns a function that turns into the checked one when it is called first, and costs nothing more from then on."""
+    """Returns a function that turns into the checked one at its first call, and costs nothing more from then on."""
 
     def turn() -> Callable[..., Any]:
         checked = make()
