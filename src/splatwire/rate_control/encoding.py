@@ -22,7 +22,7 @@ from splatwire.rate_control.steps import measured_precision
 from splatwire.rate_control.targets import Target
 from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures, tuned_to_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
-from splatwire.render.precision import measure_gaussians, precision_classes
+from splatwire.render.precision import precision_classes
 from splatwire.types import Cameras, SplatScene
 
 Effort = Literal["fast", "default", "best"]
@@ -286,9 +286,9 @@ class _Plan:
         if effort == "fast":
             classes = precision_classes(source.splats, views.measured)
             return cls(source, RemovalViews(()), search, held_out, classes, None, source, quality.precision)
-        measured = measure_gaussians(source, views.measured)
-        progress("measuring Gaussians", 1.0)
         removals = RemovalViews.of(source, views.measured)
+        measured = removals.complete(source)
+        progress("measuring Gaussians", 1.0)
         curve = PruningCurve.measured(
             source, measured.removal, search, removals, lambda share: progress("pruning", share)
         )

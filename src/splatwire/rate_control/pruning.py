@@ -15,6 +15,7 @@ from splatwire.render.precision import (
     MEASURED_VIEWS,
     PART,
     SIZE,
+    MeasuredGaussians,
     measure_further_removal,
     measure_gaussians,
 )
@@ -57,7 +58,7 @@ class RemovalViews:
 
     @staticmethod
     def of(source: SplatScene, cameras: Cameras | None) -> "RemovalViews":
-        """Chooses the views for measuring removals, which are the same as those of `measure_gaussians`.
+        """Chooses the views in which Gaussians are measured.
 
         Args:
             source: The complete scene.
@@ -70,6 +71,17 @@ class RemovalViews:
         around = SourcePictures(source, surrounding_cameras(source, MEASURED_VIEWS, SIZE))
         close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, SIZE))
         return RemovalViews(((1.0, around), (CLOSEUP_WEIGHT, close)))
+
+    def complete(self, source: SplatScene) -> MeasuredGaussians:
+        """Measures the Gaussians of the complete scene.
+
+        Args:
+            source: The complete scene.
+        """
+        if not self.sets:
+            return measure_gaussians(source)
+        around, *close = (pictures.cameras for _, pictures in self.sets)
+        return measure_gaussians(source, around, closeups=close[0] if close else None)
 
     def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
         """Estimates for each Gaussian by how much the mean squared image error grows if that Gaussian alone is removed.

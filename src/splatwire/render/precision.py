@@ -143,7 +143,12 @@ class MeasuredGaussians:
 
 
 def measure_gaussians(
-    scene: SplatScene, cameras: Cameras | None = None, *, seed: int = 0, part: int = PART
+    scene: SplatScene,
+    cameras: Cameras | None = None,
+    *,
+    closeups: Cameras | None = None,
+    seed: int = 0,
+    part: int = PART,
 ) -> MeasuredGaussians:
     """Measures the precision class of each Gaussian, and the image error if the Gaussian is removed.
 
@@ -151,7 +156,9 @@ def measure_gaussians(
 
     Args:
         scene: Gaussians that can be drawn.
-        cameras: Cameras of the images; None for views around the scene.
+        cameras: Cameras of the images; None for views around the scene, and close to its surfaces.
+        closeups: Cameras close to the surfaces of the scene, given together with `cameras`; they only add to the errors
+            after removal. None for no further ones.
         seed: Random seed.
         part: Maximum number of Gaussians that are measured together, if no cameras are given.
     """
@@ -161,13 +168,16 @@ def measure_gaussians(
 
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
-        around = surrounding_cameras(SplatScene(splats), count, SIZE) if cameras is None else cameras
+        around, close = cameras, closeups
+        if around is None:
+            around = surrounding_cameras(SplatScene(splats), count, SIZE)
+            # Views around a part are close to its surfaces.
+            close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE) if whole else None
         found = _sensitivities(splats, around, 1, seed)
         measured.classes[members] = _classes(splats, found)
         measured.removal[members] = _removal(found)
-        if whole and cameras is None:  # views around a part are close to its surfaces
-            close = _sensitivities(splats, closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE), 1, seed)
-            measured.removal[members] += CLOSEUP_WEIGHT * _removal(close)
+        if close is not None:
+            measured.removal[members] += CLOSEUP_WEIGHT * _removal(_sensitivities(splats, close, 1, seed))
 
     _each_part(splats, part if cameras is None else splats.num_gaussians, measure)
     return measured
