@@ -40,7 +40,7 @@ LEVELS = (5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
 """Levels of quantisation of `fast`."""
 LOSSES = 4
 """Number of draws of lost datagrams."""
-COPIES = (0.01, 0.05, 0.15, 0.3)
+COPIES = (0.01, 0.05, 0.15, 0.3, 0.5)
 """Sizes of the redundant copies, relative to the stream without copies; the first is that of `encode`."""
 
 

@@ -12,7 +12,7 @@ from splatwire.codec.gaussians.layout import S_COLOUR, S_DIRECTION, S_HARMONICS,
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
-from splatwire.rate_control.steps import measured_precision
+from splatwire.rate_control.steps import measured_colour_precision, measured_precision
 from splatwire.rate_control.views import SourcePictures
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import precision_classes
@@ -60,6 +60,31 @@ def test_rotations_of_round_gaussians_become_coarse_and_a_single_colour_becomes_
     octaves = measured(round_gaussians(shell(1000)))
     assert octaves[S_DIRECTION] == octaves[S_SPIN] == octaves.min() < -2
     assert octaves[S_COLOUR] > octaves[S_POSITION]
+
+
+def colour_precision(scene: SplatScene) -> np.ndarray:
+    classes = precision_classes(scene.splats)
+    return np.array(measured_colour_precision(scene, classes, AT, views(scene), encode_plainly))
+
+
+def test_colour_precision_takes_fewer_bytes_per_quality():
+    scene = shell(2000, 1)
+    base, rest = np.split(scene.splats.sh, [1], axis=1)  # base colours that take nearly no bytes
+    sh = np.concatenate([np.full_like(base, 0.3), rest / 4], axis=1)
+    scene = replace(scene, splats=replace(scene.splats, sh=sh))
+    octaves = colour_precision(scene)
+    assert octaves[S_COLOUR] == octaves.sum() > 0
+    before, after = outcome(scene, AT), outcome(scene, replace(AT, precision=tuple(octaves.tolist())))
+    finer = outcome(scene, replace(AT, level=AT.level + 1))
+    price = np.log(finer[0] / before[0]) / (finer[1] - before[1])
+    assert np.log(after[0] / before[0]) < price * (after[1] - before[1])
+
+
+def test_colours_stay_as_precise_if_harmonics_hide_their_rounding():
+    scene = shell(1000, 1)
+    base, rest = np.split(scene.splats.sh, [1], axis=1)
+    loud = replace(scene, splats=replace(scene.splats, sh=np.concatenate([base, 40 * rest], axis=1)))
+    assert not colour_precision(loud).any()
 
 
 def test_scenes_without_harmonics_keep_their_precision():

@@ -11,8 +11,9 @@ from splatwire.neural.render.differentiable import render_differentiable
 from splatwire.render import iterate_views
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.cpu import each_gradient_cpu
-from splatwire.render.importance import cameras_around
+from splatwire.render.importance import cameras_around, surrounding_cameras
 from splatwire.render.precision import (
+    MEASURED_VIEWS,
     SIZE,
     VIEWS_OF_PART,
     measure_further_removal,
@@ -147,6 +148,17 @@ def test_alone_is_the_removal_from_a_complete_scene() -> None:
     found = measure_further_removal(scene, cameras, _images(scene, cameras))
     np.testing.assert_allclose(found.own_error, measure_gaussians(scene, cameras).removal, rtol=1e-4)
     assert not found.interaction.any()
+
+
+def test_ends_of_a_long_scene_are_measured_as_well() -> None:
+    body, end = ball_of_gaussians(), ball_of_gaussians()
+    end = replace(end.select(np.arange(0, 200, 8)), means=0.3 * end.means[::8] + np.float32([0, 3.5, 0]))
+    long = SplatScene(Splats(**{name: np.concatenate([vars(body)[name], vars(end)[name]]) for name in vars(body)}))
+    measured = measure_gaussians(long)
+    around = measure_gaussians(long, surrounding_cameras(long, MEASURED_VIEWS, SIZE))
+    gain = measured.classes.astype(np.int64) - around.classes
+    assert gain[200:].mean() > gain[:200].mean() + 0.5
+    assert np.median(measured.removal[200:] / around.removal[200:]) > 2
 
 
 def _images(scene: SplatScene, cameras: Cameras) -> np.ndarray:

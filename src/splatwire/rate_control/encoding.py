@@ -18,7 +18,7 @@ from splatwire.finetuning.pictures import Pictures
 from splatwire.rate_control.pruning import PruningCurve, RemovalViews
 from splatwire.rate_control.search import Interval, search
 from splatwire.rate_control.shares import search_share
-from splatwire.rate_control.steps import measured_precision
+from splatwire.rate_control.steps import measured_colour_precision, measured_precision
 from splatwire.rate_control.targets import Target
 from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures, tuned_to_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
@@ -292,10 +292,10 @@ class _Plan:
         curve = PruningCurve.measured(
             source, measured.removal, search, removals, lambda share: progress("pruning", share)
         )
-        if source.splats.degree:  # playbot of degree 2 took more bytes with measured steps
-            return cls(source, removals, search, held_out, measured.classes, curve, source, quality.precision)
         kept = curve.kept(curve.best_share(quality.level))
-        precision = measured_precision(
+        # With measured steps of all attributes, playbot of degree 2 took more bytes.
+        choose = measured_colour_precision if source.splats.degree else measured_precision
+        precision = choose(
             source.select(kept),
             measured.classes[kept],
             quality,

@@ -8,10 +8,13 @@ from jaxtyping import Float64, Int64
 
 from splatwire.rate_control.views import SourcePictures
 from splatwire.render.closeups import closeup_cameras
+from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import (
     CLOSEUP_WEIGHT,
+    FRAMING_WEIGHT,
     MEASURED_CLOSEUPS,
+    MEASURED_FRAMINGS,
     MEASURED_VIEWS,
     PART,
     SIZE,
@@ -49,9 +52,9 @@ class RemovalViews:
     """Views for measuring the effect of removing Gaussians from a scene that is already pruned.
 
     Attributes:
-        sets: Sets of views with pictures of the complete scene, each with a weight. Empty for scenes of more than
-            `PART` Gaussians without given cameras. The parts of such a scene are measured separately, each in its own
-            views.
+        sets: Sets of views with pictures of the complete scene, each with a weight: one set of given cameras, or three
+            sets around the scene, that frame it, and close to its surfaces. Empty for scenes of more than `PART`
+            Gaussians without given cameras. The parts of such a scene are measured separately, each in its own views.
     """
 
     sets: tuple[tuple[float, SourcePictures], ...]
@@ -69,8 +72,9 @@ class RemovalViews:
         if source.num_elements > PART:
             return RemovalViews(())
         around = SourcePictures(source, surrounding_cameras(source, MEASURED_VIEWS, SIZE))
+        framing = SourcePictures(source, framing_cameras(source, MEASURED_FRAMINGS, SIZE))
         close = SourcePictures(source, closeup_cameras(source, MEASURED_CLOSEUPS, SIZE))
-        return RemovalViews(((1.0, around), (CLOSEUP_WEIGHT, close)))
+        return RemovalViews(((1.0, around), (FRAMING_WEIGHT, framing), (CLOSEUP_WEIGHT, close)))
 
     def complete(self, source: SplatScene) -> MeasuredGaussians:
         """Measures the Gaussians of the complete scene.
@@ -80,8 +84,9 @@ class RemovalViews:
         """
         if not self.sets:
             return measure_gaussians(source)
-        around, *close = (pictures.cameras for _, pictures in self.sets)
-        return measure_gaussians(source, around, closeups=close[0] if close else None)
+        around, *others = (pictures.cameras for _, pictures in self.sets)
+        framing, closeups = others or (None, None)
+        return measure_gaussians(source, around, framing=framing, closeups=closeups)
 
     def removal(self, pruned: SplatScene) -> Float64[np.ndarray, "N"]:
         """Estimates for each Gaussian by how much the mean squared image error grows if that Gaussian alone is removed.

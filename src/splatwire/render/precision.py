@@ -25,6 +25,7 @@ from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.antialiasing import compensated
 from splatwire.render.closeups import closeup_cameras
 from splatwire.render.cpu import Picture, each_gradient_cpu, float_arrays
+from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import cameras_around_splats, surrounding_cameras
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.splats import Splats
@@ -36,8 +37,11 @@ VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
 MEASURED_VIEWS, MEASURED_VIEWS_OF_PART, MEASURED_CLOSEUPS = 14, 8, 36
 """Number of views of `measure_gaussians` around a scene, around one of its parts, and close to the surfaces of a scene
 of one part; `SIZE` pixels wide and high."""
-CLOSEUP_WEIGHT = 0.15
-"""Weight of the mean over the close views, relative to that over the others."""
+MEASURED_FRAMINGS = 8
+"""Number of views of `measure_gaussians` that show the whole of a scene of one part. Views around a scene may not show
+the ends of a long one, such as the headstock of guitar."""
+FRAMING_WEIGHT, CLOSEUP_WEIGHT = 0.3, 0.15
+"""Weights of the means over the framing and the close views, relative to that over the views around the scene."""
 _HIDDEN_CONTRAST = 0.1
 """Assumed difference of colour between a Gaussian and what it covers, besides the measured difference. It keeps
 Gaussians that are visible but have the colour of what is behind them. Without it, kept halves of `playbot` lose 2.4 dB.
@@ -146,6 +150,7 @@ def measure_gaussians(
     scene: SplatScene,
     cameras: Cameras | None = None,
     *,
+    framing: Cameras | None = None,
     closeups: Cameras | None = None,
     seed: int = 0,
     part: int = PART,
@@ -156,7 +161,8 @@ def measure_gaussians(
 
     Args:
         scene: Gaussians that can be drawn.
-        cameras: Cameras of the images; None for views around the scene, and close to its surfaces.
+        cameras: Cameras of the images; None for views around the scene, that frame it, and close to its surfaces.
+        framing: Cameras that show the whole scene, given together with `cameras`; None for no further ones.
         closeups: Cameras close to the surfaces of the scene, given together with `cameras`; they only add to the errors
             after removal. None for no further ones.
         seed: Random seed.
@@ -168,12 +174,16 @@ def measure_gaussians(
 
     def measure(members: slice | np.ndarray, splats: Splats, *, whole: bool) -> None:
         count = MEASURED_VIEWS if whole else MEASURED_VIEWS_OF_PART
-        around, close = cameras, closeups
+        around, frame, close = cameras, framing, closeups
         if around is None:
             around = surrounding_cameras(SplatScene(splats), count, SIZE)
-            # Views around a part are close to its surfaces.
-            close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE) if whole else None
+        if cameras is None and whole:  # views around a part are close to its surfaces
+            frame = framing_cameras(SplatScene(splats), MEASURED_FRAMINGS, SIZE)
+            close = closeup_cameras(SplatScene(splats), MEASURED_CLOSEUPS, SIZE)
         found = _sensitivities(splats, around, 1, seed)
+        if frame is not None:
+            more = _sensitivities(splats, frame, 1, seed)
+            found = {name: found[name] + FRAMING_WEIGHT * more[name] for name in found}
         measured.classes[members] = _classes(splats, found)
         measured.removal[members] = _removal(found)
         if close is not None:

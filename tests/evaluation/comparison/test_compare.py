@@ -20,8 +20,9 @@ from splatwire.metrics import psnr, ssim
 from splatwire.metrics.lpips import Lpips
 from splatwire.render import render_scene
 from splatwire.render.closeups import closeup_cameras
+from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import cameras_around, surrounding_cameras
-from splatwire.render.precision import MEASURED_CLOSEUPS, VIEWS, VIEWS_OF_PART
+from splatwire.render.precision import MEASURED_CLOSEUPS, MEASURED_FRAMINGS, VIEWS, VIEWS_OF_PART
 from splatwire.render.pruning import COMPARED_VIEWS
 from splatwire.types import SplatScene
 
@@ -111,7 +112,10 @@ def test_held_out_cameras_are_at_no_pose_that_an_encoder_uses():
     held_out = held_out_cameras(scene).centers
     used = [surrounding_cameras(scene, number).centers for number in (8, 16, COMPARED_VIEWS)]
     used += [cameras_around(scene.positions, number).centers for number in (VIEWS, VIEWS_OF_PART)]
-    used += [closeup_cameras(scene, MEASURED_CLOSEUPS, 64).centers]
+    used += [
+        closeup_cameras(scene, MEASURED_CLOSEUPS, 64).centers,
+        framing_cameras(scene, MEASURED_FRAMINGS, 64).centers,
+    ]
     for views in (held_out, held_out_closeups(scene).centers):
         distances = np.linalg.norm(views[:, None] - np.concatenate(used), axis=2)
         assert distances.min() > 0.01 * np.linalg.norm(views, axis=1).min()
