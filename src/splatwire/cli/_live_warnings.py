@@ -26,17 +26,17 @@ class Warnings:
     def __init__(self, clock: Callable[[], float] = time.monotonic, show: Callable[[str], None] | None = None) -> None:
         self._clock, self._show = clock, show or print_if_read
         self._next_at = -float("inf")
-        self._held = 0
+        self._num_suppressed = 0
 
     def __call__(self, text: str) -> None:
         """Prints a warning, or only counts the warning if the previous one was printed recently."""
         now = self._clock()
         if now < self._next_at:
-            self._held += 1
+            self._num_suppressed += 1
             return
-        more = f" ({self._held:,} other warnings since the last one)" if self._held else ""
+        more = f" ({self._num_suppressed:,} other warnings since the last one)" if self._num_suppressed else ""
         self._show(f"splatwire: warning: {' '.join(text.split())[:MAX_WARNING]}{more}")
-        self._next_at, self._held = now + WARN_S, 0
+        self._next_at, self._num_suppressed = now + WARN_S, 0
 
 
 def print_if_read(text: str) -> None:

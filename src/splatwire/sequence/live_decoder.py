@@ -43,7 +43,7 @@ class LiveDecoder:
         self._decoder: TracksDecoder | None = None
         self._blocks: dict[int, list[Packet]] = {}
         self._fresh: set[int] = set()
-        self._have: dict[int, int] = {}
+        self._num_received: dict[int, int] = {}
         self._next = self._first_frame = 0
         self._memory: ConcealmentState | None = None
         self._num_bytes = 0
@@ -85,7 +85,7 @@ class LiveDecoder:
             if group < self._next and not plan.persistent(block):
                 continue
             self._blocks.setdefault(block, []).append(packet)
-            self._have[group] = self._have.get(group, 0) + packet.num_elements
+            self._num_received[group] = self._num_received.get(group, 0) + packet.num_elements
             if plan.persistent(block):
                 self._fresh.add(block)
             else:
@@ -106,7 +106,7 @@ class LiveDecoder:
         """Yields the frames of the next group of pictures if all its packets have arrived; else nothing."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
-        if tiers and self._have.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
+        if tiers and self._num_received.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
             yield from self._frames_before(self._next + 1)
 
     def _frames_before(self, end: int) -> Iterator[SequenceFrame]:
@@ -156,7 +156,7 @@ class LiveDecoder:
             del self._blocks[block]
         for block in [block for block in self._blocks if plan.tier_of(block) == motion]:
             decoder.hold(block, tuple(sorted(self._blocks[block], key=lambda packet: packet.id)))
-        self._have = {number: count for number, count in self._have.items() if number > group}
+        self._num_received = {number: count for number, count in self._num_received.items() if number > group}
 
     def _store_keyframes(self, decoder: TracksDecoder, manifest: Manifest, *, complete_only: bool) -> None:
         """Decodes the keyframe packets that were received since the last call, and stores their Gaussians.

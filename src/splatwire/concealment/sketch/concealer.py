@@ -124,12 +124,12 @@ class SketchedLoss:
 
     Attributes:
         filled: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
-        left: For each drawn anchor, fraction of its neighbours that are drawn, 0 to 1.
+        drawn_share: For each drawn anchor, fraction of its neighbours that are drawn, 0 to 1.
         inputs: Inputs of the network that corrects the enlargement.
     """
 
     filled: ReceivedScene[AnchorScene]
-    left: Float[np.ndarray, "M"]
+    drawn_share: Float[np.ndarray, "M"]
     inputs: GainInputs
 
     @staticmethod
@@ -145,7 +145,7 @@ class SketchedLoss:
             section: The section `sketch` of the side information, which contains the parameters of the enlargement.
         """
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
-        gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
+        gain = rule.gain(self.drawn_share, self.filled.known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
         return replace(enlarge_received(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
 

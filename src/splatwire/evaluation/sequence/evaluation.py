@@ -161,7 +161,7 @@ class _ReceivedSequence:
     """Simulates the packet loss of one experiment, then decodes and conceals what was received."""
 
     def __init__(self, stream: SceneStream, row: SequenceRow) -> None:
-        self._concealer, self._there = temporal_concealer(row.concealer), None
+        self._concealer, self._available = temporal_concealer(row.concealer), None
         came = stream
         self.num_lost = stream.manifest.num_packets - len(stream.packets)
         if row.loss is not None:
@@ -169,12 +169,12 @@ class _ReceivedSequence:
             when = arrival_groups(stream, mask, row.loss, seed=row.seed)
             came = stream.with_packets(p for p, group in zip(stream.packets, when.tolist(), strict=True) if group >= 0)
             self.num_lost += int((~mask.received).sum())
-            self._there = available_by_group(stream, when)
+            self._available = available_by_group(stream, when)
         self._encoder = decode_stream(came).scene
         self.timeline, self.background = self._encoder.timeline, self._encoder.background
 
     def frames(self) -> Iterator[SequenceFrame]:
-        return decode_frames(self._encoder, self._concealer, available=self._there)
+        return decode_frames(self._encoder, self._concealer, available=self._available)
 
 
 def available_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], np.ndarray]:

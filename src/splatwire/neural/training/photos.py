@@ -53,7 +53,7 @@ class PhotoStore:
             raise DatasetError(f"the mask of view '{blank[0]}' leaves nothing of its photo: remove the view")
         self._prepared: dict[int, Photo] = {}
         room = PREPARED_BYTES if device.type == "cpu" else PREPARED_DEVICE_BYTES
-        self._room = room // (3 * pixels * 3 * 4)
+        self._max_prepared = room // (3 * pixels * 3 * 4)
 
     def photo(self, view: int) -> Photo:
         """Returns the photo of a view."""
@@ -62,7 +62,7 @@ class PhotoStore:
         mask = self._masks[view]
         image = self._bytes[view].to(self._device).float() / 255
         photo = self._prepare(image, None if mask is None else mask.to(self._device))
-        if len(self._prepared) < self._room:
+        if len(self._prepared) < self._max_prepared:
             self._prepared[view] = photo
         return photo
 

@@ -118,10 +118,10 @@ class ConnectionSlots:
 
     def __init__(self, most: int, per_network: int | None = None) -> None:
         self._most, self._per_network = most, per_network
-        self._held: dict[Network, list[asyncio.WriteTransport]] = {}
+        self._connections: dict[Network, list[asyncio.WriteTransport]] = {}
 
     def __len__(self) -> int:
-        return sum(map(len, self._held.values()))
+        return sum(map(len, self._connections.values()))
 
     def take(self, network: Network, connection: asyncio.WriteTransport) -> bool:
         """Requests a slot for a new connection, and returns False if no slot is granted.
@@ -132,24 +132,24 @@ class ConnectionSlots:
             network: Network of the client.
             connection: Transport of the new connection.
         """
-        if self._per_network is not None and len(self._held.get(network, ())) >= self._per_network:
+        if self._per_network is not None and len(self._connections.get(network, ())) >= self._per_network:
             return False
         if len(self) >= self._most:
-            counts = {other: len(held) for other, held in self._held.items()}
+            counts = {other: len(held) for other, held in self._connections.items()}
             full = largest_holder(counts) if self._per_network is None else choose_eviction(counts, network)
             if full is None:
                 return False
-            oldest = self._held[full][0]
+            oldest = self._connections[full][0]
             self.leave(full, oldest)
             oldest.abort()
-        self._held.setdefault(network, []).append(connection)
+        self._connections.setdefault(network, []).append(connection)
         return True
 
     def leave(self, network: Network, connection: asyncio.WriteTransport) -> None:
         """Frees the slot of a connection that has ended."""
-        left = [other for other in self._held.pop(network, []) if other is not connection]
+        left = [other for other in self._connections.pop(network, []) if other is not connection]
         if left:
-            self._held[network] = left
+            self._connections[network] = left
 
 
 @dataclass(slots=True)

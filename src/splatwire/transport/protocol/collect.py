@@ -175,7 +175,7 @@ class PacketCollector:
         self._welcome = welcome
         self._finder = GroupFinder(welcome.parity_ranges)
         self._symbol_bytes = fec.symbol_bytes_for(welcome.packet_bytes)
-        self._have = bytearray(welcome.num_packets)
+        self._is_received = bytearray(welcome.num_packets)
         self._early: dict[int, Packet] = {}
         self._intake: PacketIntake | None = None
         self._known = 0
@@ -198,7 +198,7 @@ class PacketCollector:
             if number >= self._finder.num_groups or self._finder.group(number) != old.group(number):
                 self._members.pop(number, None)
                 self._repair.pop(number, None)
-        self._have.extend(bytes(welcome.num_packets - len(self._have)))
+        self._is_received.extend(bytes(welcome.num_packets - len(self._is_received)))
 
     @property
     def packets(self) -> tuple[Packet, ...]:
@@ -232,7 +232,7 @@ class PacketCollector:
             else:  # not a packet of this stream: its index is free again
                 self._release(index)
         for index, data in enumerate(bundled):
-            new = None if self._have[index] else self._take(index, data)
+            new = None if self._is_received[index] else self._take(index, data)
             if new is not None:
                 taken.append(new)
         return self._intake, taken
@@ -245,7 +245,7 @@ class PacketCollector:
         if frame.packet_index >= self._welcome.num_packets or len(frame.packet) > self._welcome.packet_bytes:
             self.num_bad += 1
             return []
-        if self._have[frame.packet_index]:
+        if self._is_received[frame.packet_index]:
             self.num_duplicate += 1
             return []
         new = self._take(frame.packet_index, frame.packet)
@@ -274,10 +274,10 @@ class PacketCollector:
 
     def missing(self, start: int, stop: int) -> Iterator[int]:
         """Yields the indices of missing packets from `start` to `stop` (exclusive), ascending."""
-        at = self._have.find(0, start, stop)
+        at = self._is_received.find(0, start, stop)
         while at >= 0:
             yield at
-            at = self._have.find(0, at + 1, stop)
+            at = self._is_received.find(0, at + 1, stop)
 
     def received_masks(self) -> Iterator[tuple[int, bytes]]:
         """Yields bit masks of the received packets, divided so that each mask fits into one datagram.
@@ -285,8 +285,8 @@ class PacketCollector:
         Yields:
             Index of the first packet in the mask, and the mask, least significant bit first.
         """
-        for first in range(0, len(self._have), 8 * MAX_HELD_BYTES):
-            some = np.frombuffer(self._have[first : first + 8 * MAX_HELD_BYTES], np.uint8)
+        for first in range(0, len(self._is_received), 8 * MAX_HELD_BYTES):
+            some = np.frombuffer(self._is_received[first : first + 8 * MAX_HELD_BYTES], np.uint8)
             if some.any():
                 yield first, np.packbits(some, bitorder="little").tobytes()
 
@@ -304,7 +304,7 @@ class PacketCollector:
             self._early[index] = packet
         elif not self._offer(packet):
             return None
-        self._have[index] = 1
+        self._is_received[index] = 1
         self.num_packets += 1
         member = self._finder.find(index)
         if member:
@@ -319,7 +319,7 @@ class PacketCollector:
         return False
 
     def _release(self, index: int) -> None:
-        self._have[index] = 0
+        self._is_received[index] = 0
         self.num_packets -= 1
         member = self._finder.find(index)
         if member:
