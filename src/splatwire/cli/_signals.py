@@ -53,7 +53,7 @@ def _repeat(number: int) -> None:
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(main, number)  # also interrupts a wait
     else:
-        _thread.interrupt_main(number)
+        _thread.interrupt_main(signal.Signals(number))
 
 
 def _may_raise(frame: FrameType | None) -> bool:

@@ -5,6 +5,7 @@ At map coordinates (UTM, ECEF), float32 alone has a precision of half a metre.
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -38,19 +39,15 @@ def check_origin(values: object) -> Origin:
     Raises:
         InvalidValueError: If `values` is not three finite numbers of at most 1e12.
     """
-    if (
-        not isinstance(values, Sequence)
-        or len(values) != 3
-        or not all(
-            isinstance(value, int | float | np.integer | np.floating)
-            and not isinstance(value, bool)
-            and abs(value) <= _MAX_COORDINATE
-            for value in values
-        )
-    ):
+    if not isinstance(values, Sequence) or len(values) != 3 or not all(map(_is_coordinate, values)):
         raise InvalidValueError(f"an origin is three numbers within {_MAX_COORDINATE:g}, not {shown(values)}")
     x, y, z = (float(value) + 0.0 for value in values)  # no -0
     return x, y, z
+
+
+def _is_coordinate(value: Any) -> bool:
+    numbers = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return numbers and bool(abs(value) <= _MAX_COORDINATE)
 
 
 def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
