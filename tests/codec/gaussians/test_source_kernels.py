@@ -59,12 +59,16 @@ def test_sources_equal_their_reference(size_log: int) -> None:
         assert (found.colours == reference_colours(splats)).mean() > 0.999
 
 
-def test_places_equal_the_lattice() -> None:
-    means = gaussians(500).means
-    found = np.empty(means.shape, np.int64)
-    most = kernels.write_places(means, 2.0**7, found)
-    np.testing.assert_array_equal(found, to_lattice(means.astype(np.float64), 9, 2))
-    assert most == np.abs(found).max()
+def test_places_of_blocks_equal_the_lattice() -> None:
+    means, corner = gaussians(500).means, np.array([-5000, -6000, -7000])
+    indices = np.random.default_rng(4).permutation(500).astype(np.uint32)
+    places, codes = np.empty(means.shape, np.int64), np.empty(500, np.int64)
+    most, used = kernels.write_block_places(indices, means, 2.0**7, corner, 3, places, codes)
+    lattice = to_lattice(means[indices].astype(np.float64), 9, 2)
+    np.testing.assert_array_equal(places, lattice - corner)
+    np.testing.assert_array_equal(codes, morton_encode((lattice - corner) >> 3))
+    assert most == np.abs(lattice).max()
+    assert used == np.bitwise_or.reduce((lattice - corner) >> 3, axis=None)
 
 
 @pytest.mark.parametrize("bits", [1, 9, 21, 30])

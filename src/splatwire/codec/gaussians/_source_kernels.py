@@ -141,28 +141,6 @@ def _write_axes(scales, quat, axes):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def write_places(means, factor, places):
-    """Converts positions to integer coordinates on a cubic lattice, rounded down.
-
-    Args:
-        means: Positions, float32 (n, 3).
-        factor: Reciprocal of the spacing of the lattice, a power of two.
-        places: Output, int64 (n, 3).
-
-    Returns:
-        Largest magnitude of a coordinate.
-    """
-    most = 0.0
-    for i in range(len(means)):
-        for a in range(3):
-            value = np.floor(np.float64(means[i, a]) * factor)
-            most = max(most, abs(value))
-            places[i, a] = np.int64(value)
-    return most
-
-
-@njit(borrows=True, nogil=True, error_model="numpy")
-@no_type_check
 def write_codes(places, shift, codes):
     """Computes Morton codes of positions after dropping the lowest bits of each coordinate.
 
