@@ -164,7 +164,7 @@ def test_a_damaged_visible_tile_is_missing_from_the_view():
     tracks, options = truth(LEVELS), ReceiverOptions(viewpoint=far())
     whole, damaged = RelayReceiver(options, None), RelayReceiver(options, None)
     assert asyncio.run(whole.receive(HostileRelay(tracks))) == "seen"
-    number = max(whole._whole)
+    number = max(whole._complete_parts)
     frame = bytearray(tracks[f"part/{number}"][0])
     frame[-1] ^= 1
     told = tracks | {f"part/{number}": [bytes(frame)]}

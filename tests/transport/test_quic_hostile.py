@@ -266,7 +266,7 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
             client = await connected(server.port, ALPN)
             client.quic.send_stream_data(0, stream_frame(b"\0"))
             client.transmit()
-            await until(lambda: server.connections and next(iter(server.connections))._sessions.asked)
+            await until(lambda: server.connections and next(iter(server.connections))._sessions.has_request)
             (connection,) = server.connections
             session = connection._sessions._session
             for number in range(2 * MOST_PENDING):

@@ -226,7 +226,7 @@ def test_opening_is_counted_in_the_sent_schedule(opening_bytes, reliable, late):
     order.set_viewpoint(SHARP, 10**9, 0.0)
     while order:
         left.append(order.pop())
-        if order.head_left:
+        if order.is_head_sent:
             assert sum(item[0] == SIDE for item in left) == sum(
                 item[0] == SIDE for item in (served.reliable_schedule if reliable else served.send_schedule).datagrams
             )
