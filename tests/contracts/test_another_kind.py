@@ -71,8 +71,8 @@ class Points:
     def with_losses(self, known: np.ndarray, positions: np.ndarray) -> "Points":
         return Points(np.where(known[:, None], self.positions, positions), self.colors * known[:, None])
 
-    def with_estimates(self, loss_mask: LossMask, proposed: "Points") -> "Points":
-        return replace(self, colors=np.where(loss_mask.known[:, None], self.colors, proposed.colors))
+    def with_estimates(self, loss_mask: LossMask, estimates: "Points") -> "Points":
+        return replace(self, colors=np.where(loss_mask.known[:, None], self.colors, estimates.colors))
 
 
 @dataclass(frozen=True, eq=False)

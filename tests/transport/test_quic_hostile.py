@@ -32,7 +32,7 @@ from splatwire.transport.quic.common import (
     stream_frame,
 )
 from splatwire.transport.quic.server import RETRY_HANDSHAKES
-from splatwire.transport.quic.sessions import HELD, MOST_PENDING
+from splatwire.transport.quic.sessions import MAX_PENDING_FRAMES, MOST_PENDING
 from transport.test_quic import OTHER, fetch, run, serving
 
 pytestmark = pytest.mark.slow
@@ -247,7 +247,7 @@ def test_session_without_a_stream_buffers_little():
             client.connect_to()
             await until(lambda: client.statuses == [200])
             (connection,) = server.connections
-            for _ in range(HELD):
+            for _ in range(MAX_PENDING_FRAMES):
                 connection._sessions._session.send(request())
             assert server.num_malformed == 0
             connection._sessions._session.send(request())
