@@ -56,8 +56,8 @@ MESSAGES = {
     "over": "other: expected SceneMetadata",
     "image": "view",
     "anchors lost": r"positions: expected a float32 array \(20, 3\)",
-    "estimates of others": "proposed: Gaussians with",
-    "anchor estimates": "proposed: arrays of shapes",
+    "estimates of others": "estimates: Gaussians with",
+    "anchor estimates": "estimates: arrays of shapes",
     "fill": "source: 200 Gaussians of degree . do not fit",
 }
 """Expected error of each call, a regular expression."""
