@@ -1,6 +1,7 @@
 """Explicit Gaussians with view-dependent colour, as in a 3DGS file."""
 
 import dataclasses
+import importlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -242,7 +243,7 @@ def _compiled_colors(splats: Splats, camera_center: Float[np.ndarray, "3"]) -> F
     None if an array has a type or layout for which the kernel is not compiled.
     """
     # Deferred, because numba takes a second to load, and most users of Gaussians need no colours.
-    from splatwire.ops._colour_kernels import view_colours
+    view_colours = importlib.import_module("splatwire.ops._colour_kernels").view_colours
 
     arrays = splats.means, splats.sh, camera_center
     if not all(a.dtype == np.float32 and a.flags.c_contiguous and a.flags.writeable for a in arrays):
