@@ -12,8 +12,9 @@ import splatwire
 
 SOURCE = Path(splatwire.__file__).parent
 MAY_ASK = ("codec/anchors/", "codec/gaussians/", "codec/sequence/", "codec/lod/", "codec/update/",
-           "anchors/", "neural/", "io/formats/", "types/splat_scene.py", "types/anchor_scene.py", "bitstream/limits.py",
-           "evaluation/study/inputs.py", "lod/tileset.py", "api/coding.py")  # fmt: skip
+           "anchors/", "neural/", "io/formats/", "types/splat_scene.py", "types/anchor_scene.py",
+           "types/splats.py", "types/anchors.py", "bitstream/limits.py", "evaluation/study/inputs.py",
+           "lod/tileset.py", "api/coding.py")  # fmt: skip
 KINDS = {"AnchorScene", "SplatScene", "SequenceScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
 SCHEMAS = {"ANCHORS", "CAUSAL", "GAUSSIANS", "TRACKS"}
 WORDS = {"anchors", "Gaussians", "hacpp", "causal", "gaussians", "tracks"}
