@@ -11,7 +11,6 @@ from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
 from splatwire.render import iterate_views
-from splatwire.render.closeups import closeup_cameras
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
@@ -19,9 +18,8 @@ from splatwire.types.origin import Origin
 
 VIEWS, SIZE = 240, 400
 """Number of generated views, and their width and height in pixels."""
-_FRAMING, _CLOSE = 6, 6
-"""One of these numbers of generated views frames the scene, as a page does, and is close to its surfaces; the others
-surround it near and far."""
+_FRAMING = 6
+"""One of this number of generated views frames the scene, as a page does; the others surround it near and far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,30 +83,20 @@ def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> C
     Raises:
         InvalidValueError: If the number of views, pixels or elements is too small.
     """
-    # If the scene encloses the cameras, some of them look outwards. No camera equals one of those of evaluations
-    # (`splatwire.evaluation.views`): poses depend on the number of cameras in a set.
-    framing = _other_than_held_out(max(num_views // _FRAMING, 1))
-    close = _other_than_held_out(num_views // _CLOSE)
-    while num_views - framing - close == HELD_OUT_VIEWS:
-        framing += 1 + (framing + 1 == HELD_OUT_VIEWS)
-    sets = [
-        surrounding_cameras(scene, num_views - framing - close, size),
-        framing_cameras(scene, framing, size),
-        *([closeup_cameras(scene, close, size)] if close else []),
-    ]
+    # If the scene encloses the cameras, some of them look outwards. No camera equals one of
+    # `splatwire.evaluation.views.held_out_cameras`.
+    framing = max(num_views // _FRAMING, 1)
+    if HELD_OUT_VIEWS in (framing, num_views - framing):  # poses around a scene depend on their number
+        framing += 1
+    around, near = surrounding_cameras(scene, num_views - framing, size), framing_cameras(scene, framing, size)
+    names = tuple(f"fit_{view:03d}" for view in range(num_views))
     return replace(
-        sets[0],
-        viewmats=np.concatenate([each.viewmats for each in sets]),
-        Ks=np.concatenate([each.Ks for each in sets]),
-        names=tuple(f"fit_{view:03d}" for view in range(num_views)),
+        around,
+        viewmats=np.concatenate([around.viewmats, near.viewmats]),
+        Ks=np.concatenate([around.Ks, near.Ks]),
+        names=names,
         origin=origin_of(scene),
-        near_depth=min(each.near_depth for each in sets),
     )
-
-
-def _other_than_held_out(count: int) -> int:
-    """Returns a number of cameras, or one more if evaluations use that number."""
-    return count + (count == HELD_OUT_VIEWS)
 
 
 def own_pictures(scene: Scene, cameras: Cameras, progress: Callable[[float], None] | None = None) -> Pictures:
