@@ -73,7 +73,7 @@ class Pictures:
 
 
 def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> Cameras:
-    """Places cameras for fine-tuning around a scene: some close to the surfaces, some far enough to see all Gaussians.
+    """Places cameras for fine-tuning around a scene: most at two distances from it, a sixth so that they frame it.
 
     Args:
         scene: The scene.
