@@ -103,7 +103,7 @@ def calls() -> dict[str, Callable[[], Any]]:
         "masked length": lambda: received.masked(np.ones(3, np.bool_)),
         "masked type": lambda: received.masked(np.ones(200)),
         "masked loss": lambda: received.masked(received.loss_mask),
-        "record": lambda: received["sketch"],
+        "record": lambda: received["sketch"],  # type: ignore[index]
         "with_losses": lambda: splats.with_losses(None, scene.positions),
         "anchors lost": lambda: anchors.anchors.with_losses(known, None),
         "estimates": lambda: splats.with_estimates(received, splats),
