@@ -21,3 +21,8 @@ def test_order_statistics_equal_those_of_sorted_values(kind: str, dtype: str, co
     shares = [0.01, 0.5, 0.99]
     assert quantiles(pieces, count, shares).tolist() == np.quantile(values.astype(float), shares).tolist()
     assert order_statistics(pieces, middle_ranks(count)).mean() == np.median(values.astype(float))
+
+
+def test_float64_numbers_that_differ_in_the_last_bits_are_distinguished():
+    numbers = np.array([1.0 + 515 * 2.0**-52, 1.0, 1.0 + 7 * 2.0**-52])
+    assert order_statistics(lambda: [numbers], [0, 1, 2]).tolist() == sorted(numbers.tolist())

@@ -202,8 +202,8 @@ def _encode_scene(command: Encode, source: Path) -> None:
             stream = found.stream
         else:
             report("choosing precision", 0.0)
-            look = partial(scene_precision_classes, scene, cameras, recompute=command.quality is not None)
-            classes = look if levels else look()
+            measure = partial(scene_precision_classes, scene, cameras, recompute=command.quality is not None)
+            classes = measure if levels else measure()
             report("choosing precision", 1.0)
             stream = encode(scene, classes, None if command.quality is None else quality_option(command.quality))
         seconds = time.perf_counter() - started

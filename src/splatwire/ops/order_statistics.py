@@ -31,7 +31,7 @@ def order_statistics(pieces: Pieces, ranks: Sequence[int]) -> np.ndarray:
         for piece in pieces():
             count_digits(np.ascontiguousarray(piece).view(prefixes.dtype), prefixes, shift, bits, counts)
         for i, prefix in enumerate(found):
-            upto = np.cumsum(counts[np.searchsorted(prefixes, prefix)])
+            upto = np.cumsum(counts[np.searchsorted(prefixes, prefixes.dtype.type(prefix))])
             digit = int(np.searchsorted(upto, left[i], side="right"))
             left[i] -= int(upto[digit - 1]) if digit else 0
             found[i] = prefix << bits | digit

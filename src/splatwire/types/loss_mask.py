@@ -40,7 +40,11 @@ class LossMask(CheckedFields):
         Raises:
             InvalidValueError: If there is no such attribute.
         """
-        if not isinstance(attribute, int) or attribute not in tuple(Attribute):
+        if (
+            not isinstance(attribute, (int, np.integer))
+            or isinstance(attribute, bool)
+            or attribute not in tuple(Attribute)
+        ):
             names = ", ".join(known.name for known in Attribute)
             raise InvalidValueError(f"attribute: expected an Attribute ({names}), not {shown(attribute)}")
         return self.received[:, int(attribute)]

@@ -217,10 +217,11 @@ class Splats:
         Raises:
             InvalidValueError: If the centre is not three finite numbers.
         """
-        center = array_of(camera_center, "camera_center", (3,))
+        given = array_of(camera_center, "camera_center", (3,))
+        with np.errstate(over="ignore"):  # such numbers are refused
+            center = np.require(given, np.float32, ("C", "W"))
         if not np.isfinite(center).all():
-            raise InvalidValueError("camera_center: expected three finite numbers")
-        center = np.require(center, np.float32, ("C", "W"))
+            raise InvalidValueError("camera_center: expected three finite numbers in the range of float32")
         colors = _compiled_colors(self, center)
         if colors is None:
             colors = _colors(self, center)

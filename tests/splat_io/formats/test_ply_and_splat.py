@@ -255,3 +255,11 @@ def test_rounding_errors_of_opacities_are_clipped(tmp_path: Path) -> None:
     splats.opacities[:2] = 1 + 2e-7, -1e-7
     assert write_ply([splats], tmp_path / "a.ply") == 20
     assert read_ply_elements(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-31, 1e-38])
+def test_splat_files_of_flat_gaussians_are_read(thickness: float, tmp_path: Path) -> None:
+    records = np.zeros(64, [("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
+    records["scale"], records["color"], records["rotation"] = (0.1, 0.1, thickness), 255, (255, 128, 128, 128)
+    (tmp_path / "flat.splat").write_bytes(records.tobytes())
+    assert read_splats(tmp_path / "flat.splat").num_gaussians == 64

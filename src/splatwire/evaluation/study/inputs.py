@@ -35,6 +35,7 @@ from splatwire.evaluation.study.records import CODE
 from splatwire.evaluation.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluation.study.sequences import frame_cameras
 from splatwire.evaluation.study.store import Store, read_json
+from splatwire.files.kinds import UNKNOWN, file_kind
 from splatwire.files.names import real_path
 from splatwire.io import drawable_scene
 from splatwire.io.formats import find_format
@@ -46,8 +47,6 @@ from splatwire.types import Anchors
 from splatwire.types.background import Background
 
 LOG = logging.getLogger(__name__)
-_LARGE_BYTES = 64 << 20
-"""Size of a reference, bytes, above which it is opened before it is hashed."""
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
 
@@ -200,7 +199,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
-    if entry.reference is not None and not source.timed and entry.reference.stat().st_size > _LARGE_BYTES:
+    if entry.reference is not None and not source.timed and file_kind(entry.reference) == UNKNOWN:
         drawn()  # refuses a file that is no scene before gigabytes are hashed
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
     if entry.reference is not None and not source.timed and entry.kind != "model":

@@ -53,12 +53,13 @@ def _num_implausible(records: np.ndarray) -> int:
     """Returns the number of records whose positions or sizes no program writes.
 
     The format has no signature. In files of other formats, bytes at the place of floats are often negative, not finite,
-    or of an extreme exponent.
+    or of an extreme exponent. Flat Gaussians may have a scale of any small size.
     """
     with np.errstate(invalid="ignore"):
-        numbers = np.abs(np.concatenate([records["position"], records["scale"]], axis=1))
-        usual = ((numbers > 1 / _EXTREME) & (numbers < _EXTREME)) | (numbers == 0)
-        return int((~usual.all(axis=1) | (records["scale"] < 0).any(axis=1)).sum())
+        distances, scales = np.abs(records["position"]), records["scale"]
+        usual = ((distances > 1 / _EXTREME) & (distances < _EXTREME)) | (distances == 0)
+        positive = (scales >= 0) & (scales < _EXTREME)
+        return int((~usual | ~positive).any(axis=1).sum())
 
 
 def write_splat(parts: Iterable[Splats], path: Path) -> int:
