@@ -36,8 +36,8 @@ def _checked(found: Any, *, typechecker: Callable[[Any], Any]) -> Any:
         return found
     if not inspect.isfunction(found):
         return whole(found, typechecker=typechecker)
-    said = found.__annotations__
-    hints = {name: _resolved(hint, found.__globals__) for name, hint in said.items()}
+    annotations = found.__annotations__
+    hints = {name: _resolved(hint, found.__globals__) for name, hint in annotations.items()}
     has_shapes = any(_has_shape(hint) for hint in hints.values())
     if all(hint is Any for hint in hints.values()):
         return found
@@ -48,7 +48,7 @@ def _checked(found: Any, *, typechecker: Callable[[Any], Any]) -> Any:
             try:
                 return plain(found)
             finally:
-                found.__annotations__ = said
+                found.__annotations__ = annotations
 
     if found.__code__.co_flags & _OTHER_KINDS:
         return whole(found, typechecker=typechecker) if has_shapes else make()
@@ -70,25 +70,26 @@ def _with_shapes(found: Callable[..., Any], make: Callable[[], Callable[..., Any
 
 
 def _made_at_first_call(found: Callable[..., Any], make: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
-    """Returns a function that turns into the checked one at its first call, and costs nothing more from then on."""
+    """Returns a function that becomes the checked one at its first call, and costs nothing more from then on."""
 
-    def turn() -> Callable[..., Any]:
+    def generate() -> Callable[..., Any]:
         checked = make()
         code, defaults = checked.__code__, checked.__kwdefaults__
         if checked is found or code.co_freevars or checked.__defaults__ or not defaults:
-            wrapper.__kwdefaults__ = {"_turn": lambda: checked}
+            wrapper.__kwdefaults__ = {"_generate": lambda: checked}
         else:  # beartype's code finds all it needs in its defaults
-            wrapper.__kwdefaults__ = {"_turn": turn, **defaults}  # both sets, for other threads between these two lines
+            # Both sets, for other threads between these two lines.
+            wrapper.__kwdefaults__ = {"_generate": generate, **defaults}
             wrapper.__code__ = code
         return checked
 
     wrapper = FunctionType(_first_call.__code__, globals(), found.__name__)
-    wrapper.__kwdefaults__ = {"_turn": turn}
+    wrapper.__kwdefaults__ = {"_generate": generate}
     return functools.wraps(found)(wrapper)
 
 
-def _first_call(*args: Any, _turn: Callable[[], Callable[..., Any]], **kwargs: Any) -> Any:
-    return _turn()(*args, **kwargs)
+def _first_call(*args: Any, _generate: Callable[[], Callable[..., Any]], **kwargs: Any) -> Any:
+    return _generate()(*args, **kwargs)
 
 
 def _resolved(hint: Any, scope: dict[str, Any]) -> Any:

@@ -90,10 +90,10 @@ def test_receive_reports_when_only_the_preview_arrived(
     with serving(str(tmp_path / "good.swz"), str(tmp_path / "bad.swz"), "--rate", "0.001") as facts:
         url = f"udp://127.0.0.1:{facts['port']}"
         assert call("receive", url, "-o", str(tmp_path / "seen.swz"), "--deadline", "500ms") == 2
-        told = capsys.readouterr().err.strip().splitlines()[-1]
+        error = capsys.readouterr().err.strip().splitlines()[-1]
         file = tmp_path / "seen.preview.ply"
-        assert f"packets arrived); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}" in told
-        assert "no scene arrived (deadline: of the side information at least " in told
+        assert f"packets arrived); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}" in error
+        assert "no scene arrived (deadline: of the side information at least " in error
         assert not (tmp_path / "seen.swz").exists()
         expected, there = preview_scene(preview).splats, read_splats(file)
         assert np.allclose(there.means, expected.means)
@@ -130,9 +130,9 @@ def test_interrupted_receive_writes_the_arrived_packets(stream_file: Path, tmp_p
     with serving(str(stream_file), "--rate", "0.3") as facts:
         target = tmp_path / "part.swz"
         assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(target)) == 128 + number
-    told = capsys.readouterr()
-    assert "(stopped) -> " in told.out
-    assert told.err.strip().splitlines()[-1] == "splatwire: stopped"
+    output = capsys.readouterr()
+    assert "(stopped) -> " in output.out
+    assert output.err.strip().splitlines()[-1] == "splatwire: stopped"
     stream, whole = read_stream(target)[0], read_stream(stream_file)[0]
     assert 0 < len(stream.packets) < len(whole.packets)
     assert decode_stream(stream).loss_mask.num_lost > 0
@@ -184,7 +184,7 @@ def test_stream_in_other_packets_is_repacked_to_the_same_scene(tmp_path: Path):
 def test_invalid_options_are_one_error_line(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     paper = tmp_path / "paper.swz"
     write_stream(encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=1)), paper)
-    for words, told in (
+    for words, message in (
         (("receive", f"{url}/other", "-o", str(tmp_path / "a.swz")), "no such stream"),
         (("receive", "http://x", "-o", str(tmp_path / "a.swz")), "is not an address"),
         (("receive", url, "-o", str(tmp_path / "a.swz"), "--deadline", "soon"), "is not a time"),
@@ -198,7 +198,7 @@ def test_invalid_options_are_one_error_line(url: str, tmp_path: Path, capsys: py
     ):
         assert call(*words) == 2
         error = capsys.readouterr().err.strip().splitlines()
-        assert told in error[-1]
+        assert message in error[-1]
     assert not (tmp_path / "a.swz").exists()
 
 
@@ -238,7 +238,10 @@ def test_serve_and_receive_work_over_quic(stream_file: Path, tmp_path: Path, cap
         assert Path(target).read_bytes() == stream_file.read_bytes()
         assert capture.stat().st_size > stream_file.stat().st_size
         assert call("receive", url, "-o", target) == 2
-        assert "self-signed certificate. --fingerprint takes what the server told" in capsys.readouterr().err
+        assert (
+            "self-signed certificate. Trust it with --fingerprint (which the server prints when it starts)"
+            in capsys.readouterr().err
+        )
         with urlopen(facts["page"], timeout=120) as page:
             content = page.read()
         assert b'<splat-wire src="/streams/tiny.swz?' in content
@@ -263,19 +266,19 @@ def test_serve_ends_despite_slow_readers_and_prints_its_summary_only():
     try:
         (name,), page = (facts := json.loads(server.stdout.readline()))["streams"], urlsplit(facts["page"])
         with contextlib.ExitStack() as stack:
-            for said in (f"GET /streams/{name}.swz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", "GET / HTTP/1.1\r\n"):
+            for request in (f"GET /streams/{name}.swz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", "GET / HTTP/1.1\r\n"):
                 for _ in range(50):
                     client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=240))
-                    client.sendall(said.encode())
-                    if said.endswith("\r\n\r\n"):
+                    client.sendall(request.encode())
+                    if request.endswith("\r\n\r\n"):
                         assert client.recv(8) == b"HTTP/1.1"  # the request is being answered
             server.terminate()
-            _, told = server.communicate(timeout=240)
+            _, summary = server.communicate(timeout=240)
     finally:
         server.kill()
         server.communicate()
     assert server.returncode == 0
-    (line,) = told.splitlines()
+    (line,) = summary.splitlines()
     answered = PageLimits().per_network  # the page is busy for other clients
     assert re.fullmatch(rf"served 0 clients, 0 bytes, and {answered} requests over HTTP, [\d,]+ bytes", line)
 
@@ -302,9 +305,9 @@ def test_receive_with_a_camera_gets_only_visible_tiles(tmp_path: Path, capsys: p
         url = f"udp://127.0.0.1:{facts['port']}"
         assert call("receive", url, "-o", str(tmp_path / "seen.swz"), "--json",
                     "--camera", str(tmp_path / "cameras.json")) == 0  # fmt: skip
-    told = json.loads(capsys.readouterr().out)
-    assert told["finished"] == "seen"
-    assert 0 < told["packets"]["num_received"] < told["packets"]["num_expected"]
+    result = json.loads(capsys.readouterr().out)
+    assert result["finished"] == "seen"
+    assert 0 < result["packets"]["num_received"] < result["packets"]["num_expected"]
     shown = conceal(decode_stream(read_stream(tmp_path / "seen.swz")[0]), "coarse").drawn()
     assert shown.num_gaussians > 0
 
@@ -315,9 +318,9 @@ def test_incomplete_stream_exits_with_an_error(stream_file: Path, tmp_path: Path
     target = tmp_path / "part.swz"
     with serving(str(stream_file)) as facts, relay_losing_one(facts["port"]) as port:
         assert call("receive", f"udp://127.0.0.1:{port}", "-o", str(target), "--no-nack", *words) == status
-    told = capsys.readouterr()
-    assert "(sent) -> " in told.out
-    assert ("the stream is incomplete (sent: " in told.err) == (status != 0)
+    output = capsys.readouterr()
+    assert "(sent) -> " in output.out
+    assert ("the stream is incomplete (sent: " in output.err) == (status != 0)
     stream, whole = read_stream(target)[0], read_stream(stream_file)[0]
     assert len(stream.packets) == len(whole.packets) - 1
 
@@ -328,9 +331,9 @@ def test_deadline_that_passes_before_all_arrived_is_no_success(stream_file, tmp_
     with serving(str(stream_file)) as facts, relay_losing_one(facts["port"]) as port:
         url = f"udp://127.0.0.1:{port}"
         assert call("receive", url, "-o", str(target), "--deadline", "1500ms", "--json", *words) == status
-    told = capsys.readouterr()
-    assert json.loads(told.out)["finished"] in ("deadline", "sent")
-    assert ("the stream is incomplete (" in told.err) == (status != 0)
+    output = capsys.readouterr()
+    assert json.loads(output.out)["finished"] in ("deadline", "sent")
+    assert ("the stream is incomplete (" in output.err) == (status != 0)
     assert len(read_stream(target)[0].packets) == len(read_stream(stream_file)[0].packets) - 1
 
 

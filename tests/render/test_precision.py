@@ -142,7 +142,7 @@ def test_further_removal_predicts_the_error(antialiased: bool) -> None:
     assert (found.interaction > 0).any()
 
 
-def test_alone_is_the_removal_from_a_complete_scene() -> None:
+def test_own_error_equals_the_removal_error_in_a_complete_scene() -> None:
     scene = SplatScene(ball_of_gaussians())
     cameras = cameras_around(scene.splats.means, 3, 48)
     found = measure_further_removal(scene, cameras, _images(scene, cameras))

@@ -88,7 +88,7 @@ def test_wrong_arguments_of_methods_are_one_clear_error(messages: dict[str, str]
     assert re.search(f"^InvalidValueError: .*{MESSAGES[name]}", messages[name]), messages[name]
 
 
-def test_arguments_of_methods_may_be_integers() -> None:
+def test_right_arguments_of_methods_are_accepted() -> None:
     received = ReceivedScene(SplatScene(ball_of_gaussians()), LossMask.of_anchors(np.ones(200, np.bool_)))
     assert received.masked(np.zeros(200, np.bool_)).loss_mask.num_lost == 200
     assert received.loss_mask.column(Attribute.MASK).all()

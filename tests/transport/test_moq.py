@@ -147,14 +147,14 @@ def test_hostile_relay_answers_are_validated():
     honest = RelayReceiver(ReceiverOptions(limits=limits), None)
     assert asyncio.run(honest.receive(HostileRelay(tracks))) == "complete"
     for _ in range(CASES // 6):
-        told = {name: [mutated(frame, rng) for frame in frames] for name, frames in tracks.items()}
+        altered = {name: [mutated(frame, rng) for frame in frames] for name, frames in tracks.items()}
         if rng.random() < 0.7:
-            told[HEAD] = [*tracks[HEAD]]
+            altered[HEAD] = [*tracks[HEAD]]
         if rng.random() < 0.3:
-            told[rng.choice(list(told))] *= rng.choice([0, 2, 5000])
+            altered[rng.choice(list(altered))] *= rng.choice([0, 2, 5000])
         receiver = RelayReceiver(ReceiverOptions(limits=limits, viewpoint=far() if rng.random() < 0.5 else None), None)
         with contextlib.suppress(BitstreamError):
-            asyncio.run(receiver.receive(HostileRelay(told)))
+            asyncio.run(receiver.receive(HostileRelay(altered)))
         assert receiver.num_bytes <= limits.stream_bytes + (1 << 16)
         stream = receiver.stream()
         assert stream is None or set(stream.packets) <= set(LEVELS.packets)
@@ -167,8 +167,8 @@ def test_a_damaged_visible_tile_is_missing_from_the_view():
     number = max(whole._complete_parts)
     frame = bytearray(tracks[f"part/{number}"][0])
     frame[-1] ^= 1
-    told = tracks | {f"part/{number}": [bytes(frame)]}
-    assert asyncio.run(damaged.receive(HostileRelay(told))) == "sent"
+    altered = tracks | {f"part/{number}": [bytes(frame)]}
+    assert asyncio.run(damaged.receive(HostileRelay(altered))) == "sent"
     assert damaged.num_rejected == 1
 
 

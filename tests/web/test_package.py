@@ -46,17 +46,17 @@ POLICY = "default-src 'none'; script-src 'self'; worker-src 'self'; connect-src 
 DECODE = """
 import { readFileSync } from "node:fs";
 import { decode, receive } from "splatwire/decoder";
-const [file, half, asking, url] = process.argv.slice(2), told = {};
+const [file, half, asking, url] = process.argv.slice(2), results = {};
 for (const [name, path, options] of [["whole", file, {}], ["half", half, {}], ["grown", asking, {concealer: "grow"}]]) {
   const { gaussians, ...rest } = await decode(new Uint8Array(readFileSync(path)), options);
   const { count, antialiased, centres, scales } = gaussians;
-  told[name] = { ...rest, count, antialiased, centres: [...centres], scales: [...scales] };
+  results[name] = { ...rest, count, antialiased, centres: [...centres], scales: [...scales] };
 }
-told.arrived = [];
-told.lost = 0;
-for await (const { gaussians, packets, replaces } of receive(url, { lost: () => told.lost++ }))
-  told.arrived.push([gaussians.count, packets, replaces]);
-console.log(JSON.stringify(told));
+results.arrived = [];
+results.lost = 0;
+for await (const { gaussians, packets, replaces } of receive(url, { lost: () => results.lost++ }))
+  results.arrived.push([gaussians.count, packets, replaces]);
+console.log(JSON.stringify(results));
 """
 
 FRAMES = """
@@ -116,10 +116,14 @@ def test_package_metadata_and_size_are_as_documented(packed: Path) -> None:
     import gzip
 
     folder = packed.parent / "splatwire"
-    told = json.loads((folder / "package.json").read_text())
-    assert (told["name"], told["version"], told["license"]) == ("splatwire", splatwire.__version__, "Apache-2.0")
-    assert "private" not in told
-    for entry in told["exports"].values():
+    manifest = json.loads((folder / "package.json").read_text())
+    assert (manifest["name"], manifest["version"], manifest["license"]) == (
+        "splatwire",
+        splatwire.__version__,
+        "Apache-2.0",
+    )
+    assert "private" not in manifest
+    for entry in manifest["exports"].values():
         for path in entry.values() if isinstance(entry, dict) else [entry]:
             assert (folder / path).is_file(), path
     for file in ("LICENSE", "LICENSES.txt", "README.md", "index.js.map"):
@@ -152,22 +156,22 @@ def test_node_decoder_gives_the_gaussians_of_python(alone: Path, stream: SceneSt
             ]
             return json.loads(await asyncio.to_thread(called, words, alone))
 
-    told = asyncio.run(asyncio.wait_for(work(), 1800))
-    assert told["whole"]["digest"] == stream.manifest.symbols_digest
-    assert told["whole"]["verified"] is told["whole"]["complete"] is True
-    assert told["half"]["verified"] is told["half"]["complete"] is False
-    assert [told[name]["antialiased"] for name in ("whole", "half", "grown")] == [False, False, True]
+    results = asyncio.run(asyncio.wait_for(work(), 1800))
+    assert results["whole"]["digest"] == stream.manifest.symbols_digest
+    assert results["whole"]["verified"] is results["whole"]["complete"] is True
+    assert results["half"]["verified"] is results["half"]["complete"] is False
+    assert [results[name]["antialiased"] for name in ("whole", "half", "grown")] == [False, False, True]
     for name, python in (("whole", decode_stream(stream)), ("half", decode_stream(half))):
         known = python.loss_mask.known
-        theirs = np.asarray(told[name]["centres"], dtype=np.float32).reshape(-1, 3)
+        theirs = np.asarray(results[name]["centres"], dtype=np.float32).reshape(-1, 3)
         ours = python.scene.positions[known]
-        assert told[name]["count"] == len(ours)
+        assert results[name]["count"] == len(ours)
         assert np.array_equal(np.sort(theirs, axis=0), np.sort(ours, axis=0))
-    assert np.mean(told["grown"]["scales"]) > np.mean(told["half"]["scales"])
-    assert sum(count for count, _, _ in told["arrived"]) == len(ball().means)
-    assert told["arrived"][-1][1] == len(stream.packets)
-    assert [replaces for _, _, replaces in told["arrived"]] == [True] + [False] * (len(told["arrived"]) - 1)
-    assert told["lost"] >= 1
+    assert np.mean(results["grown"]["scales"]) > np.mean(results["half"]["scales"])
+    assert sum(count for count, _, _ in results["arrived"]) == len(ball().means)
+    assert results["arrived"][-1][1] == len(stream.packets)
+    assert [replaces for _, _, replaces in results["arrived"]] == [True] + [False] * (len(results["arrived"]) - 1)
+    assert results["lost"] >= 1
 
 
 def test_node_decoder_gives_levels_and_frames_of_python(alone: Path, tmp_path: Path) -> None:
@@ -178,14 +182,14 @@ def test_node_decoder_gives_levels_and_frames_of_python(alone: Path, tmp_path: P
     for path, stream in zip(paths, (levels, clip), strict=True):
         Path(path).write_bytes(stream_to_bytes(stream))
     (alone / "frames.mjs").write_text(FRAMES)
-    told = json.loads(called(["node", "frames.mjs", *paths], alone))
+    results = json.loads(called(["node", "frames.mjs", *paths], alone))
     partial = decode_stream(levels)
     finest = partial.scene.splats.means[partial[Levels].lod_level == 0]
-    assert told["verified"] is True
+    assert results["verified"] is True
     assert len(finest) == len(splats.means)
-    check_centres(told["finest"], finest)
-    assert told["clip"] == {"rate": 8, "numFrames": 7}
-    for theirs, frame in zip(told["frames"], decode_frames(decode_stream(clip).scene), strict=True):
+    check_centres(results["finest"], finest)
+    assert results["clip"] == {"rate": 8, "numFrames": 7}
+    for theirs, frame in zip(results["frames"], decode_frames(decode_stream(clip).scene), strict=True):
         check_centres(theirs, frame.scene.splats.means)
 
 

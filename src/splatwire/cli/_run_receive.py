@@ -130,7 +130,7 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
 
     signals = asyncio.run(run())
     if not num_written:
-        raise StoppedError(*signals[:1])  # stopped before the scene arrived; sets the exit status
+        raise StoppedError(signals[0])  # stopped before the scene arrived; sets the exit status
 
 
 def print_warning(text: str) -> None:

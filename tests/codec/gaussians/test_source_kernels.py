@@ -59,13 +59,13 @@ def test_sources_equal_their_reference(size_log: int) -> None:
         assert (found.colours == reference_colours(splats)).mean() > 0.999
 
 
-def test_places_of_blocks_equal_the_lattice() -> None:
+def test_coordinates_of_blocks_equal_the_lattice() -> None:
     means, corner = gaussians(500).means, np.array([-5000, -6000, -7000])
     indices = np.random.default_rng(4).permutation(500).astype(np.uint32)
-    places, codes = np.empty(means.shape, np.int64), np.empty(500, np.int64)
-    most, used = kernels.write_block_places(indices, means, 2.0**7, corner, 3, places, codes)
+    coords, codes = np.empty(means.shape, np.int64), np.empty(500, np.int64)
+    most, used = kernels.write_block_places(indices, means, 2.0**7, corner, 3, coords, codes)
     lattice = to_lattice(means[indices].astype(np.float64), 9, 2)
-    np.testing.assert_array_equal(places, lattice - corner)
+    np.testing.assert_array_equal(coords, lattice - corner)
     np.testing.assert_array_equal(codes, morton_encode((lattice - corner) >> 3))
     assert most == np.abs(lattice).max()
     assert used == np.bitwise_or.reduce((lattice - corner) >> 3, axis=None)
@@ -73,9 +73,9 @@ def test_places_of_blocks_equal_the_lattice() -> None:
 
 @pytest.mark.parametrize("bits", [1, 9, 21, 30])
 def test_codes_of_blocks_equal_morton_codes(bits: int) -> None:
-    places = np.random.default_rng(bits).integers(0, 1 << bits, (300, 3))
-    places[0], places[1] = 0, (1 << bits) - 1
-    np.testing.assert_array_equal(block_codes(places, bits), morton_encode(places >> max(bits - 21, 0)))
+    coords = np.random.default_rng(bits).integers(0, 1 << bits, (300, 3))
+    coords[0], coords[1] = 0, (1 << bits) - 1
+    np.testing.assert_array_equal(block_codes(coords, bits), morton_encode(coords >> max(bits - 21, 0)))
 
 
 def test_codes_refuse_positions_outside_the_box() -> None:

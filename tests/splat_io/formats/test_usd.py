@@ -40,7 +40,13 @@ def read_here(path):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "up"), [*((suffix, None) for suffix in SUFFIXES), *(("usdc", up) for up in ("-y", "y", "z"))]
+    ("suffix", "up"),
+    [
+        *((suffix, None) for suffix in SUFFIXES),
+        *(("usdc", up) for up in ("-y", "y", "z")),
+        ("usda", "z"),
+        ("usdz", "y"),
+    ],
 )
 def test_written_scenes_are_read_unchanged(tmp_path, suffix, up):
     splats = some_splats(degree=3)
@@ -441,7 +447,7 @@ def test_sublayers_outside_of_the_folder_and_expressions_are_refused(around):
     path = around / "a.usda"
     path.write_text("#usda 1.0\n(\n    subLayers = [@../other.usda@]\n)\n")
     with pytest.raises(DatasetError, match="outside of its folder"):
-        read_here(path)
+        read_splats(path)  # in a process of its own, as users read
     text = '#usda 1.0\n(\n    expressionVariables = {\n        string P = "../other.usda"\n    }\n)\n'
     path.write_text(text + 'def Xform "A" (references = @`"${P}"`@</Scene>) {}\n')
     with pytest.raises(DatasetError, match="by the expression"):
@@ -632,6 +638,11 @@ def hidden_ids(_, prim):
 def test_what_changes_the_picture_and_is_not_applied_gives_a_warning(tmp_path, caplog, edit, warning):
     read_here(edited(tmp_path, edit))
     assert warning in caplog.text
+
+
+def test_an_unedited_scene_gives_no_message(tmp_path, caplog):
+    read_here(edited(tmp_path, lambda *_: None))
+    assert not caplog.messages
 
 
 def test_attributes_of_any_geometry_give_no_warning(tmp_path, caplog):

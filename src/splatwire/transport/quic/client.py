@@ -298,8 +298,9 @@ def _end_message(event: events.ConnectionTerminated, *, established: bool) -> st
         return f"no answer: nothing seems to serve QUIC there, or {SMALL_PATH}"
     if event.error_code in UNTRUSTED:
         return (
-            f"the server's certificate is not trusted: {reason}. --fingerprint takes what the server told when it "
-            "began, --authority a file that vouches for it, --insecure any"
+            f"the server's certificate is not trusted: {reason}. Trust it with --fingerprint (which the server "
+            "prints when it starts) or --authority (a file with its certificate, or with that of the authority that "
+            "signed it), or accept any certificate with --insecure"
         )
     return f"the session ended: {reason}"
 
