@@ -43,13 +43,13 @@ export function lostShare({ sizes, tierSizes, known }: GrowingElements, near: In
 /** Returns the received share of the scene, weighted by tier size if known. */
 export function receivedShare({ tierSizes, known }: GrowingElements): number {
   let all = 0,
-    sceneShare = 0;
-  known.forEach((received, i) => {
+    received = 0;
+  known.forEach((isKnown, i) => {
     const weight = tierSizes ? tierSizes[i] : 1;
     all += weight;
-    sceneShare += received * weight;
+    received += isKnown * weight;
   });
-  return sceneShare / all;
+  return received / all;
 }
 
 /** Returns the size gain for the received share among the neighbours and in the whole scene. */
@@ -58,8 +58,8 @@ export function sizeGain(localShare: number, sceneShare: number, rule: Rule): nu
 }
 
 function boundedShare(localShare: number, sceneShare: number, { exponent, maxExcess }: Rule): number {
-  const most = Math.min(MAX_GAIN, maxExcess * sceneShare ** -exponent);
-  return Math.max(localShare, exponent ? most ** (-1 / exponent) : 1);
+  const maxGain = Math.min(MAX_GAIN, maxExcess * sceneShare ** -exponent);
+  return Math.max(localShare, exponent ? maxGain ** (-1 / exponent) : 1);
 }
 
 /**
@@ -88,9 +88,9 @@ export class Growth {
     const left = 1 - lostShare(this.#elements, this.#tree.nearestOthers(i));
     if (!this.#elements.opacities) return [sizeGain(left, this.#share, this.#rule), 1];
     const opacity = this.#elements.opacities[i],
-      there = boundedShare(left, this.#share, this.#rule),
-      opaque = 1 - (1 - Math.min(opacity, MAX_OPACITY)) ** (there ** -OPACITY_EXPONENT);
-    return [there ** -SIZE_EXPONENT, Math.max(opaque / Math.max(opacity, MIN_OPACITY), 1)];
+      share = boundedShare(left, this.#share, this.#rule),
+      opaque = 1 - (1 - Math.min(opacity, MAX_OPACITY)) ** (share ** -OPACITY_EXPONENT);
+    return [share ** -SIZE_EXPONENT, Math.max(opaque / Math.max(opacity, MIN_OPACITY), 1)];
   }
 }
 
@@ -99,7 +99,7 @@ export async function grow(elements: Elements, pause: Pause, rule: Rule = RULE):
   const { known } = elements,
     count = known.length,
     gains = new Float32Array(2 * count).fill(1);
-  const received = known.reduce((sum, there) => sum + there, 0);
+  const received = known.reduce((sum, isKnown) => sum + isKnown, 0);
   if (received === 0 || received === count) return gains;
   const growth = new Growth(elements, rule);
   for (let i = 0; i < count; i++) {

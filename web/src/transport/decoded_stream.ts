@@ -109,10 +109,10 @@ export class DecodedStream {
     for (let p = first; p < end; p++) {
       if (!(await pause())) return null;
       const part = this.#parts[p],
-        seen = part.forCamera(camera);
-      found.push(seen.splats);
-      if (part === this.#copies?.part) copied = seen.splats.count;
-      if (seen.owners) owners.push(seen.owners.map((owner) => owner + this.#firsts[p]));
+        gaussians = part.forCamera(camera);
+      found.push(gaussians.splats);
+      if (part === this.#copies?.part) copied = gaussians.splats.count;
+      if (gaussians.owners) owners.push(gaussians.owners.map((owner) => owner + this.#firsts[p]));
     }
     const fresh = this.#drawn < end;
     this.#drawn = end;
@@ -170,23 +170,23 @@ export class DecodedStream {
   async conceal(choice: LossSimulation, pause: Pause): Promise<number | null> {
     const gains = new Float32Array(2 * this.#count),
       { schema } = this.decoder;
-    const came = this.#parts.flatMap((part, p) =>
+    const received = this.#parts.flatMap((part, p) =>
       part.packet ? [{ part, packet: part.packet, first: this.#firsts[p] }] : [],
     );
     const shown = shownPackets(
-        came.map(({ packet }) => packet),
+        received.map(({ packet }) => packet),
         choice,
       ),
-      parts = came.filter((_, p) => shown[p]);
-    const there = parts.map(({ part }) => part),
+      parts = received.filter((_, p) => shown[p]);
+    const shownParts = parts.map(({ part }) => part),
       copies = choice.concealer === SKETCH ? this.#copies : null,
-      which = this.#copiesOfMissing(there);
-    const drawn = copies ? [...there, copies.select(which)] : there,
-      received = drawn.reduce((sum, part) => sum + part.count, 0);
+      which = this.#copiesOfMissing(shownParts);
+    const drawn = copies ? [...shownParts, copies.select(which)] : shownParts,
+      count = drawn.reduce((sum, part) => sum + part.count, 0);
     const { concealers } = schema,
-      isWhole = received === this.decoder.head.manifest.count,
+      isWhole = count === this.decoder.head.manifest.count,
       concealer = (!isWhole && concealers[choice.concealer]) || concealers["drop"],
-      found = await concealer(received, () => schema.elements(drawn, pause), pause);
+      found = await concealer(count, () => schema.elements(drawn, pause), pause);
     if (!found) return null;
     let at = 0;
     for (const { part, first } of parts) {

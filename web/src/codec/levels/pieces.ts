@@ -4,7 +4,7 @@
 import type { Cut } from "./cut.ts";
 import type { Tiles } from "./tiles.ts";
 
-/** A drawing unit: all Gaussians of `tile` if `child` is null, otherwise those that represent the child `child`. */
+/** A drawing unit: all Gaussians of `tile` if `child` is null, otherwise those that represent that child. */
 export interface Piece {
   readonly tile: number;
   readonly child: number | null;

@@ -169,10 +169,11 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
 
   setCamera(camera: Camera | null, budget = this.budget): boolean {
     const { packets, parents } = this.tiles,
-      came = this.#receivedPackets,
-      there = (tile: number): boolean => came[tile] === packets[tile],
-      most = (tile: number): boolean => came[tile] >= (parents[tile] < 0 ? 1 : DRAWABLE_SHARE * packets[tile]);
-    this.#cut = cutOf(this.tiles, there, camera, budget, most);
+      received = this.#receivedPackets,
+      isComplete = (tile: number): boolean => received[tile] === packets[tile],
+      isDrawable = (tile: number): boolean =>
+        received[tile] >= (parents[tile] < 0 ? 1 : DRAWABLE_SHARE * packets[tile]);
+    this.#cut = cutOf(this.tiles, isComplete, camera, budget, isDrawable);
     const drawn = this.pieces.drawn(this.#cut),
       same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
     if (!same) this.#drawn = new Set(drawn);
