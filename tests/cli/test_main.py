@@ -172,11 +172,49 @@ def test_ctrl_c_after_the_end_of_a_command_prints_no_traceback():
     assert done.stdout.startswith("splatwire ")
 
 
+def test_ctrl_c_while_the_last_output_is_flushed_prints_no_traceback():
+    """A reader that pauses, such as a pager, makes a command wait there."""
+    done = _python(
+        "import io, os, signal, sys\nimport splatwire.__main__ as entry\n"
+        "class Output(io.TextIOWrapper):\n"
+        "    def flush(self):\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        super().flush()\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "sys.stdout = Output(sys.stdout.buffer, errors='backslashreplace')\n"
+        "sys.argv = ['splatwire', '--version']\nentry.start()"
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
+def test_handler_of_ctrl_c_that_is_not_pythons_stays(run, monkeypatch):
+    monkeypatch.setattr(signal, "getsignal", lambda _: None)
+    assert run("--version").status == 0
+
+
+@pytest.mark.parametrize("width", ["5", None])
+def test_help_in_a_narrow_terminal_leaves_the_environment(run, monkeypatch, width):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if width is None:
+        monkeypatch.setattr(main_module.shutil, "get_terminal_size", lambda *_: os.terminal_size((5, 24)))
+    else:
+        monkeypatch.setenv("COLUMNS", width)
+    assert run("pack", "--help").status == 0
+    assert os.environ.get("COLUMNS") == width
+
+
 @pytest.mark.parametrize(
-    ("module", "function"), [("llvmlite.binding.executionengine", "callback"), ("elsewhere", "__del__")]
+    ("module", "function"),
+    [
+        ("llvmlite.binding.executionengine", "callback"),
+        ("elsewhere", "__del__"),
+        ("weakref", "remove"),
+        ("numba.core.compiler_lock", "release"),
+        ("contextlib", "__exit__"),
+    ],
 )
 def test_ctrl_c_waits_while_an_error_would_be_lost(module, function):
-    """LLVM and Python ignore errors of the functions that they call back."""
+    """LLVM and Python ignore errors of the functions that they call back; an error in a lock could leave it held."""
     code = (
         f"def {function}():\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
@@ -204,6 +242,34 @@ def test_ctrl_c_waits_while_an_error_would_be_lost(module, function):
         signal.signal(signal.SIGINT, before)
     assert values["done"] == [True]
     assert not given_up.is_set()
+
+
+def test_ctrl_c_stops_the_compilation_of_a_kernel():
+    def callee() -> None:
+        raise AssertionError("only the compiler replaces it")
+
+    completed = []
+
+    @numba.extending.overload(callee)
+    def compiled():
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(1000):
+            pass
+        completed.append(True)
+        return lambda: None
+
+    def compile_kernel() -> None:
+        numba.njit(lambda: callee())()
+        threading.Event().wait(60)  # an interrupt that came too late ends the wait
+
+    before = signal.signal(signal.SIGINT, raising(lambda _: KeyboardInterrupt()))
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            compile_kernel()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert not completed
+    assert not numba.core.compiler_lock.global_compiler_lock.is_locked()
 
 
 def test_ctrl_c_in_a_kernel_is_one_error_line(run, monkeypatch):

@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import urlopen
@@ -470,3 +471,32 @@ def test_signals_have_their_handlers_again_after_a_transfer():
         assert signal.getsignal(signal.SIGTERM) is own
     finally:
         signal.signal(signal.SIGTERM, outside)
+
+
+def test_transfer_ends_if_a_handler_before_it_was_not_pythons(monkeypatch):
+    from splatwire.cli._receiving import canceling_on_signals
+
+    async def work() -> None:
+        with canceling_on_signals(asyncio.get_running_loop().create_future()) as received:
+            assert not received
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(signal, "getsignal", lambda _: None)
+            asyncio.run(work())
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def test_following_that_ends_without_a_scene_and_without_a_signal_fails(tmp_path: Path, monkeypatch, capsys):
+    async def follow(*_: object):
+        for stream in ():
+            yield stream
+
+    monkeypatch.setattr(_run_receive, "_decoding_module", lambda: SimpleNamespace(follow=follow))
+    url = "udp://127.0.0.1:9/room"
+    assert call("receive", url, "-o", str(tmp_path / "a.swz"), "--follow") == 128 + signal.SIGINT
+    assert capsys.readouterr().err == "splatwire: stopped\n"

@@ -107,4 +107,5 @@ def canceling_on_signals(stop: asyncio.Future[None]) -> Iterator[list[int]]:
         # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
         for number, handler in before.items():
             loop.remove_signal_handler(number)
-            signal.signal(number, handler)
+            if handler is not None:  # None: it was not Python's, and Python cannot set it again
+                signal.signal(number, handler)

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import itertools
 import re
+import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -130,7 +131,8 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
 
     signals = asyncio.run(run())
     if not num_written:
-        raise StoppedError(signals[0])  # stopped before the scene arrived; sets the exit status
+        # Stopped before the scene arrived; sets the exit status.
+        raise StoppedError(signals[0] if signals else signal.SIGINT)
 
 
 def print_warning(text: str) -> None:

@@ -9,9 +9,13 @@ from types import FrameType
 
 _RETRY_S = 0.02
 """Time after which a signal is tried again, seconds."""
-_FOREIGN = ("llvmlite", "numba.core.compiler_lock")
-"""Modules in which an error is lost, because LLVM calls them, or leaves a lock held for ever."""
-_CALLBACKS = ("__del__", "_remove")
+_FOREIGN = ("llvmlite.binding", "weakref")
+"""Modules whose functions, and all that these call, lose an error: LLVM calls them, or Python while it frees objects.
+An error in `llvmlite.binding` can also leave a lock held for ever."""
+_LOCKING = ("numba.core.compiler_lock", "contextlib")
+"""Modules in which an error can leave a lock held for ever; not so in what they call with the lock held: the compiler.
+Numba acquires its lock in a `contextlib.ExitStack`."""
+_CALLBACKS = ("__del__", "_remove", "on_disposal", "_on_type_disposal")
 """Functions that Python calls while it frees objects; errors in them are printed and ignored."""
 
 
@@ -57,9 +61,19 @@ def _repeat(number: int) -> None:
 
 
 def _may_raise(frame: FrameType | None) -> bool:
-    """True if no function that is running loses an error."""
+    """True if no function that is running loses an error or would leave a lock held.
+
+    Args:
+        frame: Innermost function that is running.
+    """
+    if frame is not None and _module(frame) in _LOCKING:
+        return False
     while frame is not None:
-        if frame.f_code.co_name in _CALLBACKS or str(frame.f_globals.get("__name__")).startswith(_FOREIGN):
+        if frame.f_code.co_name in _CALLBACKS or _module(frame).startswith(_FOREIGN):
             return False
         frame = frame.f_back
     return True
+
+
+def _module(frame: FrameType) -> str:
+    return str(frame.f_globals.get("__name__"))

@@ -54,9 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except BrokenPipeError:
             _discard_stdout()
             status = 0
-        status = _flush_stdout(status)
         if arguments is None:
-            _end_at_next_interrupt()
+            _end_at_next_interrupt()  # before the output is flushed, which can wait for a reader
+        status = _flush_stdout(status)
     sys.exit(status)
 
 
@@ -120,7 +120,8 @@ def _rare_collections() -> Iterator[None]:
 def _end_at_next_interrupt() -> None:
     """Lets another Ctrl-C end the process at once, after the command has ended."""
     # Otherwise, Python prints a traceback for it while objects are freed and the process shuts down.
-    if _in_main_thread() and signal.getsignal(signal.SIGINT) not in (signal.SIG_DFL, signal.SIG_IGN):
+    # A handler that is not Python's (None) stays, because it could not be set again.
+    if _in_main_thread() and signal.getsignal(signal.SIGINT) not in (None, signal.SIG_DFL, signal.SIG_IGN):
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -130,7 +131,10 @@ def _in_main_thread() -> bool:
 
 @contextmanager
 def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
-    """Converts SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed.
+    """Converts SIGINT, SIGTERM and SIGHUP to a regular exit of the process, so that temporary files are removed.
+
+    A signal raises KeyboardInterrupt (SIGINT) or SystemExit as soon as the error cannot get lost. Signals that are
+    ignored, or have a handler of the caller, keep their action.
 
     Args:
         in_process: True if the process goes on after the command; the action of Ctrl-C is then restored, too.
@@ -153,7 +157,7 @@ def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if in_process:
+        if in_process and interrupt is not None:  # None: a handler that is not Python's, which was not replaced
             signal.signal(signal.SIGINT, interrupt)  # Python's own action, or that of the caller
 
 
@@ -253,14 +257,27 @@ def _parse(arguments: list[str]) -> Any:
 @contextmanager
 def _help_output() -> Iterator[None]:
     """Discards help texts if standard output is closed, and makes them at least `_LEAST_COLUMNS` wide."""
-    if shutil.get_terminal_size().columns < _LEAST_COLUMNS:
-        os.environ["COLUMNS"] = str(_LEAST_COLUMNS)  # the option parser would break lines without end
-    # tyro needs a stream.
-    if sys.stdout is not None:
+    with contextlib.ExitStack() as stack:
+        if shutil.get_terminal_size().columns < _LEAST_COLUMNS:
+            stack.enter_context(_columns(_LEAST_COLUMNS))  # the option parser would break lines without end
+        if sys.stdout is None:  # tyro needs a stream
+            nowhere = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
+            stack.enter_context(contextlib.redirect_stdout(nowhere))
         yield
-        return
-    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere):
+
+
+@contextmanager
+def _columns(count: int) -> Iterator[None]:
+    """Sets the environment variable for the width of the terminal, characters, until the end of the context."""
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = str(count)
+    try:
         yield
+    finally:
+        if before is None:
+            del os.environ["COLUMNS"]
+        else:
+            os.environ["COLUMNS"] = before
 
 
 def _execute(verb: str, options: Any) -> None:
