@@ -182,6 +182,30 @@ test("the camera stops at obstacles, stays within its limits and returns home", 
   assert.equal(JSON.stringify([orbit.pose(), orbit.distance]), began);
 });
 
+test("the automatic rotation does not move a reframed camera into an obstacle", () => {
+  const beside = Array.from({ length: 6000 }, (_, n) => [
+    (n % 2 ? 3 : -3) + 0.2 * normal(),
+    0.2 * normal(),
+    0.2 * normal(),
+  ]);
+  const parts = [scene(sphere(4000, 1), 0.05), scene(beside, 0.05)],
+    space = new FreeSpace(sceneCore(parts), parts),
+    { orbit } = hands(parts);
+  const isFree = (): boolean => {
+    const { x, y, z } = orbit.pose().position;
+    return space.isFree([x, y, z]);
+  };
+  orbit.pitch = 0;
+  orbit.begin([0, 0, 0], 6, 0);
+  orbit.drift(Math.PI / 2);
+  assert.equal(orbit.distance, 6);
+  orbit.begin([0, 0, 0], 3, 0);
+  assert.ok(orbit.distance < 3);
+  assert.ok(Math.abs(orbit.yaw - Math.PI / 2) < 1e-6);
+  assert.ok(isFree());
+  assert.equal(orbit.touched, false);
+});
+
 test("picking returns the depth of the visible surface", () => {
   const parts = [scene(sphere(8000, 1), 0.05)],
     { orbit } = hands(parts),

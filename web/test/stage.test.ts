@@ -1,7 +1,7 @@
 // Framing of clips: an empty frame, sent as an invisible Gaussian at 0, takes no part.
 
 import assert from "node:assert/strict";
-import { mock, test } from "node:test";
+import { type TestContext, test } from "node:test";
 
 import type { Viewpoint } from "../src/codec/decoder.ts";
 import { emptySplats } from "../src/codec/splats.ts";
@@ -19,8 +19,20 @@ function line(z: number): Packed {
   return pack([splats], 0, 1);
 }
 
+/** Sets globals until the end of a test. */
+function setGlobals(context: TestContext, globals: object): void {
+  for (const [name, value] of Object.entries(globals)) {
+    const before = Object.getOwnPropertyDescriptor(globalThis, name);
+    Object.defineProperty(globalThis, name, { value, configurable: true, writable: true });
+    context.after(() => {
+      if (before) Object.defineProperty(globalThis, name, before);
+      else Reflect.deleteProperty(globalThis, name);
+    });
+  }
+}
+
 /** Returns an invisible stage of 800 x 600 pixels, without a document. */
-function stageOf(): Stage {
+function stageOf(context: TestContext): Stage {
   const nothing = (): void => undefined,
     classList = { add: nothing, remove: nothing, toggle: nothing };
   const createElement = (): object => ({
@@ -31,16 +43,16 @@ function stageOf(): Stage {
     clientWidth: 800,
     clientHeight: 600,
   });
-  Object.assign(globalThis, { document: { createElement }, cancelAnimationFrame: nothing });
+  setGlobals(context, { document: { createElement }, cancelAnimationFrame: nothing });
   const stage = new Stage(nothing, assert.fail, "a clip");
   stage.isVisible = false;
   stage.begin(1);
   return stage;
 }
 
-test("a camera is framed by the first frame that is not empty", () => {
-  const stage = stageOf(),
-    plain = stageOf();
+test("a camera is framed by the first frame that is not empty", (context) => {
+  const stage = stageOf(context),
+    plain = stageOf(context);
   stage.add(EMPTY, true);
   assert.equal(stage.count, 0);
   stage.resize();
@@ -52,8 +64,8 @@ test("a camera is framed by the first frame that is not empty", () => {
   assert.deepEqual(stage.viewpoint, plain.viewpoint);
 });
 
-test("a viewpoint far from 0 is kept if the first frame is empty", () => {
-  const stage = stageOf(),
+test("a viewpoint far from 0 is kept if the first frame is empty", (context) => {
+  const stage = stageOf(context),
     viewpoint = { eye: [0, 0, 5003], target: [0, 0, 5000], up: [0, 1, 0] } as const;
   stage.add(EMPTY, true);
   stage.setViewpoint({ ...viewpoint, eye: [...viewpoint.eye], target: [...viewpoint.target], up: [...viewpoint.up] });
@@ -63,8 +75,8 @@ test("a viewpoint far from 0 is kept if the first frame is empty", () => {
   assert.ok(Math.hypot(eye[0], eye[1], eye[2] - 5003) < 1e-3, String(eye));
 });
 
-test("the automatic rotation continues when the scene is framed again", () => {
-  const stage = stageOf(),
+test("the automatic rotation continues when the scene is framed again", (context) => {
+  const stage = stageOf(context),
     { orbit } = stage;
   stage.add(line(0), true);
   const { yaw } = orbit;
@@ -87,8 +99,9 @@ test("the automatic rotation continues when the scene is framed again", () => {
   assert.ok(Math.abs(stage.viewpoint.eye[2] - 3) < 1e-6);
 });
 
-test("a context that is lost repeatedly is requested with growing pauses, then given up with one error", async () => {
-  mock.timers.enable({ apis: ["setTimeout"] });
+test("a context that is lost repeatedly is requested with growing pauses, then given up", async (context) => {
+  const { timers } = context.mock;
+  timers.enable({ apis: ["setTimeout"] });
   const errors: Error[] = [],
     lost: (() => void)[] = [],
     nothing = (): void => undefined;
@@ -108,7 +121,7 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
       Object.assign(this, Object.fromEntries(methods));
     }
   }
-  Object.assign(globalThis, {
+  setGlobals(context, {
     window: globalThis,
     document: { createElement },
     cancelAnimationFrame: nothing,
@@ -125,10 +138,10 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
     assert.equal(lost.length, failures);
     assert.equal(errors.length, 0);
     lost.at(-1)!();
-    mock.timers.tick(500 * 2 ** failures - 1);
+    timers.tick(1000 * 2 ** (failures - 1) - 1);
     await settle();
     assert.equal(lost.length, failures);
-    mock.timers.tick(1);
+    timers.tick(1);
   }
   await settle();
   assert.deepEqual(
@@ -138,5 +151,4 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
   void stage.open();
   await settle();
   assert.equal(lost.length, 9);
-  mock.timers.reset();
 });

@@ -67,9 +67,10 @@ export class Controller {
   #reportedViewpoint = "";
   /** Aborts the listeners when the element is released. */
   readonly #released = new AbortController();
-  /** Aborted with the error when the worker fails, and when the drawing does. */
+  /** Aborted with the error when the worker fails. */
   readonly #workerFailed = new AbortController();
-  readonly #drawingFailed = new AbortController();
+  /** Aborted with the error when drawing fails. Replaced when drawing then succeeds. */
+  #drawingFailed = new AbortController();
   /** Aborts the listeners for the window of the element's document. */
   #windowLeft = new AbortController();
   /** Address of the scene's file; empty for a scene inside the page. */
@@ -112,7 +113,10 @@ export class Controller {
     );
     const title = titleOf(host);
     this.stage = new Stage(
-      () => this.#conceal(),
+      () => {
+        if (this.#drawingFailed.signal.aborted) this.#drawingFailed = new AbortController();
+        this.#conceal();
+      },
       (error) => failWith(this.#drawingFailed, error),
       title,
     );
@@ -209,15 +213,15 @@ export class Controller {
   }
 
   verify(): Promise<boolean> {
-    const same = this.#session.verify(() => this.#send({ kind: "digest" }));
-    return unlessAborted(same, this.#released.signal, this.#workerFailed.signal);
+    const verify = (): Promise<boolean> => this.#session.verify(() => this.#send({ kind: "digest" }));
+    return unlessAborted(verify, this.#released.signal, this.#workerFailed.signal);
   }
 
   picture(camera: FixedCamera): Promise<string> {
-    const signals = [this.#released.signal, this.#workerFailed.signal],
-      { signal } = this.#drawingFailed;
-    if (!this.stage.view || !signal.aborted) signals.push(signal);
-    return this.#comparison.withoutComparison(() => unlessAborted(this.#picture(camera), ...signals));
+    const draw = (): Promise<string> => this.#picture(camera);
+    return this.#comparison.withoutComparison(() =>
+      unlessAborted(draw, this.#released.signal, this.#workerFailed.signal, this.#drawingFailed.signal),
+    );
   }
 
   /** Makes a picture, again if the WebGL context is lost meanwhile. The page then has its own camera again. */

@@ -28,12 +28,10 @@ const WEBGL_GAUSSIANS = 50_000,
   WEBGL_DELAY_MS = 3000;
 /** Time limit for an animation frame, milliseconds. An invisible page has none, but its promises must resolve. */
 const FRAME_TIMEOUT_MS = 100;
-/**
- * Delay before a lost WebGL context is requested again, milliseconds, which doubles with each failure from the first
- * one on, and number of failures. After an error of the GPU, browsers refuse contexts for two minutes.
- */
-const CONTEXT_RETRY_MS = 500,
-  MAX_CONTEXT_FAILURES = 8;
+/** Delay before a lost WebGL context is requested again, milliseconds. It doubles with each further failure. */
+const CONTEXT_RETRY_MS = 1000;
+/** Failures in a row after which no context is requested again. Browsers refuse contexts for two minutes after some. */
+const MAX_CONTEXT_FAILURES = 8;
 
 /** Display time of a hint, milliseconds. */
 const HINT_MS = 2000;
@@ -181,7 +179,7 @@ export class Stage implements ContextOwner {
       this.view = new Drawing(canvas, this.orbit);
     } catch (error) {
       canvas.remove();
-      throw new Error(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
+      throw new Error(`This browser has no WebGL 2 (${(error as Error).message}).`);
     }
     const view = this.view;
     canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
@@ -225,7 +223,7 @@ export class Stage implements ContextOwner {
         this.#retryTimer = 0;
         void this.open();
       },
-      CONTEXT_RETRY_MS * 2 ** failures,
+      CONTEXT_RETRY_MS * 2 ** (failures - 1),
     );
   }
 
@@ -439,7 +437,7 @@ export class Stage implements ContextOwner {
     this.touch();
   }
 
-  /** Adds Gaussians, or replaces all with `replaces`. */
+  /** Adds Gaussians. If `replaces` is true, they replace all others. */
   add(packed: Packed, replaces = false): void {
     this.#parts = replaces ? [packed] : [...this.#parts, packed];
     this.#count = replaces ? packed.count : this.#count + packed.count;

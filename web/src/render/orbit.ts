@@ -106,12 +106,14 @@ export class Orbit {
     readonly pick: (at: WindowPosition | null) => Vec3 | null = () => null,
   ) {}
 
-  /** Sets the initial state: a target, a distance, and an angle to which that of the automatic rotation is added. */
+  /** Sets the initial state: a target, a distance and a yaw. The automatic rotation so far is then repeated. */
   begin(target: readonly number[], distance: number, yaw = this.yaw - this.#drifted): void {
     this.target = new Vec3(...target);
     Object.assign(this, { distance, yaw });
     this.#storeInitial();
-    this.yaw += this.#drifted;
+    const drifted = this.#drifted;
+    this.#drifted = 0;
+    if (drifted) this.drift(drifted); // stops at obstacles
   }
 
   /** Sets the initial state: an eye position, a target and an up vector. */

@@ -53,6 +53,9 @@ const MAX_PIXEL_RATIO = 2;
 /** Time after which a view counts as stable, milliseconds. */
 const STABLE_MS = 60_000;
 
+/** Error message if an allocation failed, in the process or on the GPU. */
+const TOO_LITTLE_MEMORY = "This device cannot draw the scene: too little memory.";
+
 /** Internals of PlayCanvas's frame loop. */
 interface FrameLoop {
   readonly frameRequestId: number;
@@ -217,7 +220,7 @@ export class View {
     for (const waiting of [this.#frame, this.#sorted, this.#steady]) for (const resolve of waiting.splice(0)) resolve();
   }
 
-  /** Runs work, and ends drawing if it throws, such as for lack of memory. */
+  /** Runs work. Ends drawing if it throws. */
   #try(work: () => void): void {
     try {
       work();
@@ -229,7 +232,7 @@ export class View {
   /** Ends drawing: gives the context up, so that its owner decides what to do. */
   #fail(error: Error): void {
     if (this.#failure || this.#destroyed) return;
-    this.#failure = new Error(`This device cannot draw the scene: ${error.message}`);
+    this.#failure = new Error(isMemoryError(error) ? TOO_LITTLE_MEMORY : `Drawing failed: ${error.message}`);
     this.#pending = [];
     setTimeout(() => this.canvas.dispatchEvent(new Event("webglcontextlost")));
   }
@@ -239,7 +242,7 @@ export class View {
     const { gl } = this.#device;
     this.#memory = "checked";
     for (let n = 0, error = gl.getError(); error && n < 8; n++, error = gl.getError())
-      if (error === gl.OUT_OF_MEMORY) this.#fail(new Error("its GPU has too little memory"));
+      if (error === gl.OUT_OF_MEMORY) this.#fail(new RangeError("GPU out of memory"));
   }
 
   /** Reason for a lost context. */
@@ -249,7 +252,7 @@ export class View {
 
   /**
    * Returns the number of failures after the loss of this context and a number of failures before. It is infinite if
-   * another context would be lost, too: a scene without tiles is always as large.
+   * another context would be lost, too. Only a scene whose tiles are drawn can be drawn with fewer Gaussians.
    */
   failuresAfter(failures: number): number {
     if (this.#failure && !this.#tiles) return Infinity;
@@ -304,6 +307,7 @@ export class View {
     this.#camera.camera!.fov = (2 * Math.atan(tangent) * 180) / Math.PI;
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
     this.#target.resize(width, height);
+    this.#memory = "changed";
   }
 
   background([red, green, blue]: readonly number[]): void {
@@ -333,7 +337,7 @@ export class View {
     this.#mesh.clear();
   }
 
-  /** Adds Gaussians, or replaces all with `replaces`. */
+  /** Adds Gaussians. If `replaces` is true, they replace all others. */
   add(packed: Packed, replaces = false): void {
     if (this.#failure) return;
     if (replaces) return this.#try(() => this.#replace(packed));
@@ -581,6 +585,11 @@ export class View {
     this.#isSorted = false;
     if (!this.#uploading) for (const resolve of this.#sorted.splice(0)) resolve();
   }
+}
+
+/** Returns true for errors of an allocation. Firefox throws errors of another type, or a string. */
+function isMemoryError(error: unknown): boolean {
+  return error instanceof RangeError || /out of memory|allocat/i.test(String(error));
 }
 
 function placeFixed(camera: Entity, [x, y, z]: readonly (readonly number[])[], size: number): void {
