@@ -165,6 +165,7 @@ def test_ctrl_c_while_the_command_line_loads_is_one_error_line():
 def test_ctrl_c_after_the_end_of_a_command_prints_no_traceback():
     done = _python(
         "import atexit, os, signal, sys\nimport splatwire.__main__ as entry\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # may be ignored where tests run
         "atexit.register(os.kill, os.getpid(), signal.SIGINT)\n"
         "sys.argv = ['splatwire', '--version']\nentry.start()"
     )

@@ -235,7 +235,7 @@ def test_only_the_expected_certificate_is_accepted():
             for trust in (Trust(insecure=True), Trust(authority=authority)):
                 assert (await fetch(server.port, ReceiverOptions(name="other"), trust)).stream() == OTHER
             for trust, told in (
-                (Trust(), "not trusted: self-signed certificate. --fingerprint"),
+                (Trust(), "not trusted: self-signed certificate. Trust it with --fingerprint"),
                 (Trust(fingerprint="0" * 64), "another fingerprint"),
                 (Trust(authority=stranger), "self-signed"),
             ):
