@@ -3,7 +3,7 @@
     python benchmarks/splats.py rates luigi.ply tiger.ply --others DIR --ready biker.spz -o splats.json
     python benchmarks/splats.py plot splats.json -o splats.svg
     python benchmarks/splats.py scale truck.splat --counts 100000 1000000 -o splats_scale.json
-    python benchmarks/splats.py scale export.ply --counts 500000 --threads 2 -o splats_threads.json
+    python benchmarks/splats.py scale bonsai.ply --counts 500000 --threads 2 -o splats_threads.json
 
 DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm. Missing files are written by
 `splatwire.io.formats` and marked. Eight of the given cameras are measured, and half of the rest determine the precision
