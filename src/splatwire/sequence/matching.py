@@ -240,7 +240,7 @@ def _implausible_matches(
 
 
 def _distance_scale(values: np.ndarray) -> float:
-    """Returns a typical value of distances, by which they are divided: 1.5 times their median, and always above 0."""
+    """Returns 1.5 times the median of distances, always above 0. Distances are divided by this value."""
     return max(float(np.median(values)) * 1.5, float(values.mean()) * 1e-3, 1e-12)
 
 
