@@ -12,7 +12,7 @@ from splatwire.types.cameras import NEAR_DEPTH
 
 SIDE = 96
 """Width and height of the rendered images, pixels."""
-MOST = 300_000
+MOST = 100_000
 """Maximum number of Gaussians that are rendered for the estimate."""
 AWAY = 8.0
 """Distance of the cameras from the scene's centre, in multiples of the scene's radius."""

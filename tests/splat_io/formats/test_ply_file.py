@@ -1,5 +1,6 @@
 import lzma
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from splat_io.formats.handmade import FORMATS, ply, some_splats, write
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import OTHER_PLY, file_kind
 from splatwire.io.formats import read_splats, write_splats
-from splatwire.io.formats.ply_file import read_ply, read_ply_elements
+from splatwire.io.formats.ply_file import PlyElement, read_ply, read_ply_elements
 
 HEAD = (
     b"ply\nformat binary_little_endian 1.0\ncomment by hand\nelement vertex 2\nproperty float x\nproperty float w_0\n"
@@ -45,6 +46,19 @@ def test_spaces_at_the_end_of_header_lines_are_accepted(content, tmp_path):
 def test_xz_is_unpacked(tmp_path):
     (tmp_path / "a.ply.xz").write_bytes(lzma.compress(GOOD))
     assert read_ply(tmp_path / "a.ply.xz").rows["x"][1] == 3.25
+
+
+@pytest.mark.parametrize("types", ["<f4 <f4 <f4 <f4", ">f4 >f4 >f4 >f4", "<f4 <f8 <f4 <f4", "<f4 <f4 <u1 <f4"])
+@pytest.mark.parametrize("names", [["a", "b", "c", "d"], ["b", "c"], ["c", "b"], ["a", "c"], ["d"], []])
+@pytest.mark.parametrize("step", [1, 2])
+def test_selected_columns_are_the_columns_of_these_names(types, names, step):
+    rows = np.zeros(6, [(name, kind) for name, kind in zip("abcd", types.split(), strict=True)])
+    for place, name in enumerate("abcd"):
+        rows[name] = 10 * place + np.arange(6)
+    some = PlyElement(Path("a.ply"), "vertex", rows[::step])
+    expected = np.float32([[row[name] for name in names] for row in some.rows])
+    assert np.array_equal(some.select(names), expected)
+    assert np.array_equal(some.select_wide(names), expected.astype(np.float64))
 
 
 BAD = {
