@@ -2,7 +2,7 @@
 
 Runs as a program: the suite's own checks of annotations would come before those of the package.
 
-Usage: python hostile_arguments.py FOLDER ROOM
+Usage: python hostile_arguments.py FOLDER PACKAGE
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ from splatwire.files.kinds import STREAM
 from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
-ROOMS = (
+PACKAGES = (
     "", "io", "types", "io.formats", "bitstream", "channel", "codec", "concealment", "render", "data", "metrics",
     "evaluation", "sequence", "lod", "transport", "view", "planning", "calibration", "paper", "neural.training",
     "neural.importers",
@@ -419,19 +419,19 @@ def _names(text: str, parameter: inspect.Parameter, value: Any) -> bool:
     return any(word.lower() in text.lower() for word in words)
 
 
-def _public(room: str) -> list[tuple[str, Any]]:
+def _public(package: str) -> list[tuple[str, Any]]:
     """Public names of a package and their values."""
-    module = importlib.import_module(f"splatwire.{room}" if room else "splatwire")
-    if room not in NAMES:
+    module = importlib.import_module(f"splatwire.{package}" if package else "splatwire")
+    if package not in NAMES:
         return [(name, getattr(module, name)) for name in module.__all__]
-    places = [place.rpartition(".") for place in NAMES[room]]
-    return [(name, getattr(importlib.import_module(f"splatwire.{room}.{file}"), name)) for file, _, name in places]
+    paths = [path.rpartition(".") for path in NAMES[package]]
+    return [(name, getattr(importlib.import_module(f"splatwire.{package}.{file}"), name)) for file, _, name in paths]
 
 
-def problems(room: str, pool: Pool) -> dict[str, str]:
+def problems(package: str, pool: Pool) -> dict[str, str]:
     """Raw errors by call, such as `render_scene(background=NaN)`."""
     found = {}
-    for name, call in _public(room):
+    for name, call in _public(package):
         if not callable(call) or name in RESULTS or (isinstance(call, type) and issubclass(call, Exception)):
             continue
         parameters = [p for p in inspect.signature(call).parameters.values() if p.kind != p.VAR_KEYWORD]
@@ -455,11 +455,11 @@ def problems(room: str, pool: Pool) -> dict[str, str]:
     return found
 
 
-def main(folder: str, *rooms: str) -> None:
-    """Prints the raw errors of rooms."""
+def main(folder: str, *packages: str) -> None:
+    """Prints the raw errors of packages."""
     logging.disable(logging.CRITICAL)
     pool = Pool(Path(folder))
-    print(json.dumps({room: problems(room, pool) for room in rooms or ROOMS}))
+    print(json.dumps({package: problems(package, pool) for package in packages or PACKAGES}))
 
 
 if __name__ == "__main__":

@@ -261,10 +261,10 @@ def test_invalid_argument_is_one_error_naming_valid_ones(outcomes, call):
 def records() -> list[type]:
     """Objects of the data model with arrays or bytes."""
     found = []
-    for room in (splatwire.types, splatwire.anchors, splatwire.bitstream):
-        for module in pkgutil.iter_modules(room.__path__):
-            for value in vars(importlib.import_module(f"{room.__name__}.{module.name}")).values():
-                if dataclasses.is_dataclass(value) and value.__module__.startswith(room.__name__):
+    for package in (splatwire.types, splatwire.anchors, splatwire.bitstream):
+        for module in pkgutil.iter_modules(package.__path__):
+            for value in vars(importlib.import_module(f"{package.__name__}.{module.name}")).values():
+                if dataclasses.is_dataclass(value) and value.__module__.startswith(package.__name__):
                     hints = " ".join(str(hint) for hint in typing.get_type_hints(value).values())
                     if re.search(r"Tensor|ndarray|\bbytes\b|jaxtyping|Splats", hints):
                         found.append(value)

@@ -173,8 +173,8 @@ def head(**values):
     return lambda tensors, header: header.update(values)
 
 
-def config(room, **values):
-    return lambda tensors, header: header["config"][room].update(values)
+def config(section, **values):
+    return lambda tensors, header: header["config"][section].update(values)
 
 
 def nan_of(value):

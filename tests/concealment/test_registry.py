@@ -38,7 +38,7 @@ key = "swell"
 label = "swell"
 conceal = "swell"
 block_size = 60
-options = { most = 1.5 }
+options = { max_factor = 1.5 }
 """
 
 
@@ -88,7 +88,7 @@ def test_study_workers_find_third_party_concealers(streams, engine):
 def test_third_party_concealer_is_registered_and_constrained(tmp_path, monkeypatch, known):
     monkeypatch.syspath_prepend(install_page("your-own-concealer.md", tmp_path))
     assert "swell" in concealer_names()
-    assert vars(create_concealer("swell", most=1.5))["most"] == 1.5
+    assert vars(create_concealer("swell", max_factor=1.5))["max_factor"] == 1.5
     anchors = random_context(50, 3)
     assert float(conceal(anchors, "swell").hints.size_gain.max()) == pytest.approx(
         float(anchors.known.astype(np.float64).mean()) ** -0.5
@@ -98,7 +98,7 @@ def test_third_party_concealer_is_registered_and_constrained(tmp_path, monkeypat
     assert registry.concealer_package("swell") == ("splatwire-swell 1.0",)
     assert registry.concealer_package("cari") == ()
     with pytest.raises(InvalidValueError, match="largest factor must be at least 1"):
-        create_concealer("swell", most=0.5)
+        create_concealer("swell", max_factor=0.5)
 
 
 @pytest.mark.parametrize(

@@ -9,19 +9,19 @@ import splatwire
 SOURCE = Path(splatwire.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[2]
 DESIGN = (REPOSITORY / "docs" / "design.md").read_text(encoding="utf-8")
-NOT_ROOMS = {"__init__", "__main__", "version", "assets", "web", "__pycache__", "py"}
+NOT_PACKAGES = {"__init__", "__main__", "version", "assets", "web", "__pycache__", "py"}
 
 
 def _rows() -> list[tuple[list[str], str]]:
     """Packages and description of each row of the table of packages."""
     table = DESIGN.split("## Packages")[1].split("\n## ")[0]
     rows = [line.split("|")[1:3] for line in table.splitlines() if line.startswith("| `")]
-    return [(re.findall(r"`(\w+)`", rooms), words) for rooms, words in rows]
+    return [(re.findall(r"`(\w+)`", packages), words) for packages, words in rows]
 
 
 def test_table_lists_every_package_once():
-    there = {path.stem for path in SOURCE.iterdir()} - NOT_ROOMS
-    named = [room for rooms, _ in _rows() for room in rooms]
+    there = {path.stem for path in SOURCE.iterdir()} - NOT_PACKAGES
+    named = [package for packages, _ in _rows() for package in packages]
     assert sorted(named) == sorted(there)
 
 
@@ -29,6 +29,8 @@ def test_table_matches_the_layers_of_the_contracts():
     """A package may import the packages above it in the table, never those below."""
     contracts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     layers = next(c for c in contracts["contracts"] if c["type"] == "layers")["layers"]
-    floor = {room.strip().partition(".")[0]: n for n, layer in enumerate(layers[::-1]) for room in layer.split("|")}
-    order = [floor[room] for rooms, _ in _rows() for room in rooms]
+    level = {
+        package.strip().partition(".")[0]: n for n, layer in enumerate(layers[::-1]) for package in layer.split("|")
+    }
+    order = [level[package] for packages, _ in _rows() for package in packages]
     assert order == sorted(order)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hostile_arguments import ROOMS
+from hostile_arguments import PACKAGES
 
 pytestmark = pytest.mark.slow
 
@@ -28,6 +28,6 @@ def problems(tmp_path_factory) -> dict[str, dict[str, str]]:
 
 
 @pytest.mark.needs_torch
-@pytest.mark.parametrize("room", ROOMS, ids=lambda room: room or "splatwire")
-def test_wrong_arguments_of_public_names_are_one_clear_error(problems, room):
-    assert problems[room] == {}
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package or "splatwire")
+def test_wrong_arguments_of_public_names_are_one_clear_error(problems, package):
+    assert problems[package] == {}

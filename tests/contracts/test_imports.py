@@ -26,12 +26,12 @@ def test_import_contracts_hold():
     assert "0 broken" in done.stdout
 
 
-@pytest.mark.parametrize("room", ["bitstream", "channel", "transport", "files", "errors"])
-def test_a_relay_runs_without_torch(room):
+@pytest.mark.parametrize("package", ["bitstream", "channel", "transport", "files", "errors"])
+def test_a_relay_runs_without_torch(package):
     """A fresh interpreter shows that no other module loads them."""
     code = (
         "import importlib, pkgutil, sys\n"
-        f"module = importlib.import_module('splatwire.{room}')\n"
+        f"module = importlib.import_module('splatwire.{package}')\n"
         "for info in pkgutil.iter_modules(getattr(module, '__path__', [])):\n"
         "    importlib.import_module(module.__name__ + '.' + info.name)\n"
         "heavy = {'torch', 'numba', 'scipy', 'jaxtyping', 'PIL', 'matplotlib'} & set(sys.modules)\n"

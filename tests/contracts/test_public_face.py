@@ -44,14 +44,14 @@ def test_deprecated_names_warn_and_give_the_new_object(package, old, new):
 
 def test_public_names_do_not_shadow_packages():
     """`splatwire.render` stays the package after any import order."""
-    rooms = {path.name for path in Path(splatwire.__file__).parent.iterdir() if (path / "__init__.py").exists()}
-    assert not rooms & set(PUBLIC)
+    packages = {path.name for path in Path(splatwire.__file__).parent.iterdir() if (path / "__init__.py").exists()}
+    assert not packages & set(PUBLIC)
 
 
-@pytest.mark.parametrize("room", ["io", "types", "io.formats", "bitstream", "channel", "codec", "concealment",
+@pytest.mark.parametrize("package", ["io", "types", "io.formats", "bitstream", "channel", "codec", "concealment",
                                   "render", "data", "metrics", "evaluation", "sequence", "lod"])  # fmt: skip
-def test_packages_export_every_name_in_all(room):
-    module = importlib.import_module(f"splatwire.{room}")
+def test_packages_export_every_name_in_all(package):
+    module = importlib.import_module(f"splatwire.{package}")
     assert module.__all__
     assert len(set(module.__all__)) == len(module.__all__)
     assert [name for name in module.__all__ if not hasattr(module, name)] == []
@@ -61,7 +61,7 @@ NOT_IN_THE_REFERENCE = {
     "cli": "its verbs have a page of their own",
     "entropy": "integers and bytes, which only the codec calls",
     "files": "what readers of files share",
-    "ops": "kernels that other rooms call",
+    "ops": "kernels that other packages call",
 }
 
 
@@ -70,10 +70,12 @@ NOT_IN_THE_REFERENCE = {
 def test_every_package_is_in_the_reference():
     pytest.importorskip("mkdocs")
     pages = runpy.run_path(str(Path(__file__).resolve().parents[2] / "docs" / "reference.py"))
-    rooms = {path.name for path in Path(splatwire.__file__).parent.iterdir() if (path / "__init__.py").exists()}
-    shown = {room.partition(".")[0] for room in pages["PACKAGES"]}
-    assert rooms - shown == set(NOT_IN_THE_REFERENCE)
-    names = {room: pages["public_names"](importlib.import_module(f"splatwire.{room}")) for room in pages["PACKAGES"]}
+    packages = {path.name for path in Path(splatwire.__file__).parent.iterdir() if (path / "__init__.py").exists()}
+    shown = {package.partition(".")[0] for package in pages["PACKAGES"]}
+    assert packages - shown == set(NOT_IN_THE_REFERENCE)
+    names = {
+        package: pages["public_names"](importlib.import_module(f"splatwire.{package}")) for package in pages["PACKAGES"]
+    }
     assert all(names.values())
     text = "".join(pages["_python"]())
     for name in ("import_hacpp", "import_scaffold", "fit_splats", "read_splats", "preview_for_scene", "plan_protection",

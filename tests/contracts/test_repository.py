@@ -1,4 +1,4 @@
-"""Requirements, licences, links and supported interpreters of the repository."""
+"""Requirements, licences, links, documented constants and supported interpreters of the repository."""
 
 import importlib.metadata
 import os
@@ -11,6 +11,11 @@ from pathlib import Path
 import pytest
 
 from splatwire.errors import EXTRAS
+from splatwire.sequence.live_encoder import PERIOD_GROUPS
+from splatwire.sequence.options import GROUP_FRAMES
+from splatwire.transport.protocol.datagrams import MAX_NACKS
+from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NACK_INTERVAL_S
+from splatwire.transport.protocol.receiver import REORDER
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -86,6 +91,22 @@ def test_local_links_of_documents_resolve(path):
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", document.read_text(encoding="utf-8")):
         if "://" not in target and not target.startswith("reference/"):  # pages that mkdocs generates
             assert (document.parent / target).exists(), f"{path} points to {target}"
+
+
+@pytest.mark.parametrize(
+    ("page", "text"),
+    [
+        ("transport.md", f"after {NACK_INTERVAL_S:g} s at the earliest, at most {MAX_NACK_ATTEMPTS} times"),
+        ("transport.md", f"when a packet {REORDER} places later has arrived"),
+        ("wire.md", f"(together at most {MAX_NACKS})"),
+        ("glossary.md", f"frames that are coded together, {GROUP_FRAMES} by default"),
+        ("motion.md", f"one group of frames ({GROUP_FRAMES}; `--group`)"),
+        ("motion.md", f"Every {PERIOD_GROUPS} groups a new period begins"),
+        ("glossary.md", f"side information of its own, {PERIOD_GROUPS} groups"),
+    ],
+)
+def test_documents_state_the_constants_of_the_code(page, text):
+    assert text in (REPOSITORY / "docs" / page).read_text(encoding="utf-8")
 
 
 def test_minimum_python_version_is_consistent():

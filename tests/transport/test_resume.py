@@ -12,7 +12,7 @@ from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits,
 from splatwire.transport.protocol import nack
 from splatwire.transport.protocol.datagrams import Data, End, Feedback, ParityRange, Welcome
 from splatwire.transport.protocol.events import Finished, Interrupted, Resumed
-from splatwire.transport.protocol.gap_tracker import MAX_ATTEMPTS, MAX_GAPS, GapTracker
+from splatwire.transport.protocol.gap_tracker import MAX_GAPS, GapTracker
 from splatwire.transport.protocol.protection import Protection
 from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream
@@ -263,15 +263,15 @@ def test_packets_of_a_live_stream_are_requested_a_limited_number_of_times(is_liv
         now += 0.05
         frames = (decode(data) for data in receiver.poll(now)[0])
         requests += sum(isinstance(frame, Feedback) and 0 in frame.nacks for frame in frames)
-    assert requests == nack.MAX_ATTEMPTS if is_live else requests > 20
+    assert requests == nack.MAX_NACK_ATTEMPTS if is_live else requests > 20
 
 
 def test_packets_that_are_not_requested_again_take_no_memory():
     tracker, requested = nack.NackTracker(), []
-    tracker.max_attempts = nack.MAX_ATTEMPTS
+    tracker.max_attempts = nack.MAX_NACK_ATTEMPTS
     for turn in range(200):
         requested += tracker.due(range(tracker.exhausted, 1000), float(turn))
-    assert sorted(requested) == [n for n in range(1000) for _ in range(nack.MAX_ATTEMPTS)]
+    assert sorted(requested) == [n for n in range(1000) for _ in range(nack.MAX_NACK_ATTEMPTS)]
     assert (tracker.exhausted, bool(tracker)) == (1000, False)
 
 
@@ -299,5 +299,5 @@ def test_gaps_equal_the_missing_sequence_numbers():
         missing = set(sorted(missing)[-MAX_GAPS:])
         largest = max(largest, number)
         assert set(gaps._below(largest)) == missing
-    for turn in range(MAX_ATTEMPTS):
+    for turn in range(nack.MAX_NACK_ATTEMPTS):
         assert gaps.due(largest, 10.0 * turn)[0] == min(missing)

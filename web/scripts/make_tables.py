@@ -31,7 +31,7 @@ from splatwire.codec.sequence import lifetimes
 from splatwire.concealment.sketch import section as sketch
 from splatwire.entropy import integers
 from splatwire.sequence.encoding import FIRST_FRAME
-from splatwire.transport.protocol import datagrams, wire
+from splatwire.transport.protocol import datagrams, gap_tracker, nack, receiver, wire
 from splatwire.transport.protocol.collect import ReceiverLimits
 
 SOURCES = Path(__file__).parents[1] / "src"
@@ -60,6 +60,9 @@ WIRE_NAMES = {
         "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_PARITY_RANGES", "MAX_DECLARED", "MAX_PREVIEW",
         "MAX_HELD_BYTES",
     ),
+    nack: ("MAX_NACK_ATTEMPTS",),
+    gap_tracker: ("MAX_GAPS",),
+    receiver: ("REORDER", "MAX_SEQUENCE_JUMP", "MAX_FRUITLESS_ENDS"),
 }  # fmt: skip
 NETWORK_LIMITS = {
     weight_bytes: ("MAX_WIDTH", "MAX_WEIGHTS"), weights: ("MAX_SHIFT", "MAX_STEP"), integers: ("MAX_SYMBOL",),
@@ -122,7 +125,9 @@ def wire_module() -> str:
     """Returns a TypeScript module with kinds and limits of wire messages, as far as browsers need them."""
     values = {name: getattr(module, name) for module, names in WIRE_NAMES.items() for name in names}
     limits_of_receivers = {"MAX_HEAD_BYTES": ReceiverLimits.head_bytes, "MAX_PACKETS": ReceiverLimits.packets}
-    return MADE + WIRE + _exported({**values, **limits_of_receivers})
+    intervals = {"NACK_INTERVAL_MS": nack.NACK_INTERVAL_S, "FEEDBACK_MS": receiver.FEEDBACK_S}
+    milliseconds = {name: round(1000 * seconds) for name, seconds in intervals.items()}
+    return MADE + WIRE + _exported({**values, **limits_of_receivers, **milliseconds})
 
 
 def _exported(values: Mapping[str, object]) -> str:

@@ -1,5 +1,6 @@
 // Receiver state machine of one WebTransport session. Maps received bytes and times (milliseconds) to bytes to send. It
-// has no socket and no clock.
+// has no socket and no clock. `splatwire.transport.protocol` (`nack`, `gap_tracker`, `receiver`) describes the limits of
+// requests (NACKs).
 
 import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";
@@ -19,30 +20,33 @@ import {
   writeView,
 } from "./frames.ts";
 import { InitSegment } from "./init_segment.ts";
-import { DATA, END, MAX_NACKS, NOT_YET, OTHER_VERSION, REFUSALS, REFUSE, SIDE, WELCOME } from "./wire.ts";
+import {
+  DATA,
+  END,
+  MAX_FRUITLESS_ENDS,
+  MAX_GAPS,
+  MAX_NACK_ATTEMPTS,
+  MAX_NACKS,
+  MAX_SEQUENCE_JUMP,
+  NACK_INTERVAL_MS,
+  NOT_YET,
+  OTHER_VERSION,
+  REFUSALS,
+  REFUSE,
+  REORDER,
+  SIDE,
+  WELCOME,
+} from "./wire.ts";
 
 const IMPOSSIBLE = "the server announces something impossible";
 /** Delay between requests for a live stream that has not begun, milliseconds. */
 const NOT_YET_MS = 250;
 /** Refusals that a retry cannot resolve. */
 export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VERSION], IMPOSSIBLE];
-// Limits of requests (NACKs), named as in `splatwire.transport.protocol` (nack, receiver, receive_state, gap_tracker).
-/** Minimum interval between requests for the same packet, milliseconds. */
-const NACK_INTERVAL_MS = 120;
-/** Reordering threshold: packets this far behind the furthest received one count as lost. */
-const REORDER = 48;
 /** Maximum number of datagrams kept until the welcome message arrives. */
 const MOST_EARLY = 64;
 /** Maximum number of packets kept until the message arrives that announces them. */
 const MAX_WAITING_PACKETS = 512;
-/** Maximum increase of the sequence number; a datagram further ahead is rejected. */
-const MAX_SEQUENCE_JUMP = 2 ** 17;
-/** Number of consecutive `END` datagrams without a packet, after which the server is not expected to resend. */
-const MAX_FRUITLESS_ENDS = 25;
-/** Maximum number of missing sequence numbers that are stored; the oldest are dropped first. */
-const MAX_GAPS = 4096;
-/** Maximum number of requests per sequence number, and per packet of a live stream. */
-const MAX_ATTEMPTS = 8;
 
 /** Number of contradicting packets after which the transfer ends. */
 const MAX_CONTRADICTIONS = 64;
@@ -203,7 +207,7 @@ export class Transfer {
     for (const [number, times] of this.#gaps) {
       if (number > before || lost.length === MAX_NACKS) break;
       if (now - (this.#sequenceNackedAt.get(number) ?? -1e9) < NACK_INTERVAL_MS) continue;
-      if (times === MAX_ATTEMPTS) {
+      if (times === MAX_NACK_ATTEMPTS) {
         this.#gaps.delete(number);
         this.#sequenceNackedAt.delete(number);
         continue;
@@ -229,7 +233,7 @@ export class Transfer {
       if (this.#packetStates[packetIndex] || now - (this.#nackedAt.get(packetIndex) ?? -1e9) < NACK_INTERVAL_MS)
         continue;
       const tries = this.#nackCounts.get(packetIndex) ?? 0;
-      if (this.#beganLive && tries === MAX_ATTEMPTS) {
+      if (this.#beganLive && tries === MAX_NACK_ATTEMPTS) {
         this.#packetStates[packetIndex] = 2; // a late motion packet is useless
         this.#nackCounts.delete(packetIndex);
         this.#nackedAt.delete(packetIndex);

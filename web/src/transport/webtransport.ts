@@ -5,9 +5,8 @@ import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { type StoredStream, Transfer } from "./transfer.ts";
+import { FEEDBACK_MS } from "./wire.ts";
 
-/** Interval between feedback datagrams, which contain the requests for lost packets, milliseconds. */
-const FEEDBACK_MS = 20;
 const PATIENCE_MS = 4000,
   SILENCE_MS = 10000;
 /**

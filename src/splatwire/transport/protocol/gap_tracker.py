@@ -3,14 +3,10 @@
 from bisect import bisect_right
 from collections.abc import Iterator
 
-from splatwire.transport.protocol.nack import NackTracker
+from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NackTracker
 
 MAX_GAPS = 4096
 """Maximum number of missing sequence numbers that are stored; the oldest are dropped first."""
-MAX_ATTEMPTS = 8
-"""Maximum number of NACKs per sequence number. Retransmissions have new sequence numbers, so that the tracker cannot
-see if one has been received.
-"""
 
 
 class GapTracker:
@@ -21,7 +17,8 @@ class GapTracker:
         self._stops: list[int] = []
         self._count = 0
         self._nack_tracker = NackTracker()
-        self._nack_tracker.max_attempts = MAX_ATTEMPTS
+        # A retransmission has a new sequence number, so the tracker cannot see if it has been received.
+        self._nack_tracker.max_attempts = MAX_NACK_ATTEMPTS
 
     def on_received(self, sequence: int, largest: int) -> None:
         """Records a received datagram, and the gap of missing datagrams before this datagram.
@@ -55,7 +52,7 @@ class GapTracker:
             before: Upper limit (exclusive) on the sequence numbers; later datagrams may still arrive out of order.
             now: Time, seconds.
         """
-        for number in [number for number in self._below(before) if self._attempts(number) >= MAX_ATTEMPTS]:
+        for number in [number for number in self._below(before) if self._attempts(number) >= MAX_NACK_ATTEMPTS]:
             self._discard(number)
         return self._nack_tracker.due(self._below(before), now)
 

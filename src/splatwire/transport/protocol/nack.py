@@ -9,8 +9,7 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 #
 # * interval between feedback datagrams: `receiver.FEEDBACK_S`;
 # * interval between NACKs for a packet: `NACK_INTERVAL_S`;
-# * number of NACKs per packet of a live stream: `MAX_ATTEMPTS`;
-# * number of NACKs per sequence number, for streams with view-dependent order: `gap_tracker.MAX_ATTEMPTS`;
+# * number of NACKs per packet of a live stream, and per sequence number: `MAX_NACK_ATTEMPTS`;
 # * number of missing sequence numbers that are stored: `gap_tracker.MAX_GAPS`;
 # * number of NACKs per feedback datagram: `datagrams.MAX_NACKS`;
 # * number of later packets after which a packet counts as missing: `receiver.REORDER`;
@@ -27,12 +26,15 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 # * number of latest datagrams that NACKs may name by sequence number: `send_queue.RECENT`;
 # * bytes sent to a client: `ServerLimits.max_sent_ratio`.
 #
-# The counterpart in browsers is `web/src/transport/transfer.ts`.
+# The counterpart in browsers is `web/src/transport/transfer.ts`. `web/scripts/make_tables.py` copies the limits of a
+# receiver to `web/src/transport/wire.ts`. `docs/transport.md` states the first two.
 
 NACK_INTERVAL_S = 0.12
 """Minimum interval between NACKs for the same packet, seconds."""
-MAX_ATTEMPTS = 8
-"""Maximum number of NACKs per packet of a live stream, where packets that arrive too late are useless."""
+MAX_NACK_ATTEMPTS = 8
+"""Maximum number of NACKs per packet of a live stream, where packets that arrive too late are useless. Also the maximum
+per sequence number, for streams with view-dependent order (`gap_tracker`).
+"""
 
 
 class NackTracker:

@@ -40,7 +40,7 @@ from splatwire.transport.protocol.events import (
 )
 from splatwire.transport.protocol.gap_tracker import GapTracker
 from splatwire.transport.protocol.handshake import RETRY_S, WAIT_S, HandshakeAttempt
-from splatwire.transport.protocol.nack import MAX_ATTEMPTS, NackTracker
+from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NackTracker
 from splatwire.transport.protocol.receive_state import ReceiveState
 from splatwire.transport.protocol.receiver_options import ReceiverOptions
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, decode, encode
@@ -63,6 +63,7 @@ ATTEMPT_S = 4.0
 """Time after which a connection attempt gets a new nonce, seconds: a server starts only one transfer per nonce."""
 SMALL_PATH = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
 FEEDBACK_S = 0.02
+"""Interval between feedback datagrams, which contain the NACKs, seconds."""
 REORDER = 48
 """Reordering threshold: packets this far behind the furthest received one count as lost."""
 MAX_SEQUENCE_JUMP = 1 << 17
@@ -296,7 +297,7 @@ class Receiver(ReceiveState):
         if before is not None:
             self._list_held(now)
         if frame.is_live:
-            self._nack_tracker.max_attempts = MAX_ATTEMPTS
+            self._nack_tracker.max_attempts = MAX_NACK_ATTEMPTS
         self._heard_at, self._feedback_at = now, now + FEEDBACK_S
         out = [] if before is None else [encode(Bye(before.session))]
         out += [*self._received_lists(now), self._feedback(now), *self._viewpoint_datagrams(now)]
@@ -347,7 +348,7 @@ class Receiver(ReceiveState):
         self._begin(frame, discard=follows)
         if follows:
             self._stream_before, self._nack_tracker = before.stream_id, NackTracker()
-        self._nack_tracker.max_attempts, self._ended_at = MAX_ATTEMPTS, None
+        self._nack_tracker.max_attempts, self._ended_at = MAX_NACK_ATTEMPTS, None
         self._progress_at, self._fruitless_ends = now, 0  # the live stream may have paused before it ended
         return [self._feedback(now)], [*left, Welcomed.of(frame)]
 
