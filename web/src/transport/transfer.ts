@@ -1,6 +1,6 @@
 // Receiver state machine of one WebTransport session. Maps received bytes and times (milliseconds) to bytes to send. It
-// has no socket and no clock. `splatwire.transport.protocol` (`nack`, `gap_tracker`, `receiver`) describes the limits of
-// requests (NACKs).
+// has no socket and no clock. `splatwire.transport.protocol` describes the limits of requests (NACKs), in `nack`,
+// `gap_tracker` and `receiver`.
 
 import { hex } from "../bytes.ts";
 import type { ViewCamera } from "../codec/levels/cut.ts";
