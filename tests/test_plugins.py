@@ -146,7 +146,7 @@ def test_loss_model_is_made_from_its_text_and_checked():
     with pytest.raises(InvalidValueError, match=r"loss model 'coin:2' returned int64 of shape \(3,\), not 3 booleans"):
         parse_loss("coin:2").received(3, np.random.default_rng(0))
     register_loss_model("void")(lambda text, *, unit: object())  # type: ignore[type-var]
-    with pytest.raises(InvalidValueError, match="loss model 'void' is not one: it lacks name, received, unit"):
+    with pytest.raises(InvalidValueError, match="loss model 'void' is no loss model: it has no name, received, unit"):
         parse_loss("void:3")
     with pytest.raises(UnknownNameError, match=r"known are bernoulli:RATE, coin:SIDE, gilbert:RATE,BURST, none, trace"):
         parse_loss("dice:3")

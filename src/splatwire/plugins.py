@@ -79,7 +79,7 @@ class Registry(Generic[Entry]):
         text = f"two {self.kind}s are called '{name}': {other} and {source}"
         if not source.startswith(f"{_OWN}.") or other.startswith(f"{_OWN}."):
             raise InvalidValueError(text)
-        self._warn(f"{text}, which stays")
+        self._warn(f"{text}, which is kept")
 
     def find(self, name: str) -> Entry | None:
         """Returns the entry of a name; None if no package has one.
@@ -118,7 +118,7 @@ class Registry(Generic[Entry]):
                 if point.name not in self._entries:
                     others = [other for other in self._announced() if other.name == point.name]
                     self._load(self._chosen(point.name, others))
-                elif not self._brought_by(point):
+                elif not self._is_provided_by(point):
                     taken = f"{self._sources[point.name]} has the name, which stays"
                     self._warn(f"{package_of(point)} announces {self.kind} '{point.name}': {taken}")
             except InvalidValueError as error:
@@ -135,11 +135,11 @@ class Registry(Generic[Entry]):
         Empty for entries of splatwire.
         """
         points = [point for point in self._announced() if point.name == name and not _is_own(point)]
-        points = [point for point in points if name not in self._entries or self._brought_by(point)]
+        points = [point for point in points if name not in self._entries or self._is_provided_by(point)]
         return tuple(f"{point.dist.name} {point.dist.version}" for point in points if point.dist)
 
-    def brought_by(self, name: str) -> str:
-        """Returns the words ` of PACKAGE` for messages about an entry that the installed package PACKAGE registered.
+    def provider_suffix(self, name: str) -> str:
+        """Returns the text ` of PACKAGE` for messages about an entry that another package registered.
 
         The text is empty for an entry of splatwire.
 
@@ -178,7 +178,7 @@ class Registry(Generic[Entry]):
             )
         self._loaded.append(point)
 
-    def _brought_by(self, point: "EntryPoint") -> bool:
+    def _is_provided_by(self, point: "EntryPoint") -> bool:
         """True if the entry that is registered under an entry point's name comes from the same package."""
         same = self._sources[point.name].partition(".")[0] == point.module.partition(".")[0]
         return same or point in self._loaded

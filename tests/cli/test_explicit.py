@@ -221,7 +221,8 @@ def test_plan_adds_redundancy_for_gaussians(run, stream, tmp_path):
 @pytest.mark.needs_torch
 def test_anchor_features_are_refused_for_gaussians(run, ply, stream, tmp_path):
     assert (
-        "this stream of Gaussians has not" in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
+        "this stream of Gaussians does not have"
+        in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
     )
     assert "do not have" in run("encode", ply, "-o", tmp_path / "a.swz", "--refine", "10").err
     assert "this stream of Gaussians has none" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err

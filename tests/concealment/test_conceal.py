@@ -177,7 +177,9 @@ def test_missing_inputs_are_one_error_sentence() -> None:
     with pytest.raises(InvalidValueError, match="the side information of this stream of anchors has no Copies"):
         context[Copies]
     bare = dataclasses.replace(context, records=(context[AnchorLayout],))
-    with pytest.raises(InvalidValueError, match="concealer 'cari' needs Prior, which this stream of anchors has not"):
+    with pytest.raises(
+        InvalidValueError, match="concealer 'cari' needs Prior, which this stream of anchors does not have"
+    ):
         conceal(bare, "cari")
     assert {"drop", "grow"} <= set(concealer_names((), bare.provides)) < set(concealer_names((), context.provides))
 

@@ -75,7 +75,7 @@ def test_documented_concealer_works_on_the_command_line(streams):
     assert json.loads(done.stdout)
     done = run(streams, "decode", "lossy.swz", "-o", "b.scene", "--conceal", "swell:1")
     assert done.returncode == 2
-    assert "concealer 'swell' takes nothing behind a colon" in done.stderr
+    assert "concealer 'swell' takes no value after a colon" in done.stderr
 
 
 @pytest.mark.parametrize("engine", [[], ["--engine", "local"]])
@@ -134,4 +134,4 @@ def test_the_entry_points_of_the_paper_are_installed():
     """An installation that predates the entry points must be repeated (`pip install -e .`)."""
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     for name in project["entry-points"][registry.GROUP]:
-        assert registry.CONCEALERS[name].still.make.__module__.startswith("splatwire.paper.")
+        assert registry.CONCEALERS[name].static.make.__module__.startswith("splatwire.paper.")

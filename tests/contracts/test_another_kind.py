@@ -278,7 +278,9 @@ def test_concealers_with_unmet_needs_are_not_offered(stream: SceneStream) -> Non
     partial = decode_stream(stream.with_packets(stream.packets[:3]))
     assert set(concealer_names((), partial.provides)) == {"drop", "grow"}
     for name in ("cari", "scene_free"):
-        with pytest.raises(InvalidValueError, match=f"concealer '{name}' needs .* this stream of points has not: drop"):
+        with pytest.raises(
+            InvalidValueError, match=f"concealer '{name}' needs .* this stream of points does not have: use drop"
+        ):
             conceal(partial, name)
 
 

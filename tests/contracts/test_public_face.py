@@ -42,6 +42,12 @@ def test_deprecated_names_warn_and_give_the_new_object(package, old, new):
     assert old not in module.__all__
 
 
+def test_deprecated_method_warns_and_calls_the_new_one():
+    stream, _ = splatwire.read_stream(Path(splatwire.__file__).parent / "assets" / "snowmiku_gaussians.swz")
+    with pytest.warns(DeprecationWarning, match="use require_static"):
+        assert stream.still() is stream
+
+
 def test_public_names_do_not_shadow_packages():
     """`splatwire.render` stays the package after any import order."""
     packages = {path.name for path in Path(splatwire.__file__).parent.iterdir() if (path / "__init__.py").exists()}

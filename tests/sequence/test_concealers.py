@@ -104,10 +104,10 @@ def test_invalid_proposal_is_one_error_sentence(lossy, known, proposal, sentence
 
 def test_concealer_without_methods_is_one_error_sentence(known):
     register_concealer("mine", temporal=True)(type("Mine", (), {"name": "mine", "__call__": lambda self, lost: None}))
-    with pytest.raises(InvalidValueError, match="concealer 'mine' is not one: it lacks grow"):
+    with pytest.raises(InvalidValueError, match="concealer 'mine' is no concealer: it has no grow"):
         temporal_concealer("mine")
     register_concealer("yours")(type("Yours", (), {"name": "yours"}))
-    with pytest.raises(InvalidValueError, match="concealer 'yours' is not one: it cannot be called"):
+    with pytest.raises(InvalidValueError, match="concealer 'yours' is no concealer: it cannot be called"):
         create_concealer("yours")
 
 

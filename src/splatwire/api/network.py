@@ -89,7 +89,8 @@ async def serve(
     if not streams:
         raise InvalidValueError("streams: expected at least one stream by its name")
     served = {
-        name: make_served_stream(stream.not_update(f"stream '{name}'"), protection) for name, stream in streams.items()
+        name: make_served_stream(stream.require_scene(f"stream '{name}'"), protection)
+        for name, stream in streams.items()
     }
     server = UdpServer(served, host, port, limits=limits)
     try:

@@ -2,6 +2,7 @@
 
 import hashlib
 import struct
+import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -63,7 +64,7 @@ class SceneStream:
             "container": FILE_PREFIX.size + RECORD_PREFIX.size * len(self.packets),
         }
 
-    def still(self, source: object = "the stream") -> "SceneStream":
+    def require_static(self, source: object = "the stream") -> "SceneStream":
         """Checks that the stream contains a static scene (no sequence or update), and returns the stream itself.
 
         Args:
@@ -74,9 +75,9 @@ class SceneStream:
         """
         if self.manifest.schema.timed:
             raise InvalidValueError(f"{source} is a clip, and this takes scenes; `decode` writes its frames as scenes")
-        return self.not_update(source)
+        return self.require_scene(source)
 
-    def not_update(self, source: object = "the stream") -> "SceneStream":
+    def require_scene(self, source: object = "the stream") -> "SceneStream":
         """Checks that the stream is not an update, which can be neither decoded nor shown without its scene.
 
         Args:
@@ -93,6 +94,11 @@ class SceneStream:
                 f"{source} is an update, which has only the changes of a scene: `apply` makes a stream of both"
             )
         return self
+
+    def still(self, source: object = "the stream") -> "SceneStream":
+        """Deprecated name of `require_static`."""
+        warnings.warn("SceneStream.still is deprecated, use require_static", DeprecationWarning, stacklevel=2)
+        return self.require_static(source)
 
     @checked
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":

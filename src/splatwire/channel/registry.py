@@ -77,8 +77,10 @@ def make_loss(name: str, text: str, unit: str) -> LossModel:
     except (TypeError, ValueError) as error:
         raise InvalidValueError(f"'{name}:{text}' should look like {known.form}: {error}") from error
     if not isinstance(made, LossModel):
-        lacking = ", ".join(word for word in ("name", "received", "unit") if not hasattr(made, word))
-        raise InvalidValueError(f"loss model '{name}'{LOSS_MODELS.brought_by(name)} is not one: it lacks {lacking}")
+        absent = ", ".join(member for member in ("name", "received", "unit") if not hasattr(made, member))
+        raise InvalidValueError(
+            f"loss model '{name}'{LOSS_MODELS.provider_suffix(name)} is no loss model: it has no {absent}"
+        )
     return made if type(made).__module__.startswith("splatwire.") else CheckedLoss(made, unit)
 
 

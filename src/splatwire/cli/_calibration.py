@@ -98,7 +98,7 @@ def complete_stream(source: Path, show: Reporter) -> SceneStream:
         show: Called with the name of the current task and its finished share, 0 to 1.
     """
     if is_stream(source):
-        return read_stream(source)[0].still(source)
+        return read_stream(source)[0].require_static(source)
     scene = open_scene(source)
     return encode_scene(scene, classes=scene_precision_classes(scene), progress=lambda share: show("encoding", share))
 

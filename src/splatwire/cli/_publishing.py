@@ -30,7 +30,7 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
         raise InvalidValueError(f"'{url}' is no relay such as https://RELAY/NAME")
     address = parse_url(f"moq://{url.partition('://')[2]}")
     need_moq()
-    stream = read_stream(path)[0].not_update(path)
+    stream = read_stream(path)[0].require_scene(path)
     stop = stop_on_signals()
 
     def ready() -> None:

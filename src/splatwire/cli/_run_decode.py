@@ -31,7 +31,7 @@ def run(options: Decode) -> None:
     if (options.frame, options.format, options.max_frames) != (None, None, None):
         raise InvalidValueError(f"--frame, --max-frames and --format are for a clip, which {options.stream} is not")
     concealer = None if options.conceal is None else create_concealer(options.conceal)
-    stream.still(options.stream)
+    stream.require_static(options.stream)
     elements, explicit = stream.manifest.elements, stream.manifest.schema.explicit
     suffix = Path(options.output).suffix if explicit else ""
     if explicit:

@@ -25,7 +25,7 @@ def run(command: Pack) -> None:
             raise InvalidValueError(f"two streams are called {name}")
         with input_path(source) as path:
             stream, report = read_stream(path)
-            streams[name] = stream.not_update(path)
+            streams[name] = stream.require_scene(path)
             num_lost += report.num_missing
             write = _gltf_writer(streams[name], path) if gltf else None
     num_packets = sum(len(stream.packets) for stream in streams.values())
@@ -50,7 +50,7 @@ def _page_writer(streams: dict[str, SceneStream]) -> Callable[[Path], None]:
 
 
 def _gltf_writer(stream: SceneStream, path: Path) -> Callable[[Path], None]:
-    stream.still(path)
+    stream.require_static(path)
     from splatwire.lod.packed_gltf import fallback_of, write_packed_gltf  # decodes, with libraries that a relay lacks
 
     return partial(write_packed_gltf, stream, fallback_of(path))

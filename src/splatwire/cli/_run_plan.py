@@ -157,7 +157,7 @@ def _read(path: str) -> SceneStream:
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
     if not stream.manifest.schema.timed:
-        stream.still(path)
+        stream.require_static(path)
     return in_datagrams(stream, path)
 
 

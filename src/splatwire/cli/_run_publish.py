@@ -97,7 +97,7 @@ def _complete_stream(path: Path) -> SceneStream:
                 finish()
             return read_stream(encoded)[0]
     stream, report = read_stream(path)
-    stream.not_update(path)
+    stream.require_scene(path)
     if not report.complete:
         raise BitstreamError(f"{path}: {report.num_missing:,} packets are missing, and a site keeps what it has")
     return stream

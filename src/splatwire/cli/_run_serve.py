@@ -108,7 +108,7 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
             raise InvalidValueError(
                 f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
             )
-    sources = {name: (path, read_stream(Path(path))[0].not_update(path)) for name, path in named.items()}
+    sources = {name: (path, read_stream(Path(path))[0].require_scene(path)) for name, path in named.items()}
     streams = {name: (path, in_datagrams(source, path)) for name, (path, source) in sources.items()}
     for path, stream in streams.values():
         if planned is not None and stream.manifest.stream_id != planned:

@@ -21,7 +21,7 @@ def run(command: Thumb) -> None:
         if is_stream(path):
             stream = read_stream(path)[0]
             pixels = stream_thumbnail(
-                stream if stream.manifest.schema.timed else stream.still(command.scene), command.size
+                stream if stream.manifest.schema.timed else stream.require_static(command.scene), command.size
             )
         else:
             pixels = thumbnail(drawable_scene(path, create_concealer("drop"))[0], command.size)

@@ -50,7 +50,7 @@ def _read(command: View) -> SceneStream:
     with input_path(command.stream or str(ASSETS / SCENE)) as path:
         if not is_stream(path):
             raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
-        return read_stream(path)[0].not_update(path)
+        return read_stream(path)[0].require_scene(path)
 
 
 async def _forward(command: View, cameras: Cameras | None) -> None:

@@ -86,7 +86,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
     best = fitting[min(fitting)] if fitting else []
     best = [schema for schema in best if schema.prepare.__module__.startswith(_OWN)] or best
     if len(best) > 1:
-        names = " and ".join(f"'{schema.name}'{SCHEMAS.brought_by(schema.name)}" for schema in best)
+        names = " and ".join(f"'{schema.name}'{SCHEMAS.provider_suffix(schema.name)}" for schema in best)
         raise InvalidValueError(f"schemas {names} both code {type(scene).__name__}: uninstall the package of one")
     return best[0] if best else None
 

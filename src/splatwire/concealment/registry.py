@@ -51,19 +51,19 @@ class Registration:
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedConcealers:
     """Concealers registered under one name: one for static scenes, one for sequences, or both.
 
     Attributes:
-        still: Concealer for static scenes; None if there is none.
+        static: Concealer for static scenes; None if there is none.
         temporal: Concealer for sequences; None if there is none.
     """
 
-    still: Registration | None = None
+    static: Registration | None = None
     temporal: Registration | None = None
 
 
-CONCEALERS: Registry[Named] = Registry("concealer", GROUP)
+CONCEALERS: Registry[NamedConcealers] = Registry("concealer", GROUP)
 
 
 def register_concealer(
@@ -96,11 +96,11 @@ def register_concealer(
         if not callable(factory):
             raise InvalidValueError(f"concealer '{name}' is a {type(factory).__name__}, not a class or function")
         made = Registration(factory, tuple(needs), option, section, tuple(shipped), listed)
-        there = CONCEALERS.registered().get(name, Named())
-        other = there.temporal if temporal else there.still
+        existing = CONCEALERS.registered().get(name, NamedConcealers())
+        other = existing.temporal if temporal else existing.static
         if other is not None:
             CONCEALERS.check_free(name, source_of(other.make), source_of(factory))
-        both = replace(there, temporal=made) if temporal else replace(there, still=made)
+        both = replace(existing, temporal=made) if temporal else replace(existing, static=made)
         CONCEALERS.put(name, both, source_of(factory))
         return factory
 
@@ -116,21 +116,21 @@ def concealer_names(sections: Iterable[str] = (), provides: Collection[type] | N
         provides: Types of elements and side information in the stream; None if they are unknown, so that concealers are
             listed whatever types they need.
     """
-    there = {None, *sections}
+    available = {None, *sections}
     return tuple(
         name
-        for name, known in _static_concealers().items()
-        if known.listed
-        and (provides is None or known.missing_need(provides) is None)
-        and known.section in there
-        and (known.option is None or known.section is not None)  # a section replaces the option
+        for name, registration in _static_concealers().items()
+        if registration.listed
+        and (provides is None or registration.missing_need(provides) is None)
+        and registration.section in available
+        and (registration.option is None or registration.section is not None)  # a section replaces the option
     )
 
 
 def temporal_names() -> tuple[str, ...]:
     """Returns the names of the concealers of sequences, built-in ones first, except those with a required option."""
     found = {name: named.temporal for name, named in CONCEALERS.all().items() if named.temporal is not None}
-    return tuple(name for name, known in found.items() if known.listed and known.option is None)
+    return tuple(name for name, registration in found.items() if registration.listed and registration.option is None)
 
 
 def check_needs(method: Concealer, partial: ReceivedScene) -> None:
@@ -143,14 +143,16 @@ def check_needs(method: Concealer, partial: ReceivedScene) -> None:
     Raises:
         InvalidValueError: If side information is missing; the message names usable concealers.
     """
-    registered = (named.still for named in CONCEALERS.registered().values())
-    known = next((still for still in registered if still is not None and still.make is type(method)), None)
-    need = None if known is None else known.missing_need(partial.provides)
+    registered = (named.static for named in CONCEALERS.registered().values())
+    registration = next((entry for entry in registered if entry is not None and entry.make is type(method)), None)
+    need = None if registration is None else registration.missing_need(partial.provides)
     if need is not None:
-        able = ", ".join(concealer_names(partial.sections, partial.provides))
-        words = " or ".join(kind.__name__ for kind in _kinds(need))
-        what = f"concealer '{method.name}' needs {words}, which this stream of {partial.scene.ELEMENTS} has not"
-        raise InvalidValueError(f"{what}: {able} work")
+        usable = ", ".join(concealer_names(partial.sections, partial.provides))
+        types = " or ".join(kind.__name__ for kind in _kinds(need))
+        raise InvalidValueError(
+            f"concealer '{method.name}' needs {types}, which this stream of {partial.scene.ELEMENTS} does not have: "
+            f"use {usable}"
+        )
 
 
 def why_unfit(
@@ -168,19 +170,25 @@ def why_unfit(
         UnknownNameError: If no concealer has that name.
     """
     base, colon, _ = name.partition(":")
-    known = _registered(base)
-    need = known.missing_need(provides)
+    registration = _registered(base)
+    need = registration.missing_need(provides)
     if need is not None:
-        return f"concealer '{base}' needs {' or '.join(kind.__name__ for kind in _kinds(need))}, which it has not"
-    given = colon or known.option in (options or {})
-    if known.section is not None and known.section not in sections and not given:
-        return f"concealer '{base}' reads the section '{known.section}', which it has not (splatwire calibrate adds it)"
+        types = " or ".join(kind.__name__ for kind in _kinds(need))
+        return f"concealer '{base}' needs {types}, which the stream does not have"
+    given = colon or registration.option in (options or {})
+    if registration.section is not None and registration.section not in sections and not given:
+        section = f"the section '{registration.section}', which the stream does not have (splatwire calibrate adds it)"
+        return f"concealer '{base}' reads {section}"
     return ""
 
 
 def concealer_sections() -> dict[str, str]:
     """Returns the side information section that each concealer reads, by name of the concealer."""
-    return {name: known.section for name, known in _static_concealers().items() if known.section is not None}
+    return {
+        name: registration.section
+        for name, registration in _static_concealers().items()
+        if registration.section is not None
+    }
 
 
 def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
@@ -196,7 +204,12 @@ def concealer_files(name: str, options: Mapping[str, Any]) -> tuple[Path, ...]:
     name, _, value = name.partition(":")
     given = [Path(word) for word in (value, *options.values()) if isinstance(word, str | Path) and word]
     named = CONCEALERS[name]
-    shipped = [path for known in (named.still, named.temporal) if known is not None for path in known.shipped]
+    shipped = [
+        path
+        for registration in (named.static, named.temporal)
+        if registration is not None
+        for path in registration.shipped
+    ]
     return (*shipped, *(path for path in given if path.is_file()))
 
 
@@ -222,12 +235,12 @@ def create_concealer(name: str, **options: Any) -> Concealer:
     return made
 
 
-def create(name: str, known: Registration, protocol: type, options: Mapping[str, Any]) -> Any:
+def create(name: str, registration: Registration, protocol: type, options: Mapping[str, Any]) -> Any:
     """Creates a concealer for static scenes or for sequences.
 
     Args:
         name: Name of the concealer, or `name:VALUE` with its required option.
-        known: Registered properties of the concealer.
+        registration: Registered properties of the concealer.
         protocol: Typing protocol (structural type) that the result must implement.
         options: Options of that concealer; defaults apply to missing ones.
 
@@ -236,17 +249,17 @@ def create(name: str, known: Registration, protocol: type, options: Mapping[str,
     """
     name, colon, value = name.partition(":")
     if colon:
-        if known.option is None:
-            raise InvalidValueError(f"concealer '{name}' takes nothing behind a colon, and was given {value!r}")
-        options = {known.option: value, **options}
+        if registration.option is None:
+            raise InvalidValueError(f"concealer '{name}' takes no value after a colon, and was given {value!r}")
+        options = {registration.option: value, **options}
     try:
-        made = known.make(**options)
+        made = registration.make(**options)
     except TypeError as error:
         raise InvalidValueError(f"concealer '{name}' does not take these options: {error}") from error
     if not isinstance(made, protocol):
-        wanted = [word for word in sorted(_members(protocol)) if not hasattr(made, word)]
-        lacking = f"lacks {', '.join(wanted)}" if wanted else "cannot be called"
-        raise InvalidValueError(f"concealer '{name}'{CONCEALERS.brought_by(name)} is not one: it {lacking}")
+        absent = [member for member in sorted(_members(protocol)) if not hasattr(made, member)]
+        problem = f"has no {', '.join(absent)}" if absent else "cannot be called"
+        raise InvalidValueError(f"concealer '{name}'{CONCEALERS.provider_suffix(name)} is no concealer: it {problem}")
     return made
 
 
@@ -265,14 +278,14 @@ def find_temporal(name: str) -> Registration:
 
 def _registered(name: str) -> Registration:
     named = CONCEALERS[name]
-    if named.still is None:
+    if named.static is None:
         raise UnknownNameError("concealer of still scenes", name, _static_concealers())
-    return named.still
+    return named.static
 
 
 def _static_concealers() -> dict[str, Registration]:
     """Returns the registered concealers of static scenes, by name."""
-    return {name: named.still for name, named in CONCEALERS.all().items() if named.still is not None}
+    return {name: named.static for name, named in CONCEALERS.all().items() if named.static is not None}
 
 
 def _members(protocol: type) -> set[str]:

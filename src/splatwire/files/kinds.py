@@ -382,7 +382,7 @@ def _recognised(file_format: FileFormat, head: bytes, suffix: str) -> bool:
         _LOG.warning(
             "file format '%s'%s cannot look at a file: %r",
             file_format.name,
-            FORMATS.brought_by(file_format.name),
+            FORMATS.provider_suffix(file_format.name),
             error,
         )
         return False

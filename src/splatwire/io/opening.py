@@ -100,7 +100,7 @@ def decode_complete(stream: SceneStream, source: Path) -> Scene:
         InvalidValueError: If the stream is a sequence.
         BitstreamError: If packets are missing, or the stream is damaged.
     """
-    if num_missing := stream.still(source).manifest.num_packets - len(stream.packets):
+    if num_missing := stream.require_static(source).manifest.num_packets - len(stream.packets):
         raise _has_gaps(source, num_missing, f"stream's {stream.manifest.num_packets:,} packets")
     scene: Scene = decode_stream(stream).scene
     return scene if scene.hints is None else scene.select(~scene.hints.left_out)
@@ -157,8 +157,8 @@ def _read(path: Path) -> SceneFile:
         scene: Any = read_with(form, path)
         if not issubclass(type(scene), form.scene_type):
             found, wanted = type(scene).__name__, form.scene_type.__name__
-            brought = FORMATS.brought_by(form.name)
-            raise InvalidValueError(f"file format '{form.name}'{brought} returned {found}, not {wanted}")
+            suffix = FORMATS.provider_suffix(form.name)
+            raise InvalidValueError(f"file format '{form.name}'{suffix} returned {found}, not {wanted}")
         return SceneFile(kind, as_scene(scene), None)
     if form is not None:
         content = read_content(path)
@@ -172,7 +172,7 @@ def _read(path: Path) -> SceneFile:
         )
         return SceneFile(kind, scene, None)
     if kind in STREAMS:
-        partial = decode_stream(read_stream(path)[0].still(path))
+        partial = decode_stream(read_stream(path)[0].require_static(path))
         return SceneFile(kind, partial, partial.loss_mask)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))

@@ -89,6 +89,6 @@ def measure_view(name: str, image: np.ndarray, reference: np.ndarray, mask: np.n
     found = np.asarray(measure(image, reference, mask))
     if found.shape != (1,) or found.dtype.kind not in "fiu" or bool(np.isnan(found[0])):
         shown = f"{found.dtype} of shape {found.shape}" if found.shape != (1,) else f"{found[0]!r}"
-        whose = f"metric '{name}'{METRICS.brought_by(name)}"
+        whose = f"metric '{name}'{METRICS.provider_suffix(name)}"
         raise InvalidValueError(f"{whose} returned {shown} for one view, not a number")
     return float(found[0])

@@ -75,8 +75,8 @@ def test_other_scene_free_network_gets_other_unit_key(tiny_folder, tmp_path, mon
         "shipped": {"conceal": "scene_free"},
         "option": {"conceal": "scene_free", "options": {"weights": str(file)}},
     }[how]
-    known = dataclasses.replace(registry.CONCEALERS["scene_free"].still, shipped=(file,))  # type: ignore[type-var]
-    monkeypatch.setitem(registry.CONCEALERS._entries, "scene_free", registry.Named(still=known))
+    known = dataclasses.replace(registry.CONCEALERS["scene_free"].static, shipped=(file,))  # type: ignore[type-var]
+    monkeypatch.setitem(registry.CONCEALERS._entries, "scene_free", registry.NamedConcealers(static=known))
     row = Row("network", "network", Packetization(block_size=60), **settings)
     study = dataclasses.replace(
         load_study(tiny_folder / "protocol.toml"), rows=(row,), baseline=None, published=(), seeds=(0,), views=1

@@ -125,7 +125,9 @@ class Source:
         if path is None:
             return None
         stream = self.files.stream(path)
-        return stream if stream.manifest.schema.timed and self.entry.reference is not None else stream.still(path)
+        return (
+            stream if stream.manifest.schema.timed and self.entry.reference is not None else stream.require_static(path)
+        )
 
     @property
     def timed(self) -> bool:

@@ -72,7 +72,7 @@ def plain_rows(
         contiguous: True to add a row in which neighbouring elements share a packet, for comparison.
     """
     if entry.kind == "stream":
-        stream = files.stream(entry.source).still(entry.source)
+        stream = files.stream(entry.source).require_static(entry.source)
         manifest, packed = stream.manifest, stream.manifest.packetization
         sections, codec = sections_of(stream), manifest.codec
         complete = len(stream.packets) == manifest.num_packets

@@ -209,10 +209,8 @@ def _content(file_format: FileFormat, path: Path) -> FileContent:
     if isinstance(content, Splats):
         return FileContent(content)
     if not isinstance(content, FileContent):
-        found = (
-            f"file format '{file_format.name}'{FORMATS.brought_by(file_format.name)} returned {type(content).__name__}"
-        )
-        raise InvalidValueError(f"{found}, not FileContent or Splats")
+        what = f"file format '{file_format.name}'{FORMATS.provider_suffix(file_format.name)}"
+        raise InvalidValueError(f"{what} returned {type(content).__name__}, not FileContent or Splats")
     return content
 
 
@@ -325,7 +323,7 @@ def write_with(file_format: FileFormat, content: Any, path: Path, **facts: Any) 
         count = file_format.write(content, target, **facts)
         if not target.exists():
             raise InvalidValueError(
-                f"file format '{file_format.name}'{FORMATS.brought_by(file_format.name)} wrote no file"
+                f"file format '{file_format.name}'{FORMATS.provider_suffix(file_format.name)} wrote no file"
             )
     return count if isinstance(count, int) else 0
 
