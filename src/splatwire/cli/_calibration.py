@@ -37,7 +37,7 @@ def check_references(options: ReferenceOptions) -> None:
     check_inputs(options.data, options.cameras)
 
 
-def views_of(options: ReferenceOptions, scene: Scene) -> tuple[CalibrationViews, str]:
+def calibration_views(options: ReferenceOptions, scene: Scene) -> tuple[CalibrationViews, str]:
     """Returns the views for comparing pictures in a calibration, and their description for messages.
 
     Args:
@@ -49,8 +49,7 @@ def views_of(options: ReferenceOptions, scene: Scene) -> tuple[CalibrationViews,
         return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
     if options.cameras is not None:
         cameras = load_cameras(options.cameras).relative_to(origin_of(scene))
-        there = CalibrationViews(cameras, background=behind)
-        return there, "against the complete scene in the cameras given"
+        return CalibrationViews(cameras, background=behind), "against the complete scene in the cameras given"
     around = CalibrationViews(surrounding_cameras(scene), background=behind)
     return around, "against the complete scene on a sphere of views"
 

@@ -7,11 +7,11 @@ from splatwire.calibration.preview import PreviewConfig, preview_for_scene
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
 from splatwire.cli._calibration import (
+    calibration_views,
     check_references,
     complete_stream,
     photos_of,
     stream_output,
-    views_of,
     write_with_section,
 )
 from splatwire.cli._output import Reporter, print_json, progress_bars
@@ -48,7 +48,7 @@ def _sketch(command: CalibrateSketch) -> None:
     check_references(command.reference_pictures)
     with progress_bars() as show:
         stream, complete = _read_and_decode(command, show)
-        views, where = views_of(command.reference_pictures, complete.scene)
+        views, where = calibration_views(command.reference_pictures, complete.scene)
         bare = without_concealment(stream, SKETCH)
         result = sketch_of(bare, complete, views, config, progress=show)
     sizes = write_with_section(bare, SKETCH, result.section, output)
@@ -82,7 +82,7 @@ def _preview(command: CalibratePreview) -> None:
         stream, partial = _read_and_decode(command, show)
         if partial.loss_mask.num_lost:
             raise InvalidValueError("a preview needs the complete scene; packets were lost from this stream")
-        views, where = views_of(command.reference_pictures, partial.scene)
+        views, where = calibration_views(command.reference_pictures, partial.scene)
         test = photos_of(command.reference_pictures, "test", partial.scene)
         result = preview_for_scene(partial.scene, views, config, test=test, progress=show)
     sizes = write_with_section(without_concealment(stream, PREVIEW), PREVIEW, result.section, output)

@@ -13,17 +13,19 @@ from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import png_bytes, to_pixels
 from splatwire.evaluation.sequence.moving_picture import draw_sequence
-from splatwire.evaluation.views import views_of
 from splatwire.files.atomic_write import atomic_write
 from splatwire.files.names import distinct_names
 from splatwire.io import drawable_scene
+from splatwire.render import iterate_views
 from splatwire.render.framing import framing_cameras
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 
-_AROUND, _AROUND_SIZE = 12, 512
-"""Views around a scene, and their width and height in pixels."""
+_NUM_VIEWS = 12
+"""Number of views around a scene without cameras."""
+_VIEW_SIZE = 512
+"""Width and height of these views, pixels."""
 
 
 def run(options: Render) -> None:
@@ -61,12 +63,12 @@ def _draw_scene(options: Render, source: Path, cameras: Cameras | None, backgrou
     check_folder(options.output)
     scene, num_lost = drawable_scene(source, concealer)
     if cameras is None:
-        cameras = framing_cameras(scene, _AROUND, _AROUND_SIZE)
+        cameras = framing_cameras(scene, _NUM_VIEWS, _VIEW_SIZE)
     warn_of_near_plane(scene, cameras)
     cameras = cameras if options.scale == 1 else cameras.scaled(options.scale)
     started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
     with progress_bars() as show:
-        for view, image in enumerate(views_of(scene, cameras, options.renderer, background)):
+        for view, image in enumerate(iterate_views(scene, cameras, renderer=options.renderer, background=background)):
             atomic_write(options.output / files[view], png_bytes(to_pixels(image)), parents=True)
             show("drawing", (view + 1) / cameras.num_views)
     seconds = time.perf_counter() - started

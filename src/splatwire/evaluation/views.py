@@ -1,6 +1,6 @@
 """Reference views of an evaluation: cameras and reference images."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,6 @@ from splatwire.errors import InvalidValueError
 from splatwire.metrics import black_outside
 from splatwire.metrics.registry import measure_view
 from splatwire.ops.arrays import to_numpy
-from splatwire.render import iterate_views
 from splatwire.render.closeups import closeup_cameras
 from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
@@ -140,21 +139,3 @@ def photo_source(*, masked: bool) -> str:
         masked: True if only the pixels inside masks are evaluated, which the name then states.
     """
     return "photos inside their masks" if masked else "photos"
-
-
-def views_of(
-    scene: Scene,
-    cameras: Cameras,
-    renderer: str,
-    background: Background | None = None,
-) -> Iterable[Float[np.ndarray, "H W 3"]]:
-    """Renders images of a scene, one per camera, RGB in [0, 1].
-
-    Args:
-        scene: The scene.
-        cameras: The views to render.
-        renderer: Name of the renderer.
-        background: RGB of the background; None for that of the scene.
-    """
-    behind = None if background is None else np.array(background)
-    return iterate_views(scene, cameras, renderer=renderer, background=behind)

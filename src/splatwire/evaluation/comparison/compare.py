@@ -15,11 +15,12 @@ from splatwire.errors import InvalidValueError
 from splatwire.evaluation.comparison.shots import Shots
 from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.study.prepared_stream import file_bytes
-from splatwire.evaluation.views import ReferenceViews, held_out_cameras, spread, views_of
+from splatwire.evaluation.views import ReferenceViews, held_out_cameras, spread
 from splatwire.files.kinds import file_kind, opened, trained_ply
 from splatwire.files.mmap_array import large_empty
 from splatwire.io import open_scene
 from splatwire.metrics.lpips import Lpips, find_lpips
+from splatwire.render import iterate_views
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
@@ -141,7 +142,7 @@ def compare_files(
     warn_of_near_plane(first.scene, seen)
     behind = first.scene.background if background is None else background
     images = large_empty((seen.num_views, seen.height, seen.width, 3), np.float32)
-    for view, image in enumerate(views_of(first.scene, seen, renderer, behind)):
+    for view, image in enumerate(iterate_views(first.scene, seen, renderer=renderer, background=behind)):
         images[view] = image
         progress(f"drawing {chosen.name}", (view + 1) / seen.num_views)
     references = ReferenceViews(seen, images.__getitem__, f"renders of {chosen.name}", behind)
@@ -155,7 +156,7 @@ def compare_files(
         opened = _TimedScene.of(file, READS)
         if (why := extent.difference(SceneExtent.of(opened.scene, file))) is not None:
             raise InvalidValueError(why)
-        drawn = views_of(opened.scene, seen, renderer, behind)
+        drawn = iterate_views(opened.scene, seen, renderer=renderer, background=behind)
         return _with_metrics(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
 
     scores = tuple(scored(file, name) for file, name in zip(files, _names(files), strict=True))

@@ -19,8 +19,9 @@ from splatwire.evaluation.study.definition import SceneEntry, Study, canonical
 from splatwire.evaluation.study.records import CODE
 from splatwire.evaluation.study.sequences import reference_pictures
 from splatwire.evaluation.study.store import Store, read_json
-from splatwire.evaluation.views import ReferenceViews, photo_source, photo_views, spread, views_of
+from splatwire.evaluation.views import ReferenceViews, photo_source, photo_views, spread
 from splatwire.files.read_limited import open_regular
+from splatwire.render import iterate_views
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
@@ -123,7 +124,7 @@ def prepare_references(
                 return reference_pictures(entry.reference, cameras, chosen, study.renderer, background)
             scene = load_scene()
             warn_of_near_plane(scene, cameras)
-            return views_of(scene, cameras, study.renderer, background)
+            return iterate_views(scene, cameras, renderer=study.renderer, background=background)
 
         digest = _render_missing(entry.name, cameras, background, pictures, store, folder, progress)
     return References(

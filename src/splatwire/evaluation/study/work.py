@@ -31,12 +31,13 @@ from splatwire.evaluation.study.records import CODE, Record, hardest
 from splatwire.evaluation.study.sequences import concealed_pictures
 from splatwire.evaluation.study.store import Store
 from splatwire.evaluation.study.units import Unit
-from splatwire.evaluation.views import Compared, ReferenceViews, spread, views_of
+from splatwire.evaluation.views import Compared, ReferenceViews, spread
 from splatwire.metrics.lpips import load_lpips
 from splatwire.metrics.lpips_files import find_lpips_files
 from splatwire.metrics.registry import LPIPS_SCALED
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.threads import use_single_thread
+from splatwire.render import iterate_views
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Anchors, Attribute, LossMask
 
@@ -167,7 +168,7 @@ class UnitRunner:
             if not unit.references.renders and unit.references.digest not in self._examined:
                 self._examined.add(unit.references.digest)
                 warn_of_near_plane(scene, views.cameras)
-            return views_of(scene, views.cameras, unit.renderer, views.background)
+            return iterate_views(scene, views.cameras, renderer=unit.renderer, background=views.background)
         stream = self._stream(unit)
         assert stream is not None
         method = temporal_concealer(unit.concealer, **unit.options)
