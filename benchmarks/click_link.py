@@ -24,7 +24,7 @@ from network import at_most, bernoulli, bursts  # noqa: E402
 from tunnels import ends  # noqa: E402
 
 SERVER = "10.78.0.1", "10.78.0.2"
-LEAST_QUEUE = 32 * 1500
+MIN_QUEUE = 32 * 1500
 BURST, BURST_S = 20.0, 0.3
 """Packets of a burst on average, and seconds after which it ends: a sender that waits does not make it longer."""
 
@@ -35,7 +35,7 @@ class Link:
     def __init__(self, files: list[int], job: dict) -> None:
         self._files, self._delay = files, job["round_trip"] / 2
         self._rate = job["mbit"] * 1e6 / 8
-        self._queue = max(self._rate * job["round_trip"], LEAST_QUEUE)
+        self._queue = max(self._rate * job["round_trip"], MIN_QUEUE)
         self._free = [0.0, 0.0]
         rngs = [random.Random(f"{job['seed']} {side}") for side in range(2)]
         rate = job["loss"]

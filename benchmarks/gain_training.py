@@ -25,7 +25,7 @@ from splatwire.concealment.scene_free.elements import (
     ElementNetwork,
     element_inputs,
 )
-from splatwire.concealment.scene_free.network import HIDDEN, MOST_CHANGE, MOST_UNUSUAL, GainInputs, gain_inputs
+from splatwire.concealment.scene_free.network import HIDDEN, MAX_CHANGE, MAX_UNUSUAL, GainInputs, gain_inputs
 from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.neural.model.gaussian_heads import SpawnedGaussians
@@ -148,11 +148,11 @@ def tensor_gains(
     The networks of the package compute the same in numpy.
     """
     signature = torch.from_numpy(inputs.signature)
-    x = ((signature - network.mean) / network.spread).clamp(-MOST_UNUSUAL, MOST_UNUSUAL)
+    x = ((signature - network.mean) / network.spread).clamp(-MAX_UNUSUAL, MAX_UNUSUAL)
     hidden = torch.nn.functional.silu(torch.nn.functional.linear(x, network.hidden.weight, network.hidden.bias))
     change = torch.nn.functional.linear(hidden, network.output.weight, network.output.bias)
     if isinstance(inputs, GainInputs):
-        change = change.clamp(-MOST_CHANGE, MOST_CHANGE)
+        change = change.clamp(-MAX_CHANGE, MAX_CHANGE)
         return torch.from_numpy(inputs.grown) * change[:, 0].exp(), change[:, 1].exp()
     lost = torch.from_numpy(inputs.lost)
     power = torch.exp(lost * (BASE[1] + change[:, 1]).clamp(*POWERS))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from splatwire.errors import InvalidValueError, shown
 from splatwire.files.names import path_of
 
-_MOST_BITS = 128
+_MAX_BITS = 128
 """Integers with more bits are rejected for every parameter; they would only be errors, or long texts in messages."""
 READERS = {
     "AnchorScene": "open_scene",
@@ -146,7 +146,7 @@ def _is_number(value: Any) -> bool:
         return False
     if getattr(value, "shape", ()) != ():
         return False
-    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:
         return False
     try:
         return bool(value == value) and float(value) == float(value)
@@ -156,7 +156,7 @@ def _is_number(value: Any) -> bool:
 
 def _is_whole(value: Any) -> bool:
     if type(value) is int:
-        return value.bit_length() <= _MOST_BITS
+        return value.bit_length() <= _MAX_BITS
     if isinstance(value, bool) or getattr(value, "shape", ()) != ():
         return False
     try:

@@ -97,7 +97,7 @@ def check_progress(progress: object) -> None:
         raise InvalidValueError(f"progress must be a function that is called with the progress, not {shown(progress)}")
 
 
-MOST_TEXT = 800
+MAX_TEXT = 800
 """Maximum characters of a message. Messages may quote untrusted files, and longer ones are cut in the middle."""
 
 
@@ -106,7 +106,7 @@ class SplatwireError(Exception):
 
     def __str__(self) -> str:
         text = super().__str__()
-        return text if len(text) <= MOST_TEXT else f"{text[: MOST_TEXT // 2]} … {text[-MOST_TEXT // 2 :]}"
+        return text if len(text) <= MAX_TEXT else f"{text[: MAX_TEXT // 2]} … {text[-MAX_TEXT // 2 :]}"
 
 
 class BitstreamError(SplatwireError):

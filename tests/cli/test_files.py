@@ -150,7 +150,7 @@ def test_public_functions_name_the_reader_when_given_a_path():
     ], done.stderr
 
 
-LEAST_WORDS = {
+MIN_WORDS = {
     "demo": [], "train": ["x"], "calibrate": ["sketch", "x"], "import": ["hacpp", "x"], "export": ["ply", "x"],
     "encode": ["x"], "transmit": ["x"], "plan": ["x"], "receive": ["udp://127.0.0.1:9"], "pack": ["x"],
     "decode": ["x"], "render": ["x"], "evaluate": ["x"], "compare": ["x", "y"],
@@ -165,12 +165,12 @@ LEAST_WORDS = {
 
 def test_every_verb_with_an_output_is_covered_by_the_tests():
     without = {"inspect", "serve", "token", "live", "view", "verify"}
-    assert {*LEAST_WORDS, *without} == set(VERBS)
+    assert {*MIN_WORDS, *without} == set(VERBS)
     for verb in without:
         assert not hasattr(settings_of(verb), "output")
 
 
-@pytest.mark.parametrize("verb", LEAST_WORDS)
+@pytest.mark.parametrize("verb", MIN_WORDS)
 def test_an_output_that_cannot_be_written_is_refused_before_the_work(run, tmp_path, verb):
     (tmp_path / "file").touch()
     (tmp_path / "loop").symlink_to("loop")
@@ -181,11 +181,11 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(run, tmp_pa
         (tmp_path / "loop" / "out", ["loop"]),
         (tmp_path / ("x" * 300), ["File name too long"]),
     ):
-        assert_complains(run(verb, *LEAST_WORDS[verb], "-o", output), *words)
+        assert_complains(run(verb, *MIN_WORDS[verb], "-o", output), *words)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "loop"]
 
 
-@pytest.mark.parametrize("verb", LEAST_WORDS)
+@pytest.mark.parametrize("verb", MIN_WORDS)
 def test_a_folder_of_another_user_is_refused_before_the_work(run, tmp_path, monkeypatch, verb):
     made = Path.mkdir
 
@@ -195,7 +195,7 @@ def test_a_folder_of_another_user_is_refused_before_the_work(run, tmp_path, monk
         made(path, *rest, **more)
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
-    outcome = run(verb, *LEAST_WORDS[verb], "-o", tmp_path / "out")
+    outcome = run(verb, *MIN_WORDS[verb], "-o", tmp_path / "out")
     assert_complains(outcome, f"nothing can be written into {tmp_path}: Permission denied")
     assert not list(tmp_path.iterdir())
 

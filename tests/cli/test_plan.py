@@ -6,7 +6,7 @@ from splatwire.bitstream import read_stream
 from splatwire.cli import _run_serve
 from splatwire.cli.serve import Serve
 from splatwire.errors import InvalidValueError, UnsupportedVersionError
-from splatwire.planning.plan_file import MOST_BYTES, plan_content, read_plan
+from splatwire.planning.plan_file import MAX_BYTES, plan_content, read_plan
 from splatwire.transport import Protection, make_served_stream
 
 pytestmark = pytest.mark.slow
@@ -70,7 +70,7 @@ def test_invalid_plan_file_is_one_error_line():
     def protected(**values):
         return {"protection": {**good["protection"], **values}}
 
-    for data in (b"", b"7", b"[]", b"{}", b"\xff", b"[" * 60_000, b" " * (MOST_BYTES + 1), b'{"format": 1}'):
+    for data in (b"", b"7", b"[]", b"{}", b"\xff", b"[" * 60_000, b" " * (MAX_BYTES + 1), b'{"format": 1}'):
         refused(data, "is no plan")
     refused(json.dumps(good).encode()[:-9], "is no plan")
     refused({"version": 2}, "version 2", UnsupportedVersionError)

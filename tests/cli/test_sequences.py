@@ -106,7 +106,7 @@ def test_decode_writes_one_file_per_frame(run, clip, tmp_path, words, suffix):
 @pytest.mark.parametrize(("most", "words"), [(20_000, ("--max-frames", FRAMES - 1)), (FRAMES - 1, ())])
 def test_decode_writes_very_many_frames_only_on_request(run, clip, tmp_path, monkeypatch, most, words):
     """A few bytes may announce 131,072 frames: the error states the number, and no file is written."""
-    monkeypatch.setattr("splatwire.sequence.written_frames.MOST_FILES", most)
+    monkeypatch.setattr("splatwire.sequence.written_frames.MAX_FILES", most)
     outcome = run("decode", clip, "-o", tmp_path / "out", *words)
     assert outcome.status == 2
     assert f"has {FRAMES} frames, and no more than {FRAMES - 1} files are written: --max-frames" in outcome.err
@@ -174,7 +174,7 @@ def test_render_writes_a_clip_as_an_animation(run, clip, tmp_path):
 
 def test_pictures_of_a_very_long_clip_are_refused_before_drawing(run, clip, tmp_path, monkeypatch):
     """A stream of 30 kB can announce 131,072 frames, whose pictures would take 103 GB."""
-    monkeypatch.setattr("splatwire.evaluation.sequence.moving_picture.MOST_PICTURE_BYTES", 10_000)
+    monkeypatch.setattr("splatwire.evaluation.sequence.moving_picture.MAX_PICTURE_BYTES", 10_000)
     outcome = run("render", clip, "-o", tmp_path / "clip.webp", "--scale", 0.1)
     assert outcome.status == 2
     assert "choose a smaller --scale" in outcome.err

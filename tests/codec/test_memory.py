@@ -20,7 +20,7 @@ from splatwire.errors import BitstreamError, InvalidValueError
 
 TESTS = Path(__file__).parents[1]
 GOLDEN = TESTS / "golden"
-MOST_MB = 400
+MAX_MB = 400
 
 
 def real_gaussians() -> bytes:
@@ -51,7 +51,7 @@ def test_small_streams_allocate_little_memory(oversized: dict[str, SceneStream],
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     found = dict(zip(names, json.loads(done.stdout), strict=True))
-    assert {name: said for name, said in found.items() if max(v for k, v in said.items() if "MB" in k) > MOST_MB} == {}
+    assert {name: said for name, said in found.items() if max(v for k, v in said.items() if "MB" in k) > MAX_MB} == {}
     refused = [text for said in found.values() for text in said.values() if isinstance(text, str)]
     assert any(VARIABLE in text for text in refused)
 
@@ -126,7 +126,7 @@ def test_memory_allowance_grows_with_the_stream(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(BitstreamError, match="1,000 bytes"):
         check_memory(memory.FREE_BYTES + 1000 * memory.BYTES_PER_BYTE + 1, 1000, "x")
     with pytest.raises(BitstreamError, match="a stream may"):
-        check_memory(memory.MOST_BYTES + 1, None, "x")
+        check_memory(memory.MAX_BYTES + 1, None, "x")
 
 
 def test_a_failed_allocation_is_an_error_of_the_stream() -> None:

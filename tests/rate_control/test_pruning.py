@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from explicit import ball_of_gaussians
-from splatwire.rate_control.pruning import LEAST_SHARE, PruningCurve, RemovalViews
+from splatwire.rate_control.pruning import MIN_SHARE, PruningCurve, RemovalViews
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.importance import cameras_around
 from splatwire.render.precision import measure_gaussians
@@ -36,7 +36,7 @@ def test_share_grows_steadily_with_the_precision():
     shares = np.array([curve.best_share(level) for level in levels])
     assert (np.diff(shares) >= 0).all()
     assert np.diff(shares).max() < 0.1
-    assert LEAST_SHARE <= shares[0] < shares[-1] <= 1
+    assert MIN_SHARE <= shares[0] < shares[-1] <= 1
 
 
 def test_hidden_gaussians_are_removed_first():

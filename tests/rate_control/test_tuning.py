@@ -19,7 +19,7 @@ from splatwire.evaluation.views import HELD_OUT_SIZE
 from splatwire.finetuning import fitting_cameras
 from splatwire.rate_control import EncodedScene, Target, Tuning, encode_controlled
 from splatwire.rate_control.tuning import MAX_GAUSSIANS, fitted_cameras
-from splatwire.rate_control.views import LEAST_CAMERAS, ViewSets
+from splatwire.rate_control.views import MIN_CAMERAS, ViewSets
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.types import Cameras, SplatScene
@@ -171,7 +171,7 @@ def test_pictures_of_the_source_are_drawn_once(monkeypatch):
 def test_views_around_the_scene_are_fitted_without_enough_cameras():
     scene = shell(100)
     expected = fitting_cameras(scene, 8, 32).viewmats
-    for cameras in (None, surrounding_cameras(scene, LEAST_CAMERAS - 1, 64)):
+    for cameras in (None, surrounding_cameras(scene, MIN_CAMERAS - 1, 64)):
         assert (fitted_cameras(scene, cameras, Tuning(num_views=8, size=32)).viewmats == expected).all()
 
 

@@ -68,7 +68,7 @@ def camera(depth: float = 0.0) -> Cameras:
 
 
 def test_elements_between_those_of_a_sample_are_in_the_pictures(caplog, monkeypatch):
-    monkeypatch.setattr(near_plane, "_MOST_POSITIONS", 10)
+    monkeypatch.setattr(near_plane, "_MAX_POSITIONS", 10)
     warn_of_near_plane(wall(100, (-2.6, 40.0)), camera())  # every tenth is outside, two are inside
     assert not caplog.text
 

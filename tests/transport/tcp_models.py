@@ -10,7 +10,7 @@ INITIAL_WINDOW = 10.0
 """Segments (RFC 6928)."""
 REORDERING = 3
 """A segment is lost once one sent this many later is acknowledged (RFC 6675), or when it is late (RFC 8985)."""
-LEAST_TIMEOUT_S = 0.2
+MIN_TIMEOUT_S = 0.2
 
 
 @dataclass
@@ -98,7 +98,7 @@ class Tcp:
         if self._out and self.round_trip and not self._probed and silence >= 2 * self.round_trip:
             self._probed = True
             self.send_one()
-        wait = max((self.round_trip or 1.0) + 4 * self._variation, LEAST_TIMEOUT_S) * self._backoff
+        wait = max((self.round_trip or 1.0) + 4 * self._variation, MIN_TIMEOUT_S) * self._backoff
         if self._out and silence >= wait:
             self._out.clear()
             self._heard_at, self._backoff = self.network.now, min(2 * self._backoff, 64)
@@ -183,7 +183,7 @@ class Bbr(Tcp):
 
     HIGH = 2.885
     CYCLE = (1.25, 0.75, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    ROUNDS, LEAST_S, PROBE_S = 10, 10.0, 0.2
+    ROUNDS, MIN_S, PROBE_S = 10, 10.0, 0.2
 
     def __init__(self, network: Network, begin: float = 0.0) -> None:
         super().__init__(network, begin)
@@ -241,7 +241,7 @@ class Bbr(Tcp):
         self._rates.append((self._round, rate))
         while self._rates[0][0] < self._round - self.ROUNDS:
             self._rates.popleft()
-        expired = now > self._least_at + self.LEAST_S
+        expired = now > self._least_at + self.MIN_S
         if sample <= self.least or expired:
             self.least, self._least_at = sample, now
         self._change(now, new_round, expired)

@@ -32,7 +32,7 @@ from splatwire.transport.quic.common import (
     stream_frame,
 )
 from splatwire.transport.quic.server import RETRY_HANDSHAKES
-from splatwire.transport.quic.sessions import MAX_PENDING_FRAMES, MOST_PENDING
+from splatwire.transport.quic.sessions import MAX_PENDING, MAX_PENDING_FRAMES
 from transport.test_quic import OTHER, fetch, run, serving
 
 pytestmark = pytest.mark.slow
@@ -269,9 +269,9 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
             await until(lambda: server.connections and next(iter(server.connections))._sessions.has_request)
             (connection,) = server.connections
             session = connection._sessions._session
-            for number in range(2 * MOST_PENDING):
+            for number in range(2 * MAX_PENDING):
                 session.send(encode_data(1, number, number, bytes(1000)))
-            assert len(connection.quic._datagrams_pending) == MOST_PENDING
+            assert len(connection.quic._datagrams_pending) == MAX_PENDING
             head = encode(
                 Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (ParityRange(1, 0, 0),), b"", True, False)
             )

@@ -26,7 +26,7 @@ from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol.datagrams import Hello
 from splatwire.transport.protocol.wire import encode
-from splatwire.transport.udp import MOST_ANSWERS, UdpServer, bound_socket, connected_socket, receive_udp, resolve
+from splatwire.transport.udp import MAX_ANSWERS, UdpServer, bound_socket, connected_socket, receive_udp, resolve
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
@@ -127,7 +127,7 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
 
     class Blocked:
         def __init__(self) -> None:
-            self.hellos = [encode(Hello(nonce, "")) for nonce in range(2 * MOST_ANSWERS)]
+            self.hellos = [encode(Hello(nonce, "")) for nonce in range(2 * MAX_ANSWERS)]
 
         def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
             if not self.hellos:
@@ -145,7 +145,7 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
         server._blocked = True
         while blocked.hellos:
             server._readable()
-        assert len(server._backlog) == MOST_ANSWERS
+        assert len(server._backlog) == MAX_ANSWERS
         server._socket = real
         server.close()
 

@@ -30,12 +30,12 @@ from splatwire.transport.protocol.datagrams import (
     Welcome,
 )
 
-MOST_TIERS = 10
+MAX_TIERS = 10
 """Fits with the largest preview."""
 u16, u32, u64 = (st.integers(0, (1 << bits) - 1) for bits in (16, 32, 64))
 flag, digests = st.booleans(), st.binary(min_size=32, max_size=32)
 names = st.text("abc-é.", max_size=20)
-tiers = st.lists(st.builds(ParityRange, u32, u16, u16), min_size=1, max_size=MOST_TIERS).map(tuple)
+tiers = st.lists(st.builds(ParityRange, u32, u16, u16), min_size=1, max_size=MAX_TIERS).map(tuple)
 many = st.lists(st.builds(ParityRange, u32, u16, u16), min_size=1, max_size=MAX_PARITY_RANGES).map(tuple)
 previews = st.binary(max_size=MAX_PREVIEW)
 sides = st.integers(1, (1 << 16) - 1)
@@ -105,7 +105,7 @@ def test_wire_bytes_are_pinned():
 
 
 def test_welcome_contains_the_preview_length():
-    tiers, most = (ParityRange(1, 0, 0),) * MOST_TIERS, bytes(range(256)) * (MAX_PREVIEW // 256)
+    tiers, most = (ParityRange(1, 0, 0),) * MAX_TIERS, bytes(range(256)) * (MAX_PREVIEW // 256)
     largest = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, tiers, most))
     assert len(largest) == 1181 <= wire.MAX_DATAGRAM
     assert wire.decode(largest).preview == most

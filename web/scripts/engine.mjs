@@ -67,7 +67,7 @@ const FEW_BUCKETS = "Math.max(10, Math.min(20, Math.round(Math.log2(numVertices 
  * Least number of sorting bits. PlayCanvas's 2^12 buckets for 14,526 Gaussians cost 3 to 10 dB because many are drawn
  * in the wrong order.
  */
-const LEAST_BITS = 18;
+const MIN_BITS = 18;
 
 /** Increases the number of depth buckets, so that Gaussians are drawn in order. */
 export const finer = {
@@ -77,7 +77,7 @@ export const finer = {
       const text = readFileSync(path, "utf8");
       if (!text.includes(FEW_BUCKETS))
         throw new Error("PlayCanvas computes its buckets differently: update scripts/engine.mjs");
-      return { contents: text.replace(FEW_BUCKETS, FEW_BUCKETS.replace("10", `${LEAST_BITS}`)), loader: "js" };
+      return { contents: text.replace(FEW_BUCKETS, FEW_BUCKETS.replace("10", `${MIN_BITS}`)), loader: "js" };
     });
   },
 };

@@ -12,7 +12,7 @@ import { pack } from "../src/render/packed.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import { CAMERA } from "./hostile.ts";
 
-const MOST_MB = 400;
+const MAX_MB = 400;
 const PATHS = (process.env["GREEDY"] ?? "").split(":").filter(Boolean);
 const pause = async (): Promise<boolean> => true;
 const peak = (): number => process.resourceUsage().maxRSS / 1024;
@@ -61,7 +61,7 @@ else
         done = spawnSync(process.execPath, [fileURLToPath(import.meta.url)], { env, encoding: "utf8" }),
         [, taken, outcome] = /taken (\d+) (.*)/.exec(done.stdout) ?? assert.fail(`${name}: ${done.stderr}`);
       console.log(name, taken, "MB", outcome);
-      if (Number(taken) > MOST_MB) found.push(`${name}: ${taken} MB`);
+      if (Number(taken) > MAX_MB) found.push(`${name}: ${taken} MB`);
       if (outcome === "refused") refused += 1;
     }
     assert.deepEqual(found, []);

@@ -125,7 +125,7 @@ packets that fit a datagram.
 SPREAD = "spread"
 """Name of the packetization with lanes over the whole scene (`spread_packetization`), accepted by `packetization_named`
 in addition to `PRESETS`."""
-_PACKET_ELEMENTS, _FEWEST_LANES = 375, 8
+_PACKET_ELEMENTS, _MIN_LANES = 375, 8
 """Elements per packet and minimum number of lanes, as in the paper."""
 
 
@@ -141,7 +141,7 @@ def spread_packetization(num_elements: int) -> Packetization:
     # At equal bytes and 20 % loss, up to 0.44 dB more than blocks of 3000 elements (`benchmarks/results/spread.json`).
     blocks = max(1, -(-num_elements // MAX_BLOCK_SIZE))
     size = max(1, -(-num_elements // blocks))
-    return Packetization(block_size=size, lanes=max(_FEWEST_LANES, -(-size // _PACKET_ELEMENTS)))
+    return Packetization(block_size=size, lanes=max(_MIN_LANES, -(-size // _PACKET_ELEMENTS)))
 
 
 @checked

@@ -17,7 +17,7 @@ from splatwire.types import AnchorScene, ExpectedPlaces, Prior, ReceivedScene
 
 BITS_OF_COPY = 60
 """Approximate minimum size of the copy of an anchor, bits."""
-_CANDIDATES, _MOST_CANDIDATES = 4, 0.3
+_CANDIDATES, _MAX_CANDIDATES = 4, 0.3
 """Number of candidate anchors per copy that fits into the sketch; maximum number as a share of all anchors."""
 _BASIS_SHARE = 0.05
 """Share of the anchors, most important first, from which the basis for coding channels is computed.
@@ -130,7 +130,7 @@ def sketch_material(complete: ReceivedScene[AnchorScene], sensitivity: Sensitivi
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
-    candidates = np.sort(order[: max(min(num_candidates(max_bytes), round(_MOST_CANDIDATES * num)), 1)])
+    candidates = np.sort(order[: max(min(num_candidates(max_bytes), round(_MAX_CANDIDATES * num)), 1)])
     relative = np.log(np.maximum(anchors.scalings, np.float32(1e-9)) / expected_scalings(complete[Prior]))
     relative = np.clip(relative, -MAX_LOG_SIZE, MAX_LOG_SIZE)
     channels = np.concatenate([anchors.features, relative], axis=1).astype(np.float64)

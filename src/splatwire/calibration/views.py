@@ -22,7 +22,7 @@ AnyScene = TypeVar("AnyScene", bound=Scene)
 Progress = Callable[[str, float], None]
 """Called with the name of the current task and its completed share, 0 to 1."""
 MAX_VIEWS = 1_000_000
-_MOST_DECIBELS = 100.0
+_MAX_DECIBELS = 100.0
 """Upper limit of a picture's PSNR in decibels; the PSNR of an exact picture is infinite and would spoil a mean."""
 
 
@@ -99,7 +99,7 @@ class References:
         # At most 100.
         mask = self.masks[view]
         decibels = psnr(picture[None], self.images[view][None], None if mask is None else mask[None])
-        return min(float(decibels[0]), _MOST_DECIBELS)
+        return min(float(decibels[0]), _MAX_DECIBELS)
 
 
 @checked

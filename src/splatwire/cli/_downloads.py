@@ -17,9 +17,9 @@ from splatwire.transport.http.downloads import FOLDERS, DownloadedFile
 LOG = logging.getLogger("splatwire.transport.downloads")
 FORMATS = ("ply", "spz", "sog", "glb", "splat", *FOLDERS)
 """Formats that can be offered."""
-MOST_BYTES = 4 << 30
+MAX_BYTES = 4 << 30
 """Maximum bytes of all files on the disk; the oldest are removed first, and made again on request."""
-MOST_SECONDS = 600.0
+MAX_SECONDS = 600.0
 """Maximum duration of one conversion, seconds; conversions wait for each other."""
 RETRY_S = 600.0
 """Time after a failed conversion in which it is not tried again, seconds. The cause may pass: a busy machine, a full
@@ -67,7 +67,7 @@ class MadeDownloads:
     """
 
     def __init__(
-        self, folder: Path, formats: tuple[str, ...], most_bytes: int = MOST_BYTES, most_seconds: float = MOST_SECONDS,
+        self, folder: Path, formats: tuple[str, ...], most_bytes: int = MAX_BYTES, most_seconds: float = MAX_SECONDS,
         retry_s: float = RETRY_S,
     ) -> None:  # fmt: skip
         self._folder, self._formats = folder, formats

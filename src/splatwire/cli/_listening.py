@@ -22,7 +22,7 @@ from splatwire.transport.quic.installed import need_aioquic
 from splatwire.transport.running_server import RunningServer
 from splatwire.transport.udp import UdpServer
 
-LEAST_TOTAL_RATE = 0.15
+MIN_TOTAL_RATE = 0.15
 """Minimum of `--total-rate`, megabits per second. One response over HTTP needs 0.13, and at lower rates it may delay
 datagrams until their clients give up."""
 REPORT_S = 5.0
@@ -51,9 +51,9 @@ def check_listening(listening: Listening) -> None:
         raise InvalidValueError("--clients and --clients-per-address are at least 1")
     if listening.rate is not None and not 0 < listening.rate <= 100_000:
         raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {listening.rate} is not")
-    if listening.total_rate is not None and not LEAST_TOTAL_RATE <= listening.total_rate <= 1_000_000:
+    if listening.total_rate is not None and not MIN_TOTAL_RATE <= listening.total_rate <= 1_000_000:
         raise InvalidValueError(
-            f"--total-rate is {LEAST_TOTAL_RATE} to 1000000 megabits per second, {listening.total_rate} is not: "
+            f"--total-rate is {MIN_TOTAL_RATE} to 1000000 megabits per second, {listening.total_rate} is not: "
             "transfers would not end"
         )
 

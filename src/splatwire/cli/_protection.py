@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from splatwire.errors import InvalidValueError
-from splatwire.planning.plan_file import MOST_BYTES, read_plan
+from splatwire.planning.plan_file import MAX_BYTES, read_plan
 from splatwire.transport import Protection
 
 
@@ -16,7 +16,7 @@ def plan_of_file(path: Path) -> tuple[Protection, int]:
         The redundancy, and the id of the stream for which it was planned.
     """
     with path.open("rb") as file:
-        return read_plan(file.read(MOST_BYTES + 1), str(path))
+        return read_plan(file.read(MAX_BYTES + 1), str(path))
 
 
 def protection_of(side_repair: float, texts: Sequence[str]) -> Protection:

@@ -13,7 +13,7 @@ _ADVICE = {
     errno.ENOMEM: "Cannot allocate memory",
 }
 """Message for each error number (errno)."""
-_LEAST_ADDRESS_SPACE = 1_000_000_000
+_MIN_ADDRESS_SPACE = 1_000_000_000
 _UNUSABLE_ADDRESS_SPACE = 500_000_000
 """Address space below which libraries abort the process or wait without end, bytes."""
 _MEMORY = "there is not enough memory here"
@@ -60,13 +60,13 @@ def address_space_warning() -> str:
     """
     # Such a process may be aborted inside a library, before Python can print an error.
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit == resource.RLIM_INFINITY or limit >= _LEAST_ADDRESS_SPACE:
+    if limit == resource.RLIM_INFINITY or limit >= _MIN_ADDRESS_SPACE:
         return ""
     if limit < _UNUSABLE_ADDRESS_SPACE:
-        raise MemoryError(f"libraries need up to {_LEAST_ADDRESS_SPACE / 1e9:.0f} GB of address space")
+        raise MemoryError(f"libraries need up to {_MIN_ADDRESS_SPACE / 1e9:.0f} GB of address space")
     return (
         f"the address space is limited to {limit / 1e9:.1f} GB (`ulimit -v`), libraries need up to "
-        f"{_LEAST_ADDRESS_SPACE / 1e9:.0f} GB: without it, they may end this program"
+        f"{_MIN_ADDRESS_SPACE / 1e9:.0f} GB: without it, they may end this program"
     )
 
 

@@ -47,7 +47,7 @@ STREAM = FILE_SUFFIX.removeprefix(".")
 """Name of the stream format in `--to`."""
 TILES, SOG_LEVELS = "3dtiles", "streamed.sog"
 """Names of 3D Tiles and of streamed SOG in `--to`: folders with levels of detail of a still scene."""
-MOST_JOBS = 256
+MAX_JOBS = 256
 """Maximum number of processes at the same time."""
 
 
@@ -69,8 +69,8 @@ class Conversion:
 
 def run(command: Convert) -> None:
     """Runs `splatwire convert`."""
-    if not 1 <= command.jobs <= MOST_JOBS:
-        raise InvalidValueError(f"--jobs is from 1 to {MOST_JOBS}, {command.jobs} is not")
+    if not 1 <= command.jobs <= MAX_JOBS:
+        raise InvalidValueError(f"--jobs is from 1 to {MAX_JOBS}, {command.jobs} is not")
     form = None if command.to is None else _checked_form(command.to)
     if command.output is not None and form is not None:
         _convert_inputs(command, form)

@@ -6,7 +6,7 @@ from splatwire.cli._output import print_json, print_summary
 from splatwire.cli.thumb import Thumb
 from splatwire.concealment import create_concealer
 from splatwire.errors import InvalidValueError
-from splatwire.evaluation.thumbnail import MOST_SIDE, check_suffix, picture_bytes, stream_thumbnail, thumbnail
+from splatwire.evaluation.thumbnail import MAX_SIDE, check_suffix, picture_bytes, stream_thumbnail, thumbnail
 from splatwire.files.atomic_write import atomic_write
 from splatwire.io import drawable_scene
 
@@ -14,8 +14,8 @@ from splatwire.io import drawable_scene
 def run(command: Thumb) -> None:
     """Runs `splatwire thumb`."""
     check_suffix(command.output)
-    if not all(1 <= side <= MOST_SIDE for side in command.size):
-        raise InvalidValueError(f"--size takes a width and a height from 1 to {MOST_SIDE} pixels")
+    if not all(1 <= side <= MAX_SIDE for side in command.size):
+        raise InvalidValueError(f"--size takes a width and a height from 1 to {MAX_SIDE} pixels")
     prepared_output(command.output)
     with input_path(command.scene) as path:
         if is_stream(path):

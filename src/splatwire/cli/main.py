@@ -27,7 +27,7 @@ from splatwire.files.atomic_write import with_final_names
 
 _OBJECTS = 200_000
 """Threshold of Python's garbage collector: net number of allocated objects before a collection."""
-_LEAST_COLUMNS = 20
+_MIN_COLUMNS = 20
 """Least width of help texts, characters."""
 
 
@@ -256,10 +256,10 @@ def _parse(arguments: list[str]) -> Any:
 
 @contextmanager
 def _help_output() -> Iterator[None]:
-    """Discards help texts if standard output is closed, and makes them at least `_LEAST_COLUMNS` wide."""
+    """Discards help texts if standard output is closed, and makes them at least `_MIN_COLUMNS` wide."""
     with contextlib.ExitStack() as stack:
-        if shutil.get_terminal_size().columns < _LEAST_COLUMNS:
-            stack.enter_context(_columns(_LEAST_COLUMNS))  # the option parser would break lines without end
+        if shutil.get_terminal_size().columns < _MIN_COLUMNS:
+            stack.enter_context(_columns(_MIN_COLUMNS))  # the option parser would break lines without end
         if sys.stdout is None:  # tyro needs a stream
             nowhere = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
             stack.enter_context(contextlib.redirect_stdout(nowhere))

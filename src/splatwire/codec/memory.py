@@ -15,7 +15,7 @@ from splatwire.bitstream.packet import Packet
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.ops.threads import allowed_threads
 
-MOST_BYTES = 8 << 30
+MAX_BYTES = 8 << 30
 """Maximum memory of any stream, bytes; also the limit while the final size of a stream is unknown."""
 VARIABLE = "SPLATWIRE_DECODE_GB"
 """Environment variable that overrides all of these limits: a number of gigabytes."""
@@ -39,7 +39,7 @@ def allowed_bytes(stream_bytes: int | None) -> int:
         if not 0 < gigabytes < 1e6:
             raise InvalidValueError(f"{VARIABLE} is a number of gigabytes above 0, not {text[:40]!r}")
         return int(gigabytes * 1e9)
-    return MOST_BYTES if stream_bytes is None else min(FREE_BYTES + BYTES_PER_BYTE * stream_bytes, MOST_BYTES)
+    return MAX_BYTES if stream_bytes is None else min(FREE_BYTES + BYTES_PER_BYTE * stream_bytes, MAX_BYTES)
 
 
 def check_memory(needed: int, stream_bytes: int | None, what: str) -> None:

@@ -25,7 +25,7 @@ MAX_PREVIEW_BYTES = 1024
 VERSION = 1
 BITS = (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)
 """Bits of a Gaussian's numbers: position x, y, z; size x, y, z; red, green, blue; opacity."""
-MOST_AWAY = 8.0
+MAX_AWAY = 8.0
 """Largest asinh of a distance from the centre, in spreads; corresponds to 1490 spreads."""
 SIZES = (-12.0, 6.0)
 """Smallest and largest `log(size / spread)`, a natural logarithm."""
@@ -33,7 +33,7 @@ SPREADS = (2.0**-20, 2.0**20)
 """Smallest and largest spread, world units."""
 FARTHEST = 2.0**20
 """Largest absolute coordinate of the centre, world units."""
-MOST_LEVELS = tuple((1 << bits) - 1 for bits in BITS)
+MAX_LEVELS = tuple((1 << bits) - 1 for bits in BITS)
 _GAUSSIAN_BITS = sum(BITS)
 _HEADER_BYTES = 53
 MAX_GAUSSIANS = (MAX_PREVIEW_BYTES - _HEADER_BYTES) * 8 // _GAUSSIAN_BITS
@@ -68,7 +68,7 @@ class PreviewFrame:
             return "its middle is out of range"
         if not SPREADS[0] <= self.spread <= SPREADS[1]:
             return "its spread is out of range"
-        bounds = [(-MOST_AWAY, MOST_AWAY)] * 3 + [SIZES]
+        bounds = [(-MAX_AWAY, MAX_AWAY)] * 3 + [SIZES]
         names = ("x", "y", "z", "sizes")
         for name, low, high, (least, most) in zip(names, self.low, self.high, bounds, strict=True):
             if not least <= low <= high <= most:
@@ -91,7 +91,7 @@ class PreviewFrame:
         Raises:
             InvalidValueError: If the centre or the spread is out of range.
         """
-        (x, y, z), bounds = _sent(middle), [(-MOST_AWAY, MOST_AWAY)] * 3 + [SIZES]
+        (x, y, z), bounds = _sent(middle), [(-MAX_AWAY, MAX_AWAY)] * 3 + [SIZES]
         least, most = (
             [min(max(value, a), b) for value, (a, b) in zip(_sent(values), bounds, strict=True)]
             for values in (low, high)
@@ -116,7 +116,7 @@ class PreviewFrame:
     def levels(self, values: Float[np.ndarray, "G 10"]) -> Float[np.ndarray, "G 10"]:
         """Converts the ten numbers of each Gaussian (see `values`) to unrounded quantisation levels."""
         low, step = self.scale()
-        return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MOST_LEVELS))
+        return np.clip((values - low) / np.maximum(step, 1e-12), 0, np.array(MAX_LEVELS))
 
     def gaussians(self, values: Float[np.ndarray, "G 10"]) -> Gaussians:
         """Converts the ten numbers of each Gaussian (see `values`) to Gaussians."""
@@ -132,7 +132,7 @@ class PreviewFrame:
         half = 0.5 / (1 << BITS[9])
         low = [*self.low[:3], *self.low[3:] * 3, 0.0, 0.0, 0.0, half]
         high = [*self.high[:3], *self.high[3:] * 3, 1.0, 1.0, 1.0, 1 - half]
-        steps = [(most - least) / count for least, most, count in zip(low, high, MOST_LEVELS, strict=True)]
+        steps = [(most - least) / count for least, most, count in zip(low, high, MAX_LEVELS, strict=True)]
         return np.array(low), np.array(steps)
 
 
@@ -154,7 +154,7 @@ class Preview:
         count = len(self.levels)
         if not 1 <= count <= MAX_GAUSSIANS or self.levels.shape != (count, len(BITS)):
             raise InvalidValueError(f"a preview has 1 to {MAX_GAUSSIANS} Gaussians, not {self.levels.shape}")
-        if (self.levels < 0).any() or (self.levels > np.array(MOST_LEVELS)).any():
+        if (self.levels < 0).any() or (self.levels > np.array(MAX_LEVELS)).any():
             raise InvalidValueError("a number of a preview does not fit its bits")
 
     @property

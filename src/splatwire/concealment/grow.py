@@ -13,7 +13,7 @@ from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.types import ReceivedScene
 
 _CHUNK = 1 << 15
-_MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
+_MAX_OPAQUE, _MIN_OPAQUE = 0.999, 1e-6
 
 
 @register_concealer("grow")
@@ -75,8 +75,8 @@ class Grow:
         if not coverage.opacity:
             return Concealed(size, ~known)
         opacities = partial.elements.opacities
-        opaque = 1 - (1 - np.minimum(opacities, _MOST_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
-        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _LEAST_OPAQUE), np.ones_like(left)), 1)
+        opaque = 1 - (1 - np.minimum(opacities, _MAX_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
+        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _MIN_OPAQUE), np.ones_like(left)), 1)
         return Concealed(size, ~known, gain)
 
     def gain(

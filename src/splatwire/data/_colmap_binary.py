@@ -13,7 +13,7 @@ from splatwire.errors import DatasetError
 from splatwire.files.read_limited import open_regular
 
 _MAX_NAME_BYTES = 4096
-_LEAST_CAMERA_BYTES = 24 + 8 * min(count for _, count in MODELS)
+_MIN_CAMERA_BYTES = 24 + 8 * min(count for _, count in MODELS)
 
 
 class _Cursor:
@@ -73,7 +73,7 @@ def read_cameras(path: Path) -> list[RawCamera]:
     """Reads `cameras.bin`."""
     cameras = []
     with _opened(path) as cursor:
-        for _ in range(cursor.count(_LEAST_CAMERA_BYTES)):
+        for _ in range(cursor.count(_MIN_CAMERA_BYTES)):
             camera_id, model, width, height = cursor.take("IiQQ")
             if not 0 <= model < len(MODELS):
                 raise DatasetError(f"{path}: camera {camera_id} is of an unknown model, number {model}")

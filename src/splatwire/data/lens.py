@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from splatwire.errors import DatasetError
 
 _STEP = 1.01
-_MOST_ZOOM = 2.0
+_MAX_ZOOM = 2.0
 _BORDER_SAMPLES, _INNER_SAMPLES = 129, 33
 _CACHED = 4
 _DERIVATIVE_STEP = 1e-5
@@ -75,7 +75,7 @@ class Lens(LensModel):
     k4: float = 0.0
     k5: float = 0.0
     k6: float = 0.0
-    least_zoom: ClassVar[float] = 1 / _MOST_ZOOM
+    least_zoom: ClassVar[float] = 1 / _MAX_ZOOM
 
     @property
     def has_distortion(self) -> bool:
@@ -167,9 +167,9 @@ def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Und
         while zoom > lens.least_zoom and _is_covered(lens, photo, zoom / _STEP, width, height):
             zoom /= _STEP
     else:
-        while zoom <= _MOST_ZOOM and not _is_covered(lens, photo, zoom, width, height):
+        while zoom <= _MAX_ZOOM and not _is_covered(lens, photo, zoom, width, height):
             zoom *= _STEP
-        if zoom > _MOST_ZOOM:
+        if zoom > _MAX_ZOOM:
             raise DatasetError(
                 f"the distortion of the lens is too large ({lens}); run `colmap image_undistorter` and use its output"
             )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError
 
-FEWEST_POINTS = 2
+MIN_POINTS = 2
 """Minimum number of points of a curve; two points give a line over the logarithm of bytes."""
 
 
@@ -73,7 +73,7 @@ def _mean_difference(reference: Iterable[tuple[float, float]], other: Iterable[t
     from scipy.interpolate import PchipInterpolator  # takes long to load
 
     curves = [_sorted_points(points) for points in (reference, other)]
-    if min(map(len, curves)) < FEWEST_POINTS:
+    if min(map(len, curves)) < MIN_POINTS:
         return None
     low, high = max(curve[0][0] for curve in curves), min(curve[-1][0] for curve in curves)
     if not low < high:

@@ -27,7 +27,7 @@ SIDES = 8
 """Number of directions around a scene among which the direction of the thumbnail is chosen."""
 SIZE = (1200, 630)
 """Default width and height, pixels: those that programs show as the preview of a link."""
-MOST_SIDE = 4096
+MAX_SIDE = 4096
 """Maximum width and height, pixels."""
 SUFFIXES = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".webp": "WEBP"}
 """Formats of pictures by file name suffix."""
@@ -52,8 +52,8 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
         InvalidValueError: If the size is out of range, or the scene is empty.
     """
     width, height = size
-    if not (1 <= width <= MOST_SIDE and 1 <= height <= MOST_SIDE):
-        raise InvalidValueError(f"a thumbnail has 1 to {MOST_SIDE} pixels in each direction, not {width} x {height}")
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
+        raise InvalidValueError(f"a thumbnail has 1 to {MAX_SIDE} pixels in each direction, not {width} x {height}")
     camera = _best_side(scene, min(size)) if viewpoint is None else _camera_at(viewpoint, min(size))
     intrinsics = camera.Ks.copy()
     intrinsics[:, 0, 2], intrinsics[:, 1, 2] = width / 2, height / 2

@@ -10,7 +10,7 @@ from splatwire.ops.quaternions import quaternions_of
 from splatwire.types import Gaussians
 from splatwire.types.splats import Splats
 
-_LEAST_OPACITY, _MOST_OPACITY = 1e-3, 0.9998
+_MIN_OPACITY, _MAX_OPACITY = 1e-3, 0.9998
 """Range of initial opacities; a logit of 0 or 1 would be infinite."""
 
 
@@ -53,7 +53,7 @@ class Latents:
             zeros,
             zeros.copy(),
             logs,
-            _logit(splats.opacities, _LEAST_OPACITY),
+            _logit(splats.opacities, _MIN_OPACITY),
             splats.sh[:, 0].copy(),
             splats.sh[:, 1:].copy(),
             splats.means.copy(),
@@ -213,7 +213,7 @@ def harmonic_gradient(
 
 
 def _logit(opacities: np.ndarray, least: float = 1e-6) -> np.ndarray:
-    clipped = np.clip(opacities, np.float32(least), np.float32(_MOST_OPACITY))
+    clipped = np.clip(opacities, np.float32(least), np.float32(_MAX_OPACITY))
     return np.log(clipped / (1 - clipped))
 
 

@@ -14,7 +14,7 @@ from splatwire.types import SplatScene
 from splatwire.types.splats import Splats
 
 _GROW = Grow()
-_MOST_OPAQUE = 0.999
+_MAX_OPAQUE = 0.999
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class SimulatedReception:
     def drawn_splats(self, splats: Splats) -> Splats:
         """Returns the Gaussians that a receiver draws: the received Gaussians, enlarged to cover gaps."""
         there = splats.select(self.known)
-        clear = 1 - np.minimum(there.opacities, np.float32(_MOST_OPAQUE))
+        clear = 1 - np.minimum(there.opacities, np.float32(_MAX_OPAQUE))
         opacities = 1 - clear ** np.float32(self.exponent)
         return replace(there, scales=there.scales * np.float32(self.size_gain), opacities=opacities)
 
@@ -61,7 +61,7 @@ class SimulatedReception:
             splats: All Gaussians, including those lost with packets.
             drawn_gradients: Gradients with respect to the drawn Gaussians, the result of `drawn_splats`.
         """
-        clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MOST_OPAQUE))
+        clear = 1 - np.minimum(splats.opacities[self.known], np.float32(_MAX_OPAQUE))
         slope = np.float32(self.exponent) * clear ** np.float32(self.exponent - 1)
         changed = replace(
             drawn_gradients,

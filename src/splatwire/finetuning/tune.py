@@ -39,13 +39,13 @@ _DIVISIONS = 8
 """Number of times that the division into packets is computed, if the channel loses packets."""
 CHECK_EVERY = 50
 """Maximum number of iterations between two checks of the loss."""
-LEAST_CHECKS = 4
+MIN_CHECKS = 4
 """Number of checks in a fine-tuning with few iterations, which are then closer together."""
 SLOWER = 0.5
 """Factor on all learning rates after a check that found a larger loss than the check before."""
 _CHECKED_RECEPTIONS = 2
 """Number of simulated packet losses with which checks measure the loss, if the channel loses packets."""
-LEAST_SCALE = 10**-4.6
+MIN_SCALE = 10**-4.6
 """Smallest mean squared error by which gradients are divided, 46 dB. Views that were better at first have no more
 weight than this: otherwise they would determine the direction of every step."""
 
@@ -133,7 +133,7 @@ def tuned_gaussians(
     Raises:
         InvalidValueError: If there are no Gaussians, or cameras have another origin than the scene.
     """
-    # Dividing by the first error (at least `LEAST_SCALE`) gives all views similar weight; a view that becomes much
+    # Dividing by the first error (at least `MIN_SCALE`) gives all views similar weight; a view that becomes much
     # worse gets more weight. At intervals, the loss is measured in a fixed sample of the pictures (`SampledLoss`). If
     # it has grown since the check before, the Gaussians of that check are restored, and the learning rates are
     # multiplied by `SLOWER`. The loss of the result, including the cost of harmonics, is thus not above that of the
@@ -159,7 +159,7 @@ def tuned_gaussians(
         return loss if cost is None else loss + cost.value(latents.harmonics)
 
     best, least, rate = latents.copy(), loss_of(latents), options.rate
-    interval = min(CHECK_EVERY, max(options.iterations // LEAST_CHECKS, 1))
+    interval = min(CHECK_EVERY, max(options.iterations // MIN_CHECKS, 1))
     for step in range(options.iterations):
         checked = step > 0 and step % interval == 0
         if checked:
@@ -220,7 +220,7 @@ def picture_gradients(
         view: Index of the camera.
         target: RGB in [0, 1] of the reference picture.
         mask: True for pixels that are compared; None for all.
-        scale: Divisor of the gradients, raised to `LEAST_SCALE` if it is smaller. None to divide by the mean squared
+        scale: Divisor of the gradients, raised to `MIN_SCALE` if it is smaller. None to divide by the mean squared
             error.
     """
     # The rendering is clamped to [0, 1] before the comparison, as in `render_scene`. The error is the mean over all
@@ -238,7 +238,7 @@ def picture_gradients(
     if mask is not None:
         difference *= mask[:, :, None]
     error = float(np.mean(np.square(difference, dtype=np.float64)))
-    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, LEAST_SCALE)))
+    d_image = difference * np.float32(2 / (difference.size * max(error if scale is None else scale, MIN_SCALE)))
     means, quats, scales, opacities, colors, _ = picture.gradients(arrays, image, d_image)
     if scene.antialiased:
         opacities = opacities * (seen.opacities / np.maximum(plain.opacities, np.float32(1e-12)))
@@ -324,7 +324,7 @@ def _sampled_loss(
         division = divide_into_packets(replace(scene, splats=rounded, coding=coding), options.packetization)
         drawn = [simulate_reception(division, options, rng) for _ in range(_CHECKED_RECEPTIONS)]
         receptions = [reception for reception in drawn if reception is not None]
-    return SampledLoss.create(scene, rounded, pictures, receptions, LEAST_SCALE, rng)
+    return SampledLoss.create(scene, rounded, pictures, receptions, MIN_SCALE, rng)
 
 
 def _decay(share: float) -> float:

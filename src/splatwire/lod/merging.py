@@ -9,7 +9,7 @@ from splatwire.types.splats import Splats
 
 COLOUR = 0.085
 """Weight of colour (harmonics of degree 0) in the distance, relative to the radius of the region."""
-MOST_OPAQUE = 0.99
+MAX_OPAQUE = 0.99
 SMALLEST = 1e-12
 """Minimum variance of a merged Gaussian along an axis, relative to its largest variance."""
 
@@ -105,7 +105,7 @@ def _merge_runs(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[S
     values = np.maximum(values, SMALLEST * values[:, 2:].clip(min=1e-30))
     scales = np.sqrt(values)
     covered = scales[:, 2] * scales[:, 1]
-    opacities = np.minimum(total / covered, MOST_OPAQUE)
+    opacities = np.minimum(total / covered, MAX_OPAQUE)
     new = {
         "means": centres, "quats": _quaternions(vectors), "scales": scales, "opacities": opacities,
         "sh": mean(splats.sh.astype(np.float64)),

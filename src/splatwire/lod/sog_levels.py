@@ -33,7 +33,7 @@ LEAVES_PER_CHUNK = 16
 """Number of leaves whose Gaussians of one level share a SOG folder."""
 FACTOR = 4
 """Reduction of the number of Gaussians from level to level."""
-_MOST_LEVELS = 6
+_MAX_LEVELS = 6
 _REACH = 3.0
 """Radius of a Gaussian for the bounding box of a leaf, standard deviations."""
 
@@ -118,7 +118,7 @@ def write_sog_levels(
 def _num_levels(count: int, leaf: int) -> int:
     """Returns how many levels of detail a scene needs."""
     levels = 1
-    while levels < _MOST_LEVELS and count > FACTOR and count * FACTOR > leaf:
+    while levels < _MAX_LEVELS and count > FACTOR and count * FACTOR > leaf:
         count, levels = -(-count // FACTOR), levels + 1
     return levels
 

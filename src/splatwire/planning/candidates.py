@@ -36,11 +36,11 @@ BEST_SIDES = 2
 SAFER = 1.3
 """Factor on the number of repair symbols with which 999 of 1000 transfers succeed; used if the budget allows, because
 one failure in 1000 costs 0.02 dB."""
-MOST_IN_HEAD = 0.35
+MAX_IN_HEAD = 0.35
 """Maximum fraction of the packets that are sent in the init segment with the side information; only complete tiers
 are."""
 PLAIN_LEAD = 0.7
-MOST_REPAIR = 2.0
+MAX_REPAIR = 2.0
 _ALIKE_STEPS = 50
 _NEARLY = 0.95
 """If the budget truncates a transfer, all repair symbols are sent within this fraction of the sent bytes."""
@@ -108,7 +108,7 @@ def largest_head(load: StreamLoad) -> int:
     Args:
         load: Sizes of the stream's packets.
     """
-    return load.head_bytes + int(MOST_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
+    return load.head_bytes + int(MAX_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
@@ -125,7 +125,7 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
     """
     shares = [(0, 0.0)]
     for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
-        if packets <= MOST_IN_HEAD * sum(counts):
+        if packets <= MAX_IN_HEAD * sum(counts):
             shares.append((inside, packets / sum(counts)))
     return shares
 
@@ -152,7 +152,7 @@ def baseline_candidates(load: StreamLoad, traces: np.ndarray, constraints: PlanC
     def size(step: int) -> int:
         return int(model_transfer(load, alike(step)).num_bytes.sum())
 
-    steps = range(int(MOST_REPAIR * _ALIKE_STEPS) + 1)
+    steps = range(int(MAX_REPAIR * _ALIKE_STEPS) + 1)
     whole = alike(max(bisect.bisect_right(steps, constraints.budget_bytes, key=size) - 1, 0))
     rate = min(1 - float(traces.mean()), 0.95)
     return {
@@ -203,7 +203,7 @@ def _init_segment_candidates(
         share = float(side_info_arrivals(model, _received_within(model, traces, constraints.budget_bytes)).mean())
         found.append((-min(share, constraints.head_target), int(model.num_bytes.sum()), side))
     best = [side for _, _, side in sorted(found, key=lambda entry: entry[:2])[:BEST_SIDES]]
-    return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MOST_REPAIR))]
+    return [*best, replace(best[0], side_repair=min(SAFER * best[0].side_repair, MAX_REPAIR))]
 
 
 def _spread_end(constraints: PlanConstraints, pass_bytes: float) -> float:
@@ -235,7 +235,7 @@ def _least_repair(
         The settings `start` with the chosen number of repair symbols for the side information.
     """
     need = rate / (1 - rate)
-    repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})
+    repairs = sorted({min(multiple * need, MAX_REPAIR) for multiple in SIDE_MULTIPLES})
 
     def with_repair(number: int) -> Protection:
         return replace(start, side_repair=repairs[number])
@@ -282,4 +282,4 @@ def _repair_per_packet(safety: float | None, need: float, num_packets: int) -> f
     if safety is None or need == 0:
         return 0.0
     deviation = math.sqrt(need * (1 + need) / max(num_packets, 1))
-    return min(need + safety * deviation + SYMBOLS_TO_SPARE / max(num_packets, 1), MOST_REPAIR)
+    return min(need + safety * deviation + SYMBOLS_TO_SPARE / max(num_packets, 1), MAX_REPAIR)

@@ -10,9 +10,9 @@ from splatwire.errors import InvalidValueError, UnsupportedVersionError
 from splatwire.transport.protocol.protection import Protection
 
 FORMAT, VERSION = "splatwire plan", 1
-MOST_BYTES = 1 << 18
-MOST_TIERS = 8
-MOST_GROUPS = 4096
+MAX_BYTES = 1 << 18
+MAX_TIERS = 8
+MAX_GROUPS = 4096
 """Maximum number of groups of pictures with their own amount of redundancy."""
 
 
@@ -66,7 +66,7 @@ def read_plan(data: bytes, name: str) -> tuple[Protection, int]:
     """
     try:
         # Integers are parsed as floats, because huge ones are slow to parse; limits are checked next.
-        content = json.loads(data, parse_int=float) if len(data) <= MOST_BYTES else None
+        content = json.loads(data, parse_int=float) if len(data) <= MAX_BYTES else None
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
@@ -90,8 +90,8 @@ def _protection(values: Any) -> Protection:
     if not (isinstance(values, dict) and set(values) | {"motion"} == known):
         raise InvalidValueError(f"the plan's protection must have {', '.join(sorted(known))} and nothing else")
     repair, optional = values["tier_repair"], {"side_symbol_bytes", "resend"}
-    if not (isinstance(repair, list) and len(repair) <= MOST_TIERS):
-        raise InvalidValueError(f"the plan's tier_repair is not a list of at most {MOST_TIERS} numbers")
+    if not (isinstance(repair, list) and len(repair) <= MAX_TIERS):
+        raise InvalidValueError(f"the plan's tier_repair is not a list of at most {MAX_TIERS} numbers")
     numbers = {key: _number(key, value) for key, value in values.items()
                if key not in {"tier_repair", "motion"} and not (value is None and key in optional)}  # fmt: skip
     size = numbers.pop("side_symbol_bytes", None)
@@ -110,9 +110,9 @@ def _parse_motion_protection(values: Any) -> tuple[tuple[float, float], ...]:
     Returns:
         One pair per group: share of the motion packets that get parity, and repair symbols per packet with parity.
     """
-    fine = isinstance(values, list) and len(values) <= MOST_GROUPS
+    fine = isinstance(values, list) and len(values) <= MAX_GROUPS
     if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):
-        raise InvalidValueError(f"the plan's motion is not a list of at most {MOST_GROUPS} pairs of numbers")
+        raise InvalidValueError(f"the plan's motion is not a list of at most {MAX_GROUPS} pairs of numbers")
     return tuple((_number("motion", share), _number("motion", repair)) for share, repair in values)
 
 

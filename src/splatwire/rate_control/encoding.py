@@ -43,9 +43,9 @@ JUMP = 0.04
 power of two."""
 SHARE_OCTAVES = 4.0
 """Levels by which bytes change as much as by keeping all or none of the Gaussians."""
-LEAST_SHARE_RATIO = 0.6
+MIN_SHARE_RATIO = 0.6
 """Smallest share of Gaussians to keep on the fine side of a jump, relative to the best one."""
-LEAST_ERROR = 1e-12
+MIN_ERROR = 1e-12
 """Minimum mean squared error, so that logarithms are finite."""
 PRUNED_GAIN_DB, ROUNDED_GAIN_DB = 5.0, 2.5
 """Reduction of the errors of pruning and of quantisation that the first fine-tuning is expected to give, decibels. The
@@ -53,11 +53,11 @@ first is less than usual: a second fine-tuning with fewer Gaussians continues th
 """
 MORE_PRUNING_DB = 4.5
 """Difference between the usual gains of fine-tuning on the errors of pruning and of quantisation, decibels."""
-MOST_PRUNED_ERROR = 0.9
+MAX_PRUNED_ERROR = 0.9
 """Maximum share of the error of pruning in the error of a stream."""
 TUNED_SHARE_DB = 6.0
 """Typical increase of the PSNR of fine-tuned scenes per unit of the logarithm of the share of Gaussians, decibels."""
-TRIMMED_SHARE_DB, LEAST_TRIMMED_SHARE = 12.0, 0.8
+TRIMMED_SHARE_DB, MIN_TRIMMED_SHARE = 12.0, 0.8
 """Typical increase of the PSNR of fine-tuned scenes with the share of Gaussians that is kept afterwards, decibels, and
 smallest share."""
 EXCESS_DB, EXCESS_LOG = 0.25, 0.06
@@ -378,7 +378,7 @@ class _Plan:
         # Coarser steps would cost more: fine-tuned Gaussians are adapted to their cells of the position lattice.
         permitted = Interval(psnr - PSNR_TOLERANCE, psnr, psnr + PSNR_TOLERANCE)
         slope = TRIMMED_SHARE_DB
-        search(reached, permitted, 1 + (psnr - encoded.psnr) / slope, slope, (LEAST_TRIMMED_SHARE, 1.0))
+        search(reached, permitted, 1 + (psnr - encoded.psnr) / slope, slope, (MIN_TRIMMED_SHARE, 1.0))
         return min(tried, key=lambda each: abs(each.psnr - psnr))
 
     def measured(self, encoded: EncodedScene) -> float:
@@ -394,9 +394,9 @@ class _Plan:
         # The quantisation steps remain the same.
         assert self.curve is not None
         error = 10 ** (-self.measured(untuned) / 10)
-        pruned = min(self.curve.error(untuned.kept), MOST_PRUNED_ERROR * error)
+        pruned = min(self.curve.error(untuned.kept), MAX_PRUNED_ERROR * error)
         rounded = (error - pruned) * 10 ** (-ROUNDED_GAIN_DB / 10)
-        return min(self.curve.share(max(error - rounded, LEAST_ERROR) * 10 ** (PRUNED_GAIN_DB / 10)), untuned.kept)
+        return min(self.curve.share(max(error - rounded, MIN_ERROR) * 10 ** (PRUNED_GAIN_DB / 10)), untuned.kept)
 
     @staticmethod
     def better_of(
@@ -590,7 +590,7 @@ class _Trials:
         # Each attempt encodes the scene with another share. The quantisation level stays that of `known`.
         value, encoded = known
         share, per_share = encoded.kept, slope * SHARE_OCTAVES / encoded.kept
-        ends = (LEAST_SHARE_RATIO * share, min(share / LEAST_SHARE_RATIO, 1.0))
+        ends = (MIN_SHARE_RATIO * share, min(share / MIN_SHARE_RATIO, 1.0))
         start = share + (permitted.wanted - value) / per_share
         search(
             functools.partial(self._encode_and_measure, measure, encoded.quality.level),

@@ -28,7 +28,7 @@ SHARES = (0.8, 0.5, 0.3, 0.12)
 """Shares of kept Gaussians at which the error of a pruned scene is measured."""
 MEASURED_AGAIN = (0.5, 0.3)
 """Shares of kept Gaussians at which the effect of removing each of them is measured again."""
-LEAST_SHARE = 0.02
+MIN_SHARE = 0.02
 """Minimum share of Gaussians that is kept."""
 STEPS = 400
 """Number of shares among which the best one is chosen."""
@@ -41,7 +41,7 @@ TRADE = 3.0
 """Error per share of removed Gaussians, relative to the error of quantisation, up to which removing more saves more
 bytes than coarser quantisation. Of 1.5, 3, 6, 12 and 24, the value 3 was within 2 % of the fewest bytes at equal PSNR
 on `luigi`, `guitar` and `truck`, from 36 to 49 dB."""
-_LEAST_SLOPE = 0.2
+_MIN_SLOPE = 0.2
 """Minimum exponent with which the error of a pruned scene grows with the sum of the errors of single Gaussians."""
 _SMALLEST = 1e-14
 """Minimum mean squared error, so that logarithms are finite."""
@@ -153,7 +153,7 @@ class PruningCurve:
             progress((place + 1) / len(SHARES))
         sums = np.maximum(np.append(np.cumsum(removal[order[::-1]])[::-1], 0.0), _SMALLEST)
         known = [np.log(sums[kept]) for kept in counts]
-        shares = np.linspace(LEAST_SHARE, 1.0, STEPS)
+        shares = np.linspace(MIN_SHARE, 1.0, STEPS)
         at = np.log(sums[[_number(share, count) for share in shares]])
         # The error of removing several Gaussians is not the sum of their single errors: Gaussians that cover each other
         # have an effect only if all of them are removed. The error is a power of the sum, fitted to the measurements.
@@ -211,14 +211,14 @@ def _fitted(
         known: Arguments of the measurements.
         values: Measured values.
     """
-    # The curve is a parabola between the measured points and a line outside. Its slope is at least `_LEAST_SLOPE`,
+    # The curve is a parabola between the measured points and a line outside. Its slope is at least `_MIN_SLOPE`,
     # so that stronger pruning never has a smaller error.
     if np.ptp(known) < 1e-6:  # the removed Gaussians have no effect at all
         return np.full(len(arguments), values.max())
     # Scenes of two or three Gaussians have fewer than three different measurements.
     fit = np.polynomial.Polynomial.fit(known, values, min(2, len(np.unique(known)) - 1))
     grid = np.linspace(known.min(), known.max(), 65)
-    slopes = np.maximum(fit.deriv()((grid[1:] + grid[:-1]) / 2), _LEAST_SLOPE)
+    slopes = np.maximum(fit.deriv()((grid[1:] + grid[:-1]) / 2), _MIN_SLOPE)
     curve = np.append(0.0, np.cumsum(slopes * np.diff(grid)))
     curve += float(np.mean(values - np.interp(known, grid, curve)))
     found = np.interp(arguments, grid, curve)

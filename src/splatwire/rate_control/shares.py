@@ -7,9 +7,9 @@ from splatwire.rate_control.search import Interval
 
 TUNINGS = 3
 """Maximum number of fine-tunings."""
-LEAST_CHANGE = 0.02
+MIN_CHANGE = 0.02
 """Minimum change of the logarithm of the share between two fine-tunings."""
-LARGEST_CHANGE = 0.5
+MAX_CHANGE = 0.5
 """Maximum change of the logarithm of the share between two fine-tunings."""
 
 
@@ -35,13 +35,13 @@ def search_share(tune: Callable[[float], float], target: Interval, start: float,
             measured = (values[-1] - values[-2]) / (logs[-1] - logs[-2])
             if math.isfinite(measured):  # views without any difference have infinite PSNR
                 slope = min(max(measured, slope / 2), 2 * slope)
-        step = min(max((target.wanted - values[-1]) / slope, -LARGEST_CHANGE), LARGEST_CHANGE)
+        step = min(max((target.wanted - values[-1]) / slope, -MAX_CHANGE), MAX_CHANGE)
         reaching = [log for log, value in zip(logs, values, strict=True) if value >= target.low]
         missing = [log for log, value in zip(logs, values, strict=True) if value < target.low]
-        low, high = max(missing, default=-math.inf) + LEAST_CHANGE, min(reaching, default=0.0)
+        low, high = max(missing, default=-math.inf) + MIN_CHANGE, min(reaching, default=0.0)
         following = min(max(at + step, low), high)
         done = values[-1] in target or len(values) == TUNINGS
-        if done or min(abs(following - log) for log in logs) < LEAST_CHANGE:
+        if done or min(abs(following - log) for log in logs) < MIN_CHANGE:
             break
         at = following
     return logs.index(high) if reaching else values.index(max(values))

@@ -29,19 +29,19 @@ _GROUPS = {
 """Attributes by their name in `Offsets`, and the quantities of `STEPS` whose steps determine their precision."""
 _MOST = 3.0
 """Maximum change of the precision of an attribute, octaves."""
-_MOST_COLOUR = 2
+_MAX_COLOUR = 2
 """Maximum change of the precision of base colours that `measured_colour_precision` tries, octaves."""
 _FINEST_LEVEL, _FINEST_PRECISION = 24.0, 16.0
 """Upper limits of `Quality.level` and `Quality.precision`."""
-_LEAST_GAIN = 0.01
+_MIN_GAIN = 0.01
 """Minimum gain of an octave of precision of base colours: decrease of the logarithm of bytes at equal PSNR."""
-_MOST_DB = 120.0
+_MAX_DB = 120.0
 """Maximum PSNR of a picture, so that means are finite, decibels."""
 _RUNS, _RUN = 4, 4096
 """Number of spatially compact groups of Gaussians that are encoded to measure bytes, and Gaussians per group."""
-_LEAST_RATE = 1e-3
+_MIN_RATE = 1e-3
 """Minimum share of an attribute in the bytes that one more octave of precision of all attributes takes."""
-_LEAST_ERROR = 1e-12
+_MIN_ERROR = 1e-12
 """Minimum squared error of a picture, so that shares of the error are finite."""
 
 
@@ -87,12 +87,12 @@ def measured_precision(
     errors, rates = np.empty((len(names), cameras.num_views)), np.empty(len(names))
     for place, (name, group) in enumerate(zip(names, groups, strict=True)):
         drawn = replace(scene, splats=latents.splats(_only(offsets, name)), coding=None, hints=None)
-        errors[place] = np.maximum(10 ** (-pictures.psnr(drawn) / 10), _LEAST_ERROR)
+        errors[place] = np.maximum(10 ** (-pictures.psnr(drawn) / 10), _MIN_ERROR)
         rates[place] = (size(group, 1.0) - size(group, -1.0)) / 2
         progress((place + 1) / len(names))
     # The mean PSNR depends on the shares of the error of each view.
     shares = (errors / errors.sum(axis=0)).mean(axis=1)
-    rates = np.maximum(rates, _LEAST_RATE * np.maximum(rates, 1.0).sum())
+    rates = np.maximum(rates, _MIN_RATE * np.maximum(rates, 1.0).sum())
     for group, octaves in zip(groups, np.log2(shares * rates.sum() / rates) / 2, strict=True):
         precision[group] = np.clip(precision[group] + octaves, -_MOST, _MOST)
     return tuple(precision.tolist())
@@ -119,7 +119,7 @@ def measured_colour_precision(
         rounded = round_splats(scene.splats, coding_for(scene.splats, tried, classes))
         decibels = pictures.psnr(replace(scene, splats=rounded, coding=None, hints=None))
         size = encode(some, some_classes, tried).num_bytes
-        return math.log(size), float(np.minimum(decibels, _MOST_DB).mean())
+        return math.log(size), float(np.minimum(decibels, _MAX_DB).mean())
 
     def changed(octaves: int) -> Quality:
         precision = np.array(quality.precision)
@@ -133,9 +133,9 @@ def measured_colour_precision(
         return quality.precision
     price = (finer_size - size) / (finer_decibels - decibels)
     octaves, cost = 0, size - price * decibels
-    while octaves < _MOST_COLOUR:
+    while octaves < _MAX_COLOUR:
         size, decibels = outcome(changed(octaves + 1))
-        if size - price * decibels > cost - _LEAST_GAIN:
+        if size - price * decibels > cost - _MIN_GAIN:
             break
         octaves, cost = octaves + 1, size - price * decibels
     progress(1.0)

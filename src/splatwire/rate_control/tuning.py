@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.finetuning.options import FineTuning
 from splatwire.finetuning.pictures import SIZE, VIEWS, Pictures, fitting_cameras, own_pictures
 from splatwire.finetuning.tune import Progress, tuned_gaussians
-from splatwire.rate_control.views import LEAST_CAMERAS, not_held_out
+from splatwire.rate_control.views import MIN_CAMERAS, not_held_out
 from splatwire.types import Cameras, SplatScene
 
 MAX_GAUSSIANS = 1_000_000
@@ -133,9 +133,9 @@ def fitted_cameras(scene: SplatScene, cameras: Cameras | None, tuning: Tuning) -
         tuning: Number of views, image size and seed.
     """
     # If cameras are given, all are used except the held-out ones. If they are too few, randomly moved copies are
-    # added, so that Gaussians are also fitted to the views between them. With fewer than `LEAST_CAMERAS`, cameras
+    # added, so that Gaussians are also fitted to the views between them. With fewer than `MIN_CAMERAS`, cameras
     # are placed around the scene.
-    if cameras is None or cameras.num_views < LEAST_CAMERAS:
+    if cameras is None or cameras.num_views < MIN_CAMERAS:
         return fitting_cameras(scene, tuning.num_views, tuning.size)
     given = not_held_out(cameras.relative_to(origin_of(scene)), tuning.num_views)
     given = given.scaled(min(1.0, tuning.size / max(given.width, given.height)))

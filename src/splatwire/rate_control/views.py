@@ -20,9 +20,9 @@ from splatwire.types import Cameras
 SEARCH_VIEWS, SEARCH_SIZE = 6, 256
 """Number and size in pixels of views around a scene in which pruned and decoded scenes are compared. The poses depend
 on the number, and differ from those of `held_out_cameras` and `measure_gaussians`."""
-MOST_VIEWS, MOST_SIZE = MEASURED_VIEWS, HELD_OUT_SIZE
+MAX_VIEWS, MAX_SIZE = MEASURED_VIEWS, HELD_OUT_SIZE
 """Maximum number of given cameras in each set, and maximum width and height of their images in pixels."""
-LEAST_CAMERAS = 6
+MIN_CAMERAS = 6
 """Minimum number of given cameras that are divided into the three sets."""
 _HELD_OUT = 2
 """Index of the first held-out camera among given cameras. From there on, every third camera is held out."""
@@ -52,9 +52,9 @@ class ViewSets:
             scene: The scene.
             cameras: Cameras at typical viewing positions; None for views around the scene.
         """
-        # Cameras are divided evenly among the three sets. If there are fewer than `LEAST_CAMERAS`, they are
+        # Cameras are divided evenly among the three sets. If there are fewer than `MIN_CAMERAS`, they are
         # only used to measure Gaussians.
-        if cameras is None or cameras.num_views < LEAST_CAMERAS:
+        if cameras is None or cameras.num_views < MIN_CAMERAS:
             return ViewSets(
                 None if cameras is None else cameras.relative_to(origin_of(scene)),
                 surrounding_cameras(scene, SEARCH_VIEWS, SEARCH_SIZE),
@@ -64,7 +64,7 @@ class ViewSets:
         thirds = [list(range(first, cameras.num_views, 3)) for first in (0, 1, _HELD_OUT)]
         measured, search, held_out = (
             _subset(cameras, views, most)
-            for views, most in zip(thirds, (MOST_VIEWS, SEARCH_VIEWS, MOST_VIEWS), strict=True)
+            for views, most in zip(thirds, (MAX_VIEWS, SEARCH_VIEWS, MAX_VIEWS), strict=True)
         )
         return ViewSets(measured, search, held_out)
 
@@ -73,7 +73,7 @@ def not_held_out(cameras: Cameras, count: int) -> Cameras:
     """Selects cameras for fine-tuning, evenly spread, without those that are reserved for the reported PSNR.
 
     Args:
-        cameras: At least `LEAST_CAMERAS` cameras.
+        cameras: At least `MIN_CAMERAS` cameras.
         count: Maximum number of cameras to return.
     """
     # `ViewSets.of` reserves a third of the cameras.
@@ -89,9 +89,9 @@ def _subset(cameras: Cameras, views: list[int], count: int) -> Cameras:
         views: Indices of the views to choose from.
         count: Maximum number of views.
     """
-    # Images with a side of more than `MOST_SIZE` pixels are scaled down to this size.
+    # Images with a side of more than `MAX_SIZE` pixels are scaled down to this size.
     chosen = cameras.select([views[place] for place in spread(len(views), count)])
-    return chosen.scaled(min(1.0, MOST_SIZE / max(chosen.width, chosen.height)))
+    return chosen.scaled(min(1.0, MAX_SIZE / max(chosen.width, chosen.height)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,13 +93,13 @@ def outward_coverage(splats: Splats, num_views: int, size: int) -> Float[np.ndar
     """
     # Above 1, nearly all of the image is covered.
     near = cameras_around_splats(splats, num_views, size)
-    outwards, step = _facing_back(near), -(-splats.num_gaussians // _MOST_MEASURED)
+    outwards, step = _facing_back(near), -(-splats.num_gaussians // _MAX_MEASURED)
     few = splats.select(np.arange(0, splats.num_gaussians, step))
     shown = [gaussian_footprints(few.seen_from(near.centers[view]), outwards, view).sum() for view in range(num_views)]
     return np.array(shown, np.float32) * step / size**2
 
 
-_MOST_MEASURED = 100_000
+_MAX_MEASURED = 100_000
 """Maximum number of Gaussians whose footprints are computed; larger scenes are sampled evenly and the sum is scaled
 up."""
 

@@ -11,7 +11,7 @@ from splatwire.ops.arrays import to_numpy
 from splatwire.types import Cameras
 
 LOG = logging.getLogger(__name__)
-_MOST_POSITIONS, _MOST_VIEWS = 50_000, 16
+_MAX_POSITIONS, _MAX_VIEWS = 50_000, 16
 _DOT_PX = 1.0
 """Largest extent of most elements in a picture that is no view of a scene, but a dot far away, pixels."""
 _REACH = 3.0
@@ -28,9 +28,9 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
         cameras: The cameras, of which up to 16 are examined.
     """
     cameras = cameras.relative_to(origin_of(scene))
-    cameras = cameras.select(slice(None, None, max(-(-cameras.num_views // _MOST_VIEWS), 1)))
+    cameras = cameras.select(slice(None, None, max(-(-cameras.num_views // _MAX_VIEWS), 1)))
     positions, sizes = to_numpy(scene.positions), largest_sizes(scene)
-    step = -(-max(scene.num_elements, 1) // _MOST_POSITIONS)
+    step = -(-max(scene.num_elements, 1) // _MAX_POSITIONS)
     places, reach = _finite(positions[::step], sizes[::step])
     if not cameras.num_views or not len(places):
         return
@@ -40,7 +40,7 @@ def warn_of_near_plane(scene: Scene, cameras: Cameras) -> None:
         _warn_of_place(scene, cameras, places, "the scene is smaller than a pixel in the pictures")
         return
     if not len(seen):  # the sample may miss all elements in view, and centres outside have elements that reach in
-        parts = [slice(first, first + _MOST_POSITIONS) for first in range(0, scene.num_elements, _MOST_POSITIONS)]
+        parts = [slice(first, first + _MAX_POSITIONS) for first in range(0, scene.num_elements, _MAX_POSITIONS)]
         seen = np.concatenate(
             [
                 view.depths[view.reaches_in]

@@ -23,9 +23,9 @@ GROWING_S = 10.0
 """Maximum time that later frames wait for a frame whose file still grows, seconds."""
 PATIENCE_S, PATIENCE_BEHIND_S = 3.0, 0.5
 """Time without a change after which an unreadable frame is given up, seconds: with none behind it, and with some."""
-MOST_LOOKS = 16
+MAX_LOOKS = 16
 """Maximum number of changes of an unreadable file or folder; it is then ignored until it is removed."""
-MOST_ENTRIES = 4096
+MAX_ENTRIES = 4096
 """Maximum number of entries of a folder that are checked for changes; no frame has as many files."""
 MAX_NAMES = 4096
 """Maximum number of file names read from a pipe before their frames are read."""
@@ -174,7 +174,7 @@ class FolderSource:
             else:
                 self._done[path.name] = signature
                 self._looks[path.name] = self._looks.get(path.name, 0) + 1
-                if self._looks[path.name] > MOST_LOOKS:
+                if self._looks[path.name] > MAX_LOOKS:
                     self._give_up(path)
             del self._seen[path.name]
         return ready
@@ -307,7 +307,7 @@ def signature_of(path: Path, status: os.stat_result) -> Signature:
         return status.st_mtime_ns, status.st_size, status.st_ino
     # For a folder: the newest modification time of its files, their total size, and its own inode.
     with os.scandir(path) as entries:
-        inside = [entry.stat() for entry in itertools.islice(entries, MOST_ENTRIES)]
+        inside = [entry.stat() for entry in itertools.islice(entries, MAX_ENTRIES)]
     newest = max((status.st_mtime_ns, *(one.st_mtime_ns for one in inside)))
     return newest, sum(one.st_size for one in inside), status.st_ino
 

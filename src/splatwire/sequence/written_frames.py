@@ -24,7 +24,7 @@ from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 Report = Callable[[str, float], None]
-MOST_FILES = 20_000
+MAX_FILES = 20_000
 """Default limit of the number of frame files written: eleven minutes at 30 frames per second."""
 _SIZE = 1e-3
 """Standard deviation of the transparent Gaussian in the file of an empty frame, world units."""
@@ -37,17 +37,17 @@ def check_num_frames(stream: SceneStream, max_frames: int | None, advice: str) -
 
     Args:
         stream: The sequence.
-        max_frames: Maximum number of files; None for `MOST_FILES`.
+        max_frames: Maximum number of files; None for `MAX_FILES`.
         advice: Advice for the error message.
 
     Raises:
         InvalidValueError: If the sequence has more frames than allowed.
     """
     count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
-    if count > (MOST_FILES if max_frames is None else max_frames):
+    if count > (MAX_FILES if max_frames is None else max_frames):
         raise InvalidValueError(
             f"the clip of {stream.num_bytes:,} bytes has {count:,} frames, and no more than "
-            f"{MOST_FILES if max_frames is None else max_frames:,} files are written: {advice}"
+            f"{MAX_FILES if max_frames is None else max_frames:,} files are written: {advice}"
         )
 
 

@@ -23,8 +23,8 @@ from splatwire.transport.protocol.server_limits import ServerLimits
 SOCKET_BUFFER = 4 << 20
 BATCH = 256
 """Maximum number of datagrams read or written in one turn of the event loop; timers run between turns."""
-LARGEST_READ = 2048
-MOST_ANSWERS = 1024
+MAX_READ = 2048
+MAX_ANSWERS = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
 NO_ROUTE = (errno.EADDRNOTAVAIL, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENETUNREACH)
 """Error codes of connecting and sending if this machine has no route to the server, or no address.
@@ -124,13 +124,13 @@ class UdpServer(SocketServer):
     def _readable(self) -> None:
         for _ in range(BATCH):
             try:
-                data, address = self._socket.recvfrom(LARGEST_READ)
+                data, address = self._socket.recvfrom(MAX_READ)
             except BlockingIOError:
                 break
             except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable
                 continue
             answer = self.core.receive(address, data, self._loop.time())
-            if answer is not None and len(self._backlog) < MOST_ANSWERS:
+            if answer is not None and len(self._backlog) < MAX_ANSWERS:
                 self._backlog.append((address, answer))
         self.pump()
 
@@ -266,7 +266,7 @@ class _Client:
         try:
             for _ in range(BATCH):
                 try:
-                    data = self._socket.recv(LARGEST_READ)
+                    data = self._socket.recv(MAX_READ)
                 except BlockingIOError:
                     break
                 except ConnectionRefusedError:

@@ -14,7 +14,7 @@ MAX_TEXT = 500
 UP_AXES = ("x", "-x", "y", "-y", "z", "-z")
 """Possible up axes, in the coordinate system of a 3DGS PLY; `-y` is up in most scenes."""
 _MAX_COORDINATE = 1e12
-_LEAST_LENGTH = 1e-6
+_MIN_LENGTH = 1e-6
 Vector = tuple[float, float, float]
 
 
@@ -44,7 +44,7 @@ class StartView:
         numbers = [float(value) for value in values]
         view = StartView(_vector(numbers[:3]), _vector(numbers[3:6]), _vector(numbers[6:]))
         apart, length = math.dist(view.eye, view.target), math.hypot(*view.up)
-        return view if apart > 0 and length > _LEAST_LENGTH else None
+        return view if apart > 0 and length > _MIN_LENGTH else None
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ _NARROW_RATIO, _NARROW_LEAST = 256.0, 1000.0
 so only file formats with fewer bits benefit from an origin."""
 _PRECISE_RATIO = 256.0
 """Ratio of the distance from 0 to the spread above which float32 would round precise positions visibly."""
-_LEAST_SPREADS = 64.0
+_MIN_SPREADS = 64.0
 """Origins are rounded to integers, or to a power of 2 of at most this many spreads if that is smaller."""
 
 
@@ -135,7 +135,7 @@ def _rounded(middle: np.ndarray, spread: float) -> Origin:
         raise InvalidValueError(
             f"positions are around {far:.4g} from 0, and origins end at {_MAX_COORDINATE:g}: subtract a point near them"
         )
-    least = max(_LEAST_SPREADS * spread, float(np.spacing(far)))
+    least = max(_MIN_SPREADS * spread, float(np.spacing(far)))
     step = min(1.0, 2.0 ** math.floor(math.log2(least))) if spread > 0 else 1.0
     return check_origin((np.rint(middle / step) * step).tolist())
 

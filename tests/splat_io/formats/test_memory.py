@@ -25,7 +25,7 @@ from splatwire.io.formats import gltf, read_splats, write_splats
 from splatwire.io.formats._columns import BYTES_PER_GAUSSIAN, FREE_GAUSSIANS
 
 MIB = 1 << 20
-MOST_RATIO = 130
+MAX_RATIO = 130
 """Bytes of memory per byte of file, for large files."""
 MANY = FREE_GAUSSIANS + 10_000
 
@@ -146,7 +146,7 @@ def test_memory_is_proportional_to_the_file_size(sog: dict[str, bytes], end: str
     }
     path = crowded[end](tmp_path / f"a.{end}", MANY, BYTES_PER_GAUSSIAN * MANY)
     found: list[int] = []
-    assert peak(lambda: found.append(read_splats(path).num_gaussians)) < MOST_RATIO * path.stat().st_size
+    assert peak(lambda: found.append(read_splats(path).num_gaussians)) < MAX_RATIO * path.stat().st_size
     assert found == [MANY]
     if end != "glb":  # its numbers alone need as many bytes
         path = crowded[end](tmp_path / f"b.{end}", MANY, BYTES_PER_GAUSSIAN * MANY // 2)

@@ -44,7 +44,7 @@ const NOT_YET_MS = 250;
 /** Refusals that a retry cannot resolve. */
 export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], REFUSALS[OTHER_VERSION], IMPOSSIBLE];
 /** Maximum number of datagrams kept until the welcome message arrives. */
-const MOST_EARLY = 64;
+const MAX_EARLY = 64;
 /** Maximum number of packets kept until the message arrives that announces them. */
 const MAX_WAITING_PACKETS = 512;
 
@@ -159,7 +159,7 @@ export class Transfer {
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const known =
       kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
-    if (!this.welcome && known && this.#early.length < MOST_EARLY) return void this.#early.push(bytes);
+    if (!this.welcome && known && this.#early.length < MAX_EARLY) return void this.#early.push(bytes);
     if (!this.welcome || !known || dataView(bytes).getUint32(1, true) !== this.welcome.session)
       return void this.counts.rejected++;
     if (kind === SIDE) return this.#onSideInfo(bytes, now);

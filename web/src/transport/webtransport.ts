@@ -35,7 +35,7 @@ const NO_VIEW: ViewCamera = {
   height: 1,
 };
 /** Size of the datagram queue. The browser drops further datagrams while the thread is busy. */
-const MOST_WAITING = 1024;
+const MAX_WAITING = 1024;
 /**
  * Start times of parallel handshakes, milliseconds, and number of failures after which no further one starts. Chromium
  * doubles the delay of new handshakes with every one that failed within the last minutes.
@@ -95,7 +95,7 @@ export async function receiveDatagrams(
   const end = (error: unknown): void =>
     void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
-  transport.datagrams.incomingHighWaterMark = MOST_WAITING;
+  transport.datagrams.incomingHighWaterMark = MAX_WAITING;
   const stream = await withTimeout(transport.createBidirectionalStream()).catch((error: unknown) => {
     transport.close();
     throw error;

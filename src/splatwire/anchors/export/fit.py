@@ -24,7 +24,7 @@ RIDGE = 3e-4
 The weights of the views sum to 1."""
 _CONSTANT_RIDGE = 1e-6
 _CHUNK = 2048
-_SMALLEST_SCALE = 1e-9
+_MIN_SCALE = 1e-9
 
 
 def fit_splats(
@@ -161,7 +161,7 @@ def _mean_shape(
     total = np.zeros((len(indices), 3, 3))
     for view, now in enumerate(seen):
         axes = rotation_matrices(now.quats[indices].astype(np.float64))
-        logs = np.log(np.maximum(now.scales[indices].astype(np.float64), _SMALLEST_SCALE))
+        logs = np.log(np.maximum(now.scales[indices].astype(np.float64), _MIN_SCALE))
         total += view_weights[:, view, None, None] * ((axes * logs[:, None, :]) @ axes.swapaxes(1, 2))
     logs, axes = np.linalg.eigh(total)
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a mirror

@@ -37,7 +37,7 @@ WARNED_COUNT, WARNED_SHARE = 64, 0.5
 """Warning of a lattice that is too coarse: minimum number, and minimum fraction, of the new Gaussians of a group that
 are smaller than two lattice spacings. A lattice that is fitted to Gaussians is finer than this.
 """
-LEAST_CHANGE = 16
+MIN_CHANGE = 16
 """Smallest change of quantisation steps at a scene cut for which a new shot begins, octaves with `STEP_BITS` fractional
 bits."""
 
@@ -215,7 +215,7 @@ class KeyframeEncoder:
         apart = np.abs(info.bases - self._template.bases).max() + (
             abs(info.size_log - self._template.size_log) << STEP_BITS
         )
-        return bool(apart >= LEAST_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
+        return bool(apart >= MIN_CHANGE) and abs(self._spacing_to_first(info)) <= MAX_SPACING
 
     def _fitted(
         self, splats: Splats, classes: np.ndarray | None, plan: PacketPlan, coding: SplatCoding | None,

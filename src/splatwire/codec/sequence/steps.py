@@ -8,7 +8,7 @@ from splatwire.codec.gaussians.tables import thinness_table
 from splatwire.codec.sequence import _step_kernels as kernels
 from splatwire.codec.sequence.layout import KIND_OF, MAX_PLACE, NUM_CHANNELS
 
-LARGEST_SHIFT = 30
+MAX_SHIFT = 30
 
 
 def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spacing: int = 0) -> np.ndarray:
@@ -29,7 +29,7 @@ def motion_shifts(rows: np.ndarray, info: KeyframeInfo, coarser: np.ndarray, spa
     columns = np.ascontiguousarray(rows[:, [CLASS, OPACITY, SCALE0, SCALE1, SCALE2]])
     kernels.base_shifts(columns, info.bases, info.unit, max(info.coarsest, 0), thinness_table(), shifts)
     shifts[:, :3] += spacing
-    return np.clip(shifts + coarser[KIND_OF], 0, LARGEST_SHIFT)
+    return np.clip(shifts + coarser[KIND_OF], 0, MAX_SHIFT)
 
 
 def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +46,7 @@ def in_other_units(positions: np.ndarray, shifts: np.ndarray, spacings: np.ndarr
     if not spacings.any():
         return positions, shifts
     moved, steps = np.floor(np.ldexp(positions.astype(np.float64), spacings[:, None])), shifts.copy()
-    steps[:, :3] = np.clip(steps[:, :3] + spacings[:, None], 0, LARGEST_SHIFT)
+    steps[:, :3] = np.clip(steps[:, :3] + spacings[:, None], 0, MAX_SHIFT)
     return np.clip(moved, -MAX_PLACE, MAX_PLACE).astype(np.int64), steps
 
 

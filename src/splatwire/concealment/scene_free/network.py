@@ -15,9 +15,9 @@ from splatwire.types.networks import Linear
 HIDDEN = 24
 """Number of units of the hidden layer of the network."""
 Own = TypeVar("Own", bound="Perceptron")
-MOST_UNUSUAL = 3.0
+MAX_UNUSUAL = 3.0
 """Clamping limit of standardised inputs, in standard deviations; prevents extrapolation on unusual scenes."""
-MOST_CHANGE = 0.3
+MAX_CHANGE = 0.3
 """Maximum change of the logarithm of a gain by the network."""
 
 
@@ -92,7 +92,7 @@ class Perceptron:
         Returns:
             The two outputs for each element, without activation.
         """
-        x = np.clip((signature - self.mean) / self.spread, -MOST_UNUSUAL, MOST_UNUSUAL)
+        x = np.clip((signature - self.mean) / self.spread, -MAX_UNUSUAL, MAX_UNUSUAL)
         h = x @ self.hidden.weight.T + self.hidden.bias
         h = h / (1 + np.exp(-h))
         return h @ self.output.weight.T + self.output.bias
@@ -116,5 +116,5 @@ class GainNetwork(Perceptron):
             inputs: Inputs of the network for M received anchors.
             trust: Factor on the network's correction, 0 for none.
         """
-        change = trust * np.clip(self.evaluate(inputs.signature), -MOST_CHANGE, MOST_CHANGE)
+        change = trust * np.clip(self.evaluate(inputs.signature), -MAX_CHANGE, MAX_CHANGE)
         return inputs.grown * np.exp(change[:, 0]), np.exp(change[:, 1])

@@ -20,7 +20,7 @@ _REACHES = (1.0, 4.0, 16.0)
 """Squared widths of the coverage kernels, in units of the summed sizes of both anchors."""
 _MIDDLE_REACH = 4.0
 _SPACING_RANK = 5
-_MOST_LOST = 0.97
+_MAX_LOST = 0.97
 
 
 def signatures(partial: ReceivedScene[AnchorScene], surroundings: Surroundings) -> Float[np.ndarray, "M signature"]:
@@ -74,7 +74,7 @@ def log_gain(share: Any) -> Any:
 
     The factor `1 / (1 - share)` on the area of received neighbours compensates for the lost ones.
     """
-    return -np.log1p(-np.minimum(share, _MOST_LOST))
+    return -np.log1p(-np.minimum(share, _MAX_LOST))
 
 
 def _mean(values: Float[np.ndarray, "M k"]) -> Float[np.ndarray, "M"]:

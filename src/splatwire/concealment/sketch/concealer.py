@@ -30,7 +30,7 @@ from splatwire.types.splats import Splats
 MAX_LOG_SIZE = 6.0
 """Limit of decoded log scalings relative to the prior: for any data, scalings stay within a factor of `exp(6)` of the
 predicted scalings."""
-_LEAST_SHARE = 0.05
+_MIN_SHARE = 0.05
 
 
 @register_concealer("sketch", section=SECTION)
@@ -180,7 +180,7 @@ def expected_scalings(prior: Prior) -> Float[np.ndarray, "N 6"]:
     The minimum of each of the six columns is a fixed fraction of the column's median over all anchors.
     """
     mean = to_numpy(prior.scaling.mean)
-    floor = np.float32(_LEAST_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
+    floor = np.float32(_MIN_SHARE) * lower_median(mean) if len(mean) else np.zeros(6, np.float32)
     return np.maximum(np.maximum(mean, floor), np.float32(1e-9))
 
 

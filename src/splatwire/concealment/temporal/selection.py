@@ -17,7 +17,7 @@ MAX_TESTS = 1024
 """Maximum number of received tracks that are treated as lost."""
 MAX_SHARE = 4
 """At most one received track in `MAX_SHARE` is treated as lost at the same time."""
-LEAST_TESTS = 16
+MIN_TESTS = 16
 """Number of tested tracks around a lost track whose errors are added. With fewer, the first candidate is used."""
 COVERING = 24
 """Number of received Gaussians that are considered at a position."""
@@ -57,7 +57,7 @@ def select(
     apart = stride * -(-MAX_SHARE // stride)
     folds = [np.arange(first, len(arrived.tracks), apart) for first in range(0, apart, stride)]
     found, order = np.zeros(len(tracks), np.int64), np.concatenate(folds)
-    if len(order) < LEAST_TESTS:
+    if len(order) < MIN_TESTS:
         return found
     errors = np.concatenate(_errors(sequence, group, arrived, folds, candidates))
     errors[:, 0] *= FIRST
@@ -67,8 +67,8 @@ def select(
     positions, fresh = sequence.tracks.splats.means + before.offsets[:, PLACE], sequence.tracks.born == group
     for kind in (fresh, ~fresh):  # the first frame of a new track is known, so that its motion is estimated better
         rows, lost = np.flatnonzero(kind[tested]), np.flatnonzero(kind[tracks])
-        if len(rows) >= LEAST_TESTS and len(lost):
-            near = build_kd_tree(positions[tested[rows]]).query(positions[tracks[lost]], k=LEAST_TESTS)[1]
+        if len(rows) >= MIN_TESTS and len(lost):
+            near = build_kd_tree(positions[tested[rows]]).query(positions[tracks[lost]], k=MIN_TESTS)[1]
             found[lost] = errors[rows[near]].sum(axis=1).argmin(axis=1)
     return found
 

@@ -27,7 +27,7 @@ from splatwire.types.background import Background
 
 READS = 2
 """Number of times that a file is read; the shortest time counts, because the first read also loads compiled code."""
-LEAST_LPIPS_PIXELS = 64
+MIN_LPIPS_PIXELS = 64
 """Minimum width and height of pictures for LPIPS, pixels."""
 Progress = Callable[[str, float], None]
 
@@ -148,7 +148,7 @@ def compare_files(
     references = ReferenceViews(seen, images.__getitem__, f"renders of {chosen.name}", behind)
     known, extent = first.score, SceneExtent.of(first.scene, chosen)
     del first  # large scenes may not fit into memory together
-    lpips = lpips if min(seen.width, seen.height) >= LEAST_LPIPS_PIXELS else None
+    lpips = lpips if min(seen.width, seen.height) >= MIN_LPIPS_PIXELS else None
 
     def scored(file: Path, name: str) -> FileScore:
         if file == chosen:

@@ -24,7 +24,7 @@ from splatwire.sequence.extent import sphere_around
 from splatwire.types import Cameras
 
 Report = Callable[[str, float], None]
-MOST_PICTURE_BYTES = 4 << 30
+MAX_PICTURE_BYTES = 4 << 30
 """Maximum size of all pictures before compression, bytes; the writer of WebP keeps them in memory."""
 
 
@@ -46,7 +46,7 @@ def draw_sequence(
 
     Raises:
         UnknownNameError: If there is no such concealer or renderer.
-        InvalidValueError: If the pictures take more than `MOST_PICTURE_BYTES`.
+        InvalidValueError: If the pictures take more than `MAX_PICTURE_BYTES`.
     """
     method = temporal_concealer(concealer or DEFAULT)
     sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
@@ -59,10 +59,10 @@ def draw_sequence(
         cameras = replace(cameras, origin=sequence.origin)
     cameras = cameras if scale == 1 else cameras.scaled(scale)
     num_bytes = 3 * cameras.width * cameras.height * count
-    if num_bytes > MOST_PICTURE_BYTES:
+    if num_bytes > MAX_PICTURE_BYTES:
         raise InvalidValueError(
             f"the clip has {count:,} frames, and pictures of {cameras.width} x {cameras.height} pixels would take "
-            f"{num_bytes / 1e9:.1f} GB, more than {MOST_PICTURE_BYTES / 1e9:.1f} GB: choose a smaller --scale, or "
+            f"{num_bytes / 1e9:.1f} GB, more than {MAX_PICTURE_BYTES / 1e9:.1f} GB: choose a smaller --scale, or "
             "render frames that `decode --frame` writes"
         )
 

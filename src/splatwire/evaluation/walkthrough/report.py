@@ -12,7 +12,7 @@ from splatwire.evaluation.study.charts import PALETTE, STYLE, svg
 from splatwire.evaluation.study.page import filled_page
 from splatwire.evaluation.walkthrough.evaluation import QualitySample
 
-MOST_PICTURES = 24
+MAX_PICTURES = 24
 
 
 class Pictures:
@@ -23,7 +23,7 @@ class Pictures:
     """
 
     def __init__(self, times: Sequence[float]) -> None:
-        step = -(-len(times) // MOST_PICTURES)
+        step = -(-len(times) // MAX_PICTURES)
         self._wanted = set(times[::step])
         self.taken: list[tuple[float, str, str]] = []
 

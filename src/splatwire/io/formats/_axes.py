@@ -7,7 +7,7 @@ RUB, glTF is LUF.
 
 import numpy as np
 
-from splatwire.io.formats._columns import SMALLEST_SIZE
+from splatwire.io.formats._columns import MIN_SIZE
 from splatwire.ops.quaternions import quaternions_of, rotation_matrices
 from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.types.splats import Splats
@@ -116,7 +116,7 @@ def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray
             turned *= np.sign(np.linalg.det(turned))[:, None, None]
             quats = np.where(finite[:, None], quaternions_of(turned), np.nan)
         sh = np.einsum("ij,njc->nic", harmonics, part.sh.astype(np.float64))
-        scales = np.maximum(scales, SMALLEST_SIZE)
+        scales = np.maximum(scales, MIN_SIZE)
         moved = means if translation is None else means + translation
         arrays = (moved, quats, scales, part.opacities, sh)
         found.fill(begin, Splats(*(np.ascontiguousarray(array, np.float32) for array in arrays)))

@@ -22,7 +22,7 @@ harmonics of degree 3 takes 236 bytes of memory, so memory is at most about 120 
 
 MAX_LOG_SCALE = 60.0
 """Limit of log scales: smaller sizes are raised to `exp(-60)`, larger ones than `exp(60)` are invalid."""
-SMALLEST_SIZE = np.float32(np.exp(-MAX_LOG_SCALE))
+MIN_SIZE = np.float32(np.exp(-MAX_LOG_SCALE))
 """Minimum size; smaller sizes are raised to it."""
 _ROUNDING = 1e-3
 """Largest distance of opacities from the range 0 to 1 that is attributed to rounding; above it a warning is logged."""
@@ -110,10 +110,10 @@ def warn_of_logits(path: Path, opacities: np.ndarray, kind: str) -> None:
 
 
 def _sizes(scales: np.ndarray | None) -> np.ndarray:
-    """Returns standard deviations, with small ones raised to `SMALLEST_SIZE` and negative ones replaced by NaN."""
+    """Returns standard deviations, with small ones raised to `MIN_SIZE` and negative ones replaced by NaN."""
     assert scales is not None
     wide = np.asarray(scales, np.float32)
-    return np.where(wide < 0, np.nan, np.maximum(wide, SMALLEST_SIZE))
+    return np.where(wide < 0, np.nan, np.maximum(wide, MIN_SIZE))
 
 
 def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:

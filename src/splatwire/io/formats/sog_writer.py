@@ -36,7 +36,7 @@ from splatwire.types.splats import Splats
 
 _MIN_PALETTE, _MAX_PALETTE = 1024, 65536
 _POSITION_TOP = 65535
-_MOST_RANGE = 4.0
+_MAX_RANGE = 4.0
 """Maximum ratio of the range of all positions to that without outliers; above it outliers are moved or removed.
 Outliers are moved to within twice the range of the other positions."""
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
@@ -105,7 +105,7 @@ def treat_outliers(splats: Splats, path: Path, treatment: Outliers) -> Splats:
     logs, others = _logs(column.values), _logs(column.others)
     low, high = others.min(axis=0), others.max(axis=0)
     span, whole = high - low, np.ptp(logs, axis=0)
-    if not (whole > _MOST_RANGE * span).any() or not column.outside.any():
+    if not (whole > _MAX_RANGE * span).any() or not column.outside.any():
         return splats
     room = span.max() / 2
     bounds = [np.sign(end) * np.expm1(np.abs(end)) for end in (low - room, high + room)]

@@ -47,7 +47,7 @@ LOG = logging.getLogger(__name__)
 VERSIONS = (3, 4)
 """SPZ versions that can be written."""
 _FRACTION_BITS, _MAX_FRACTION_BITS = 12, 24
-_FEWEST_STEPS = 1 << 12
+_MIN_STEPS = 1 << 12
 """Number of position steps from 0 to the farthest coordinate, below which a small scene gets more fraction bits."""
 _LOG_SCALES = (-10.0, 255 / 16 - 10)
 """Range of the logarithms of scales."""
@@ -192,7 +192,7 @@ def _fraction_bits(splats: Splats, path: Path) -> int:
     # of small Gaussians far from the origin, are rounded less.
     farthest, bits = float(np.abs(splats.means).max()), _FRACTION_BITS
     largest_error = float(np.median(splats.scales.max(axis=1))) / VISIBLE
-    while bits < _MAX_FRACTION_BITS and (0 < farthest * 2**bits < _FEWEST_STEPS or 2.0**-bits / 2 > largest_error):
+    while bits < _MAX_FRACTION_BITS and (0 < farthest * 2**bits < _MIN_STEPS or 2.0**-bits / 2 > largest_error):
         bits += 1
     while bits and farthest * 2**bits > _MOST:
         bits -= 1

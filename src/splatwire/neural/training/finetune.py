@@ -18,7 +18,7 @@ from splatwire.neural.training.tuning import MASK_LOGITS
 from splatwire.types import AnchorScene, CausalCoding, HacppCoding, Mlp
 from splatwire.types.scene import Scene
 
-_SMALLEST_SCALING = 1e-6
+_MIN_SCALING = 1e-6
 """Minimum scaling in world units: a decoded scaling may be 0 or negative, but its logarithm is trained."""
 _LATENT = 0.01
 """Initial magnitude of the latent values behind the grid's signs; about forty steps in one direction flip a sign."""
@@ -82,7 +82,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
     scene = to_tensors(scene)
     anchors = scene.anchors
     absent, present = MASK_LOGITS
-    logs = anchors.scalings.clamp(min=_SMALLEST_SCALING).log()
+    logs = anchors.scalings.clamp(min=_MIN_SCALING).log()
     parameters = {
         "features": anchors.features,
         "log_scalings": logs[:, [0, 3, 4, 5]] if isinstance(scene.coding, CausalCoding) else logs,

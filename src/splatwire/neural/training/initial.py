@@ -41,7 +41,7 @@ _PIXELS_PER_POINT = 4
 
 More points do not improve scenes with small views (tested with 100,000 points and views of 200x200 pixels).
 """
-_FEWEST_POINTS = 500
+_MIN_POINTS = 500
 _MIN_SQUARED_DISTANCE = 1e-7
 _BOUNDS_MARGIN = 0.2
 
@@ -191,7 +191,7 @@ def initial_points(
         return points, colors[finite].float()
     center, distance = _view_center(dataset.cameras)
     pixels = dataset.cameras.width * dataset.cameras.height
-    count = min(random_points, max(pixels // _PIXELS_PER_POINT, _FEWEST_POINTS))
+    count = min(random_points, max(pixels // _PIXELS_PER_POINT, _MIN_POINTS))
     unit = torch.rand(count, 3, generator=generator, dtype=torch.float64)
     return center + (2 * unit - 1) * distance * _BOX_SHARE, None
 

@@ -21,7 +21,7 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.paper.gnn.network import InpaintingNetwork
 from splatwire.paper.gnn.settings import GnnSettings
 
-LEAST_BITS, MOST_BITS = 2, 6
+MIN_BITS, MAX_BITS = 2, 6
 MAX_SYMBOL = 127
 """Maximum magnitude of a matrix integer, so that it fits 8 bits."""
 _VECTOR_BITS = 7
@@ -62,8 +62,8 @@ def check_bits(bits: int) -> None:
     Raises:
         InvalidValueError: If the number is not from 2 to 6.
     """
-    if not LEAST_BITS <= bits <= MOST_BITS:
-        raise InvalidValueError(f"bits of a GNN weight must be from {LEAST_BITS} to {MOST_BITS}, not {bits!r}")
+    if not MIN_BITS <= bits <= MAX_BITS:
+        raise InvalidValueError(f"bits of a GNN weight must be from {MIN_BITS} to {MAX_BITS}, not {bits!r}")
 
 
 def _step_index(matrix: np.ndarray, bits: int) -> int:

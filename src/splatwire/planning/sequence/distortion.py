@@ -20,7 +20,7 @@ SHARES = (0.0, 0.1, 0.3, 0.6, 0.9, 1.0)
 """Lost shares of a group's motion at which the distortion is measured. Distortion is moderate up to 0.9 and rises
 steeply towards 1.
 """
-LEAST_FACTOR = 0.01
+MIN_FACTOR = 0.01
 """Minimum distortion of one quality relative to the median of all qualities; a value near zero would be a random
 effect."""
 FRAMES = 3
@@ -171,7 +171,7 @@ def pooled(distortions: Sequence[SequenceDistortion]) -> list[SequenceDistortion
         usual = np.median([some / factor for some, factor in zip(added, factors, strict=True)], axis=0)
         known = usual > 0
         if known.any():
-            factors = np.array([max(float(np.median(some[known] / usual[known])), LEAST_FACTOR) for some in added])
+            factors = np.array([max(float(np.median(some[known] / usual[known])), MIN_FACTOR) for some in added])
     usual, shares = np.maximum.accumulate(usual, axis=1), np.tile(grid, (len(usual), 1))
     return [
         SequenceDistortion(shares, some[:, :1] + factor * usual, distortion.frames)

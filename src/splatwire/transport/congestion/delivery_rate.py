@@ -7,7 +7,7 @@ GAIN = 2.0
 """Window as a multiple of the bandwidth-delay product (BBR's `cwnd_gain`). With 2, the window doubles each round trip
 while the delivery rate grows.
 """
-RATE_WINDOW_S, LEAST_WINDOW_S = 1.0, 10.0
+RATE_WINDOW_S, MIN_WINDOW_S = 1.0, 10.0
 
 
 class DeliveryRateWindow:
@@ -21,7 +21,7 @@ class DeliveryRateWindow:
 
     def __init__(self) -> None:
         self.bytes = INITIAL_WINDOW
-        self._fastest, self._least = WindowedMinFilter(RATE_WINDOW_S), WindowedMinFilter(LEAST_WINDOW_S)
+        self._fastest, self._least = WindowedMinFilter(RATE_WINDOW_S), WindowedMinFilter(MIN_WINDOW_S)
         self._since: float | None = None
         self._delivered = 0.0
 

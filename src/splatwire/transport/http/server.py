@@ -19,13 +19,13 @@ from splatwire.transport.http.proxies import IpNetwork, client_address
 from splatwire.transport.protocol.admission import ConnectionSlots, Network, network_of, network_text
 
 LOG = logging.getLogger(__name__)
-MOST_HEAD_BYTES = 8192
+MAX_HEAD_BYTES = 8192
 CHUNK_BYTES = 1 << 16
 """Maximum number of body bytes passed to the kernel at once; no more is buffered for a slow client."""
 TURN_S = 0.01
 """Under a total rate limit, duration of a response's turn, seconds. It sends the bytes of this time at once, and
 datagrams wait."""
-LEAST_TURN_BYTES = 1200
+MIN_TURN_BYTES = 1200
 """Minimum size of such a turn, bytes."""
 YIELD_S = 0.002
 """Time in which a response lets waiting datagrams go first, seconds."""
@@ -121,7 +121,7 @@ class PageServer:
     async def __aenter__(self) -> "PageServer":
         host = self.content.host
         try:
-            self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MOST_HEAD_BYTES)
+            self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MAX_HEAD_BYTES)
         except OSError as error:
             raise cannot_listen("TCP", host, self._wanted, error) from error
         return self
@@ -179,7 +179,7 @@ class PageServer:
                     try:
                         head = await reader.readuntil(b"\r\n\r\n")
                     except asyncio.LimitOverrunError:
-                        head = await reader.read(MOST_HEAD_BYTES)
+                        head = await reader.read(MAX_HEAD_BYTES)
                         await self._respond(b"", _too_long(head), network, writer, close=False)
                         await _linger(reader, writer)
                         return
@@ -248,7 +248,7 @@ class PageServer:
     ) -> None:  # fmt: skip
         body, size = memoryview(data), CHUNK_BYTES
         if self._pacer is not None:
-            size = min(max(int(self._pacer.rate * TURN_S), LEAST_TURN_BYTES), CHUNK_BYTES)
+            size = min(max(int(self._pacer.rate * TURN_S), MIN_TURN_BYTES), CHUNK_BYTES)
         for at in range(0, len(body), size):
             piece = body[at : at + size]
             if self._pacer is not None:

@@ -10,13 +10,13 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.read_limited import read_limited
 
 AUDIENCE, ALGORITHM = "splatwire", "HS256"
-LEAST_KEY_BYTES, MOST_KEY_BYTES = 32, 4096
+MIN_KEY_BYTES, MAX_KEY_BYTES = 32, 4096
 """Size of a secret key, bytes; HMAC-SHA256 needs 32 (RFC 7518, 3.2)."""
-MOST_SECONDS = 366 * 86_400.0
+MAX_SECONDS = 366 * 86_400.0
 """Longest validity of a token, seconds."""
-LEAST_SECONDS = 1.0
+MIN_SECONDS = 1.0
 """Shortest validity of a token, seconds: the time of expiry is a whole second."""
-MOST_TOKEN_BYTES = 6000
+MAX_TOKEN_BYTES = 6000
 """Largest token, bytes: it must fit into the head of a request."""
 
 
@@ -53,16 +53,16 @@ def make_token(key: bytes, scenes: Sequence[str], seconds: float, now: float | N
     """
     if not scenes:
         raise InvalidValueError("a token needs the name of a scene")
-    if not LEAST_SECONDS <= seconds <= MOST_SECONDS:
+    if not MIN_SECONDS <= seconds <= MAX_SECONDS:
         raise InvalidValueError(
-            f"a token is valid for 1 second to {MOST_SECONDS / 3600:g} hours, not for {seconds / 3600:g} hours"
+            f"a token is valid for 1 second to {MAX_SECONDS / 3600:g} hours, not for {seconds / 3600:g} hours"
         )
     expires = int((time.time() if now is None else now) + seconds)
     token = jwt.encode({"aud": AUDIENCE, "exp": expires, "scenes": list(scenes)}, key, ALGORITHM)
-    if len(token) > MOST_TOKEN_BYTES:
+    if len(token) > MAX_TOKEN_BYTES:
         raise InvalidValueError(
             f"a token for these {len(scenes):,} scenes takes {len(token):,} bytes, "
-            f"but at most {MOST_TOKEN_BYTES:,} fit into a request: make several tokens"
+            f"but at most {MAX_TOKEN_BYTES:,} fit into a request: make several tokens"
         )
     return token
 
@@ -73,9 +73,9 @@ def read_key(path: Path) -> bytes:
     Raises:
         InvalidValueError: If the file cannot be read, or the key is too short or too long.
     """
-    key = read_limited(path, MOST_KEY_BYTES, InvalidValueError).strip()
-    if len(key) < LEAST_KEY_BYTES:
+    key = read_limited(path, MAX_KEY_BYTES, InvalidValueError).strip()
+    if len(key) < MIN_KEY_BYTES:
         raise InvalidValueError(
-            f"{path}: a key has at least {LEAST_KEY_BYTES} bytes; `openssl rand -hex 32 > {path.name}` writes one"
+            f"{path}: a key has at least {MIN_KEY_BYTES} bytes; `openssl rand -hex 32 > {path.name}` writes one"
         )
     return key

@@ -9,7 +9,7 @@ from splatwire.transport.fec import MAX_REPAIR, MAX_SYMBOLS
 from splatwire.transport.protocol.datagrams import MAX_PARITY_RANGES, ParityRange
 from splatwire.transport.protocol.protection import Protection
 
-MOST_CODES = (MAX_PARITY_RANGES - 2) // 2
+MAX_CODES = (MAX_PARITY_RANGES - 2) // 2
 """Maximum number of parity settings in a sequence; in longer sequences, neighbouring groups of pictures share one."""
 
 
@@ -67,7 +67,7 @@ def arrange(
     Returns:
         Sending order of the packets, and their parity.
     """
-    together = max(-(-len(groups) // MOST_CODES), 1)
+    together = max(-(-len(groups) // MAX_CODES), 1)
     order, ranges = list[int](), list[ParityRange]()
     for begin in range(0, len(groups), together):
         keyframes, coded, others, repair = list[int](), list[int](), list[int](), 0.0

@@ -34,7 +34,7 @@ OUTSIDE_BYTES = 1 << 13
 session: settings, requests and header compression. The limit is needed because aioquic buffers incomplete HTTP/3 frames
 and parses an incomplete frame again with every fragment.
 """
-LEAST_BYTES = 16
+MIN_BYTES = 16
 """Minimum number of bytes that a fragment of a frame counts towards `OUTSIDE_BYTES`."""
 STREAMS = 16
 """Maximum number of open QUIC streams per client and direction."""

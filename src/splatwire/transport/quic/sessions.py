@@ -11,7 +11,7 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.datagrams import Welcome
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, WELCOME, decode, kind_of
 from splatwire.transport.quic.common import (
-    LEAST_BYTES,
+    MIN_BYTES,
     OUTSIDE_BYTES,
     STREAM,
     WEBTRANSPORT_PATH,
@@ -31,7 +31,7 @@ MAX_PENDING_FRAMES = 512
 """Maximum number of frames that wait until the client opens the reliable stream: the client's request as DATAGRAM may
 overtake the opening of the stream. The side information of a large scene has some hundred frames.
 """
-MOST_PENDING = 2048
+MAX_PENDING = 2048
 """Maximum number of DATAGRAM frames that wait in QUIC until earlier bytes are acknowledged; further ones are dropped,
 as by a full queue on the path. A client may confirm to the protocol core what it never acknowledges to QUIC.
 """
@@ -67,7 +67,7 @@ class Session:
             self._on_stream(stream_frame(data))
         if copied or not on_stream(data):
             self._copies -= copied
-            if len(quic._datagrams_pending) < MOST_PENDING:
+            if len(quic._datagrams_pending) < MAX_PENDING:
                 quic.send_datagram_frame(self._prefix + data)
 
     def _on_stream(self, frame: bytes) -> None:
@@ -161,7 +161,7 @@ class WebTransportSessions:
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
                 self._connection.malformed("the stream was given up")
                 return
-            self._outside += 0 if inside else max(LEAST_BYTES, len(getattr(event, "data", b"")))
+            self._outside += 0 if inside else max(MIN_BYTES, len(getattr(event, "data", b"")))
             if self._outside > OUTSIDE_BYTES:
                 self._connection.malformed("more than any session says outside its stream")
                 return

@@ -21,11 +21,11 @@ import { Steps } from "../gaussians/steps.ts";
 import { thinness } from "../gaussians/tables.ts";
 import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 
-const LARGEST_SHIFT = 30;
+const MAX_SHIFT = 30;
 
 /** Limits log2 of a step. */
 export function limitShift(shift: number): number {
-  return Math.min(Math.max(shift, 0), LARGEST_SHIFT);
+  return Math.min(Math.max(shift, 0), MAX_SHIFT);
 }
 
 /** log2 of the steps of each channel. */

@@ -20,9 +20,9 @@ _LOGS = [0, 3, 4, 5]
 """Which of an anchor's six scalings are coded, as four logarithms: the offset scale (once) and the size along x, y,
 z."""
 HEAD_SHARE = 0.08
-"""Maximum share of side information in a stream; beyond it more position bits are moved to packets, up to `MOST_LEAF`.
+"""Maximum share of side information in a stream; beyond it more position bits are moved to packets, up to `MAX_LEAF`.
 """
-MOST_LEAF = 8
+MAX_LEAF = 8
 SAMPLE_SEED = 0
 SAMPLE = 1000
 MAX_NUMBER = 14_000
@@ -93,10 +93,10 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     """
     # Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
     # moving low bits to the packets.
-    # At most `MOST_LEAF` anchors share a leaf of the position tree, even if the side information is then larger.
+    # At most `MAX_LEAF` anchors share a leaf of the position tree, even if the side information is then larger.
     positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
     most = HEAD_SHARE * (others + len(positions.section) + packet_bytes) - others
-    for leaf in range(2, MOST_LEAF + 1):
+    for leaf in range(2, MAX_LEAF + 1):
         if len(positions.section) <= most:
             break
         positions = share_positions(voxels, leaf)

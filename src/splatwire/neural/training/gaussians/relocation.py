@@ -16,7 +16,7 @@ from splatwire.ops.quaternions import rotation_rows
 
 MAX_COPIES = 51
 """Maximum number of Gaussians that one Gaussian is replaced by at a time; the sums of more are less exact."""
-_LEAST_OPACITY, _MOST_OPACITY = 0.005, 1 - 1e-6
+_MIN_OPACITY, _MAX_OPACITY = 0.005, 1 - 1e-6
 _GATE, _GATE_OPACITY = 100.0, 0.005
 """Steepness of the logistic function of the opacity that multiplies the position noise, and the opacity at its half."""
 
@@ -78,9 +78,9 @@ def relocate(state: GaussianState, num_gaussians: int, dead_opacity: float) -> N
         state.parameters[name] = rows
     parameters = state.parameters
     shared, factor = shared_appearance(
-        opacities[split].clamp(_LEAST_OPACITY, _MOST_OPACITY), numbers[split].clamp(max=MAX_COPIES)
+        opacities[split].clamp(_MIN_OPACITY, _MAX_OPACITY), numbers[split].clamp(max=MAX_COPIES)
     )
-    parameters["logits"][split.to(device)] = torch.logit(shared.clamp(_LEAST_OPACITY, _MOST_OPACITY)).to(device)
+    parameters["logits"][split.to(device)] = torch.logit(shared.clamp(_MIN_OPACITY, _MAX_OPACITY)).to(device)
     parameters["log_scales"][split.to(device)] += factor.log().to(device)[:, None]
     for name, values in parameters.items():
         values[targets.to(device)] = values[sources.to(device)]

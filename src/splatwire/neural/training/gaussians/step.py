@@ -20,7 +20,7 @@ from splatwire.neural.training.step import StepReport
 from splatwire.ops.spherical_harmonics import DC, num_functions, sh_functions
 from splatwire.types import Cameras, Gaussians
 
-_MOST_OPAQUE = 0.999
+_MAX_OPAQUE = 0.999
 
 
 class GaussianStep:
@@ -77,7 +77,7 @@ class GaussianStep:
             return gaussians
         numbers = self._kernels.random.uniform(gaussians.opacities.shape, state.generator, state.device)
         factors = (numbers >= share).to(gaussians.opacities) / (1 - share)
-        return replace(gaussians, opacities=(gaussians.opacities * factors).clamp(max=_MOST_OPAQUE))
+        return replace(gaussians, opacities=(gaussians.opacities * factors).clamp(max=_MAX_OPAQUE))
 
     def _check(self, state: GaussianState, loss: Float[Tensor, ""]) -> None:
         last = state.iteration == self._config.iterations
