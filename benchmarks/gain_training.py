@@ -25,7 +25,7 @@ from splatwire.concealment.scene_free.elements import (
     ElementNetwork,
     element_inputs,
 )
-from splatwire.concealment.scene_free.network import HIDDEN, MAX_CHANGE, MAX_UNUSUAL, GainInputs, gain_inputs
+from splatwire.concealment.scene_free.network import HIDDEN, MAX_CHANGE, MAX_STANDARDISED, GainInputs, gain_inputs
 from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.neural.model.gaussian_heads import SpawnedGaussians
@@ -148,7 +148,7 @@ def tensor_gains(
     The networks of the package compute the same in numpy.
     """
     signature = torch.from_numpy(inputs.signature)
-    x = ((signature - network.mean) / network.spread).clamp(-MAX_UNUSUAL, MAX_UNUSUAL)
+    x = ((signature - network.mean) / network.spread).clamp(-MAX_STANDARDISED, MAX_STANDARDISED)
     hidden = torch.nn.functional.silu(torch.nn.functional.linear(x, network.hidden.weight, network.hidden.bias))
     change = torch.nn.functional.linear(hidden, network.output.weight, network.output.bias)
     if isinstance(inputs, GainInputs):

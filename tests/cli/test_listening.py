@@ -169,7 +169,7 @@ def run(self):
         pool.submit(threading.Event().wait).result()
 
 live.LiveIngest.run = run
-live.STOP_S = 0.3
+live.STOP_TIMEOUT_S = 0.3
 main(["live", sys.argv[1], "--port", "0"])
 """
 
@@ -195,7 +195,7 @@ def run(self):
     threading.Event().wait()
 
 live.LiveIngest.run = run
-live.COMPILING_S = 0.3
+live.COMPILING_TIMEOUT_S = 0.3
 main(["live", sys.argv[1], "--port", "0"])
 """
 
@@ -228,7 +228,7 @@ def run(self):
             pass
 
 live.LiveIngest.run = run
-live.COMPILING_S = 0.3
+live.COMPILING_TIMEOUT_S = 0.3
 main(["live", sys.argv[1], "--port", "0"])
 """
 

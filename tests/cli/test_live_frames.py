@@ -18,11 +18,11 @@ from splatwire.cli._live_warnings import WARN_S, Warnings, print_if_read
 from splatwire.cli._terminal import PrintableStream, printable_streams
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import write_splats
-from splatwire.sequence import SequenceFrame, SequenceOptions, arriving
-from splatwire.sequence.arriving import LOOK_S, Backlog, FolderSource, PipeSource
+from splatwire.sequence import SequenceFrame, SequenceOptions, frame_sources
+from splatwire.sequence.frame_sources import POLL_INTERVAL_S, DropPolicy, FolderSource, PipeSource
 from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
-from splatwire.sequence.live_ingest import OTHERS, LiveIngest
+from splatwire.sequence.live_ingest import NUM_FRAMES_TO_ADOPT, LiveIngest
 from splatwire.sequence.written_frames import numbered
 from splatwire.transport import fec
 from splatwire.transport.protocol.layout import Segments, split_init_segment
@@ -217,13 +217,13 @@ def test_changing_file_that_is_no_frame_is_ignored_after_one_warning(tmp_path, m
     world = World(tmp_path / "in")
     other, looks = world.folder / "work", []
     (other / "deep").mkdir(parents=True) if kind == "folder" else other.touch()
-    sign = arriving.signature_of
+    sign = frame_sources.signature_of
 
     def signed(path, status):
         looks.extend([world.now] if path == other else [])
         return sign(path, status)
 
-    monkeypatch.setattr(arriving, "signature_of", signed)
+    monkeypatch.setattr(frame_sources, "signature_of", signed)
     for tick in range(round(60 / interval)):
         changed = other / "log" if kind == "folder" else other
         world.at(tick * interval, lambda tick=tick, changed=changed: changed.write_bytes(b"x" * (tick + 1)))
@@ -287,11 +287,11 @@ def test_persistent_new_degree_is_accepted_after_some_frames(tmp_path):
     world = World(tmp_path / "in", clip)
     world.frame(0)
     world.frame(1)
-    for number in range(2, 2 + OTHERS + 3):
+    for number in range(2, 2 + NUM_FRAMES_TO_ADOPT + 3):
         write_splats([splats(40, degree=1)], world.folder / f"frame_{number:04}.ply")
     world.end = 6.0
     world.live.run()
-    assert world.live.num_skipped == OTHERS - 1
+    assert world.live.num_skipped == NUM_FRAMES_TO_ADOPT - 1
     streams = {edition.stream_id: edition for edition in world.editions}
     assert list(streams) == [7, 8]
     shown = decoded(world.editions)
@@ -341,8 +341,8 @@ def test_a_slow_encoder_drops_frames_and_its_delay_stays_bounded(tmp_path):
 
 
 def test_shrinking_queue_is_kept_and_persistent_queue_is_shortened():
-    drains, stands = Backlog(30.0, 15), Backlog(30.0, 15)
-    steps = [n * LOOK_S for n in range(500)]
+    drains, stands = DropPolicy(30.0, 15), DropPolicy(30.0, 15)
+    steps = [n * POLL_INTERVAL_S for n in range(500)]
     assert not any(drains.surplus(600 - round(30 * now), now) for now in steps)
     cut = [stands.surplus(300, now) for now in steps]
     assert max(cut) == 297
@@ -368,7 +368,7 @@ def test_file_names_from_a_pipe_are_read_completely_until_it_closes():
     os.write(write, b"last.ply")
     os.close(write)
     assert source.poll(0.0) == [Path("last.ply")]
-    assert source.over
+    assert source.ended
     os.close(read)
 
 

@@ -15,7 +15,7 @@ from splatwire.bitstream import CAUSAL, PRESETS, Packetization, SceneStream, str
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
 from splatwire.codec.anchors.causal.context import CodingContext, exponential
-from splatwire.codec.anchors.causal.encoder import HEAD_SHARE, _split_position_bits
+from splatwire.codec.anchors.causal.encoder import MAX_SIDE_INFO_SHARE, _split_position_bits
 from splatwire.codec.anchors.causal.packet_coder import cut_packets, decode_packets, encode_packets, quantise
 from splatwire.codec.anchors.causal.positions import AnchorPositions, read_positions, share_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
@@ -228,7 +228,7 @@ def test_side_information_is_small(scene: AnchorScene, info: SideInfo):
     sizes = [len(share_positions(voxels, leaf).section) for leaf in range(1, 9)]
     assert sizes == sorted(sizes, reverse=True)
     for size in sizes:
-        enough = (head - sizes[0] + size) / HEAD_SHARE - head
+        enough = (head - sizes[0] + size) / MAX_SIDE_INFO_SHARE - head
         assert len(_split_position_bits(everything, voxels, enough + 1).section) == size
     assert len(_split_position_bits(everything, voxels, 0.0).section) == sizes[-1]
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scenes import tiny_cameras
 from splatwire.codec.preview import (
     BITS,
-    MAX_AWAY,
+    MAX_DISTANCE_ASINH,
     MAX_GAUSSIANS,
     MAX_PREVIEW_BYTES,
     SIZES,
@@ -146,7 +146,10 @@ def test_preview_with_extreme_values_renders() -> None:
     rng = np.random.default_rng(0)
     for spread in (2.0**-20, 1.0, 2.0**20):
         frame = PreviewFrame(
-            (2.0**20, -(2.0**20), 0.0), spread, (*[-MAX_AWAY] * 3, SIZES[0]), (*[MAX_AWAY] * 3, SIZES[1])
+            (2.0**20, -(2.0**20), 0.0),
+            spread,
+            (*[-MAX_DISTANCE_ASINH] * 3, SIZES[0]),
+            (*[MAX_DISTANCE_ASINH] * 3, SIZES[1]),
         )
         check(Preview(frame, (0, 0, 0), rng.integers(0, MOST + 1, (MAX_GAUSSIANS, len(BITS)))).gaussians())
 

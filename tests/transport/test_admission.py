@@ -19,8 +19,8 @@ from splatwire.transport.protocol.admission import (
     network_of,
 )
 from splatwire.transport.protocol.datagrams import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
-from splatwire.transport.protocol.sender import STARTS, TOO_MANY, UNKNOWN_STREAM
-from splatwire.transport.protocol.transfer import MAX_WELCOMES, WELCOME_S
+from splatwire.transport.protocol.sender import MAX_STARTS_FACTOR, TOO_MANY, UNKNOWN_STREAM
+from splatwire.transport.protocol.transfer import MAX_WELCOMES, WELCOME_INTERVAL_S
 from splatwire.transport.protocol.wire import decode, encode
 from transport.network import SECRET, datagram_stream
 
@@ -152,10 +152,10 @@ def test_transfer_starts_per_network_are_rate_limited():
                 assert answer.reason == TOO_MANY
         return count
 
-    assert begun("192.0.2.1", 0.0) == STARTS * LIMITS.per_network
+    assert begun("192.0.2.1", 0.0) == MAX_STARTS_FACTOR * LIMITS.per_network
     assert begun("192.0.2.1", 30.0) == 0
-    assert begun("192.0.2.2", 30.0) == STARTS * LIMITS.per_network
-    assert begun("192.0.2.1", WINDOW_S + 1) == STARTS * LIMITS.per_network
+    assert begun("192.0.2.2", 30.0) == MAX_STARTS_FACTOR * LIMITS.per_network
+    assert begun("192.0.2.1", WINDOW_S + 1) == MAX_STARTS_FACTOR * LIMITS.per_network
 
 
 @pytest.mark.parametrize("reliable", [False, True])
@@ -170,7 +170,7 @@ def test_refusals_per_network_are_rate_limited(reliable, caplog):
         return decode(serving.receive(here, request, now, reliable=reliable))
 
     reasons = [answer(nonce, "other", nonce / 100).reason for nonce in range(200)]
-    allowed = STARTS * LIMITS.per_network
+    allowed = MAX_STARTS_FACTOR * LIMITS.per_network
     assert reasons == [UNKNOWN_STREAM] * allowed + [TOO_MANY] * (200 - allowed)
     assert sum("transfer refused" in record.getMessage() for record in caplog.records) == allowed
     assert serving.num_refused == 200
@@ -184,7 +184,7 @@ def test_repeated_requests_are_answered_rarely_and_not_after_feedback():
     answers = [serving.receive(here, request, n / 1000) for n in range(10_000)]
     told = [answer for answer in answers if answer]
     assert len(told) == MAX_WELCOMES
-    assert len([answer for answer in answers[:1000] if answer]) <= 1 + 1 / WELCOME_S
+    assert len([answer for answer in answers[:1000] if answer]) <= 1 + 1 / WELCOME_INTERVAL_S
     assert sum(map(len, told)) < 0.2 * len(request) * len(answers)
     fresh = begin(serving, ("192.0.2.2", 1), 8, 0.0)
     assert isinstance(fresh, Welcome)
@@ -260,7 +260,7 @@ def test_three_clients_with_many_requests_leave_slots_for_others(seed: int):
         assert max(mine.values(), default=0) <= LIMITS.per_network
     one_pass = sum(PROGRAM.sizes().values())
     for host in hosts:
-        assert begun[host] <= 3 * STARTS * LIMITS.per_network
+        assert begun[host] <= 3 * MAX_STARTS_FACTOR * LIMITS.per_network
         assert answered[host] < asked[host]
         assert sent[host] <= begun[host] * (LIMITS.max_sent_ratio * one_pass + 102_000)
     assert isinstance(begin(serving, ("198.51.100.1", 1), 1, now), Welcome)

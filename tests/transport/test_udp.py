@@ -26,7 +26,14 @@ from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.protocol.datagrams import Hello
 from splatwire.transport.protocol.wire import encode
-from splatwire.transport.udp import MAX_ANSWERS, UdpServer, bound_socket, connected_socket, receive_udp, resolve
+from splatwire.transport.udp import (
+    MAX_PENDING_RESPONSES,
+    UdpServer,
+    bound_socket,
+    connected_socket,
+    receive_udp,
+    resolve,
+)
 from transport.network import FailingCallbackError, at_most, bernoulli, bursts, datagram_stream, fail_on_event
 from transport.relay import Relay
 
@@ -127,7 +134,7 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
 
     class Blocked:
         def __init__(self) -> None:
-            self.hellos = [encode(Hello(nonce, "")) for nonce in range(2 * MAX_ANSWERS)]
+            self.hellos = [encode(Hello(nonce, "")) for nonce in range(2 * MAX_PENDING_RESPONSES)]
 
         def recvfrom(self, size: int) -> tuple[bytes, tuple[str, int]]:
             if not self.hellos:
@@ -145,7 +152,7 @@ def test_responses_that_the_socket_does_not_accept_are_bounded():
         server._blocked = True
         while blocked.hellos:
             server._readable()
-        assert len(server._backlog) == MAX_ANSWERS
+        assert len(server._backlog) == MAX_PENDING_RESPONSES
         server._socket = real
         server.close()
 
@@ -262,7 +269,7 @@ def test_a_socket_that_cannot_be_connected_is_closed(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(udp.socket, "socket", Socket)
     with pytest.raises(OSError, match="No route to host") as caught:
         connected_socket(socket.AF_INET, ("127.0.0.1", 1))
-    assert caught.value.errno in udp.NO_ROUTE
+    assert caught.value.errno in udp.NO_ROUTE_ERRORS
     assert [each.fileno() for each in opened] == [-1]
 
 

@@ -21,7 +21,7 @@ from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server, make_served_stream
 from splatwire.transport.protocol import served_stream
 from splatwire.transport.protocol.datagrams import Feedback, Request, View
-from splatwire.transport.protocol.send_queue import VIEW_UPDATE_S, SendQueue, ViewUpdateBudget
+from splatwire.transport.protocol.send_queue import VIEW_UPDATE_COST_S, SendQueue, ViewUpdateBudget
 from splatwire.transport.protocol.transfer import ServerLimits, ServerTransfer
 from splatwire.transport.protocol.wire import DATA, SIDE, decode, encode
 from splatwire.types import SplatScene
@@ -164,7 +164,7 @@ def test_view_updates_of_all_clients_are_scheduled_in_turns():
     turns = ViewUpdateBudget()
     times = [turns.take(0.0, None, 1000) for _ in range(100)]
     assert times == sorted(times)
-    assert times[-1] >= 99 * VIEW_UPDATE_S
+    assert times[-1] >= 99 * VIEW_UPDATE_COST_S
 
 
 def test_view_update_round_trips():

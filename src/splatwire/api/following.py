@@ -12,7 +12,7 @@ from splatwire.codec.update.section import SECTION, manifest_digest, read_update
 from splatwire.errors import InvalidValueError, SplatwireError, UnknownHostError
 from splatwire.transport.protocol.datagrams import REFUSALS
 from splatwire.transport.protocol.receiver import MISSING_STREAM, Receiver
-from splatwire.transport.udp import NO_ROUTE
+from splatwire.transport.udp import NO_ROUTE_ERRORS
 
 Fetch = Callable[[str], Awaitable[Receiver]]
 """Function that receives the stream of a given name, and returns the finished receiver."""
@@ -150,7 +150,7 @@ async def _fetch_repeatedly(fetch: Fetch, name: str, warn: Warn) -> Receiver:
         try:
             return await fetch(name)
         except (OSError, UnknownHostError) as error:
-            if isinstance(error, OSError) and error.errno not in NO_ROUTE:
+            if isinstance(error, OSError) and error.errno not in NO_ROUTE_ERRORS:
                 raise
             if not warned:
                 warn(f"no connection: {error}; the last scene remains until there is one")

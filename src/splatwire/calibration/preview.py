@@ -12,7 +12,7 @@ from splatwire.arguments import check_fields, checked
 from splatwire.calibration.checks import check_settings
 from splatwire.calibration.views import CalibrationViews, Progress, References, spread_evenly
 from splatwire.codec.preview import (
-    MAX_AWAY,
+    MAX_DISTANCE_ASINH,
     MAX_PREVIEW_BYTES,
     Preview,
     PreviewFrame,
@@ -32,8 +32,8 @@ _PLACE, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
 RATES = (_PLACE, _PLACE, _PLACE, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
 """Learning rates of a Gaussian's parameters, in the order of `PreviewFrame.values`."""
 BACKGROUND_RATE = 0.01
-_LOWEST = (*[-MAX_AWAY] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
-_HIGHEST = (*[MAX_AWAY] * 3, *[3.0] * 3, 1.0, 1.0, 1.0, 31 / 32)
+_LOWEST = (*[-MAX_DISTANCE_ASINH] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
+_HIGHEST = (*[MAX_DISTANCE_ASINH] * 3, *[3.0] * 3, 1.0, 1.0, 1.0, 31 / 32)
 _FIRST_OPACITY = 0.8
 _SPLIT_SHIFT, _SPLIT_SHRINK = 0.6, 0.5
 """Split of a Gaussian along its longest axis: shift of the halves in standard deviations, decrease of the log size."""

@@ -36,12 +36,12 @@ from splatwire.types import Cameras
 if TYPE_CHECKING:
     from splatwire.rate_control import EncodedScene, Tuning  # imports renderers, which most scenes are encoded without
 
-_STILL = (
+_STATIC_OPTIONS = (
     "preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels", "no_sketch", "size",
     "psnr", "effort", "loss", "seed", "update",
 )  # fmt: skip
 """Options that apply only to static scenes."""
-_NOT_OF_UPDATES = (
+_OPTIONS_OF_BASE = (
     "preset", "block_size", "lanes", "tiers", "keep", "refine", "levels", "no_sketch", "up", "quality", "size", "psnr",
     "effort", "loss", "seed", "background", "fps", "group", "frames",
 )  # fmt: skip
@@ -58,10 +58,10 @@ def run(command: Encode) -> None:
 def _run(command: Encode, source: Path) -> None:
     is_clip = is_sequence(source)
     if is_clip:
-        refuse_options(command, _STILL, "is for a still scene, not for a clip")
+        refuse_options(command, _STATIC_OPTIONS, "is for a still scene, not for a clip")
     if command.update is not None:
         refuse_options(
-            command, _NOT_OF_UPDATES, "cannot be combined with --update: an update keeps what its stream has"
+            command, _OPTIONS_OF_BASE, "cannot be combined with --update: an update keeps what its stream has"
         )
     _check(command)
     if is_clip:

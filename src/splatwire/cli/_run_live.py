@@ -19,21 +19,21 @@ from splatwire.cli.live import Live
 from splatwire.errors import InvalidValueError
 from splatwire.ops.compiled import is_compiling
 from splatwire.sequence import SequenceOptions
-from splatwire.sequence.arriving import FolderSource, FrameSource, PipeSource
+from splatwire.sequence.frame_sources import FolderSource, FrameSource, PipeSource
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.sequence.live_ingest import LiveIngest, new_stream_id
 from splatwire.transport import Protection, ServedStream, ServerLimits
 from splatwire.transport.protocol.live_session import PROTECTION
 from splatwire.transport.running_server import RunningServer
 
-NAME = "live"
-LAST_S = 3.0
+STREAM_NAME = "live"
+DRAIN_TIMEOUT_S = 3.0
 """Maximum time that clients can request lost packets after the last frame was encoded, seconds."""
-STOP_S = 10.0
+STOP_TIMEOUT_S = 10.0
 """Maximum time for the encoder to end after Ctrl-C, seconds; it may be blocked by reading a file."""
-COMPILING_S = 2.0
+COMPILING_TIMEOUT_S = 2.0
 """Maximum time for an encoder that compiles kernels to end after Ctrl-C, seconds."""
-STUCK = 1
+EXIT_STUCK = 1
 """Exit status if the encoder did not end in time, although it compiled nothing."""
 
 
@@ -81,17 +81,17 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
             fixed_rate=command.fixed_rate,
             total_rate=command.total_bytes_s,
         )
-        running = await open_server({}, command, limits, stack, live=NAME)
+        running = await open_server({}, command, limits, stack, live=STREAM_NAME)
         server = running.server
         print_ready(command, server.port, running.facts, "live")
 
         def publish(state: ServedStream) -> None:
-            loop.call_soon_threadsafe(server.update, NAME, state)
+            loop.call_soon_threadsafe(server.update, STREAM_NAME, state)
 
         work = _encoding(command, options, protection, publish, stop.is_set, warn)
         with rate_limited_warnings(warn):
             encoding = start_thread(work.run, "encoding")
-            await first_of(encoding, stop, min(COMPILING_S, STOP_S))
+            await first_of(encoding, stop, min(COMPILING_TIMEOUT_S, STOP_TIMEOUT_S))
             compiles = await _is_compiling_at_end(encoding)
         if encoding.done():
             encoding.result()
@@ -99,12 +99,12 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
         elif compiles:
             warn("stopped while kernels were compiled: the frames since the last group were not sent")
         else:
-            warn(f"the encoder did not end within {STOP_S:g} s and was abandoned")
+            warn(f"the encoder did not end within {STOP_TIMEOUT_S:g} s and was abandoned")
     left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
     print_if_read(f"{work.num_frames} frames{left_out}, {running.served()}")
     if encoding.done():
         return None
-    return 0 if compiles else STUCK
+    return 0 if compiles else EXIT_STUCK
 
 
 def _encoding(command: Live, options: SequenceOptions, protection: Protection, publish: Callable[[ServedStream], None],
@@ -125,8 +125,8 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
     Returns:
         True as soon as the encoder compiles kernels. False once it has ended, or when the time for it has passed.
     """
-    # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_S` after the request.
-    end = time.monotonic() + STOP_S - COMPILING_S
+    # Compiling takes too long to wait for. False if the encoder has ended, or `STOP_TIMEOUT_S` after the request.
+    end = time.monotonic() + STOP_TIMEOUT_S - COMPILING_TIMEOUT_S
     while not encoding.done():
         if is_compiling():
             return True
@@ -138,6 +138,6 @@ async def _is_compiling_at_end(encoding: "asyncio.Future[Any]") -> bool:
 
 async def _await_last_packets(running: RunningServer) -> None:
     """Waits, for a limited time, until clients have received the last packets."""
-    end = time.monotonic() + LAST_S
+    end = time.monotonic() + DRAIN_TIMEOUT_S
     while running.server.core.num_transfers and time.monotonic() < end:
         await asyncio.sleep(0.05)

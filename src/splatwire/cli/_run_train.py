@@ -45,9 +45,9 @@ from splatwire.neural.training.state import TrainState
 from splatwire.types.background import BLACK
 
 _DEVICES = ("auto", "cpu", "cuda")
-_PLACES = {"cpu": "CPU", "cuda": "GPU"}
-_PICTURES = (".png", ".jpg", ".jpeg", ".webp")
-_OF_GAUSSIANS = ("gaussians", "degree", "quality", "serve", "page", "host")
+_DEVICE_NAMES = {"cpu": "CPU", "cuda": "GPU"}
+_PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+_GAUSSIAN_OPTIONS = ("gaussians", "degree", "quality", "serve", "page", "host")
 """Options that apply only to explicit Gaussians."""
 FINE_TUNING_ITERATIONS = 720
 """Default number of iterations when training continues from a finished scene."""
@@ -58,10 +58,10 @@ def run(command: Train) -> None:
     if command.model == GAUSSIAN_MODEL:
         check_gaussian_options(command)
     else:
-        refuse_options(command, _OF_GAUSSIANS, f"is for --model {GAUSSIAN_MODEL}")
+        refuse_options(command, _GAUSSIAN_OPTIONS, f"is for --model {GAUSSIAN_MODEL}")
     device = _check(command)
     if command.model == GAUSSIAN_MODEL:
-        run_gaussians(command, device, _PLACES[device])
+        run_gaussians(command, device, _DEVICE_NAMES[device])
         return
     output = prepared_output(Path(command.output), suffix="")
     checkpoint = output.with_name(output.name + ".checkpoint")
@@ -70,7 +70,7 @@ def run(command: Train) -> None:
         check_same_recipe(changed_options(command), _config(command), config, ANCHOR_RECIPE)
         train, test = _datasets(command, config)
     else:
-        state, config, train, test = _initial_training(command, _PLACES[device])
+        state, config, train, test = _initial_training(command, _DEVICE_NAMES[device])
         save_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint now instead of in an hour
     options = RunOptions(checkpoint, command.checkpoint_interval)
     with watch(preview_writer(command.preview)) as listener:
@@ -140,8 +140,8 @@ def _check(command: Train) -> str:
         raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
     if command.output == "-":
         raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
-    if command.preview is not None and prepared_output(Path(command.preview)).suffix.lower() not in _PICTURES:
-        raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {command.preview}")
+    if command.preview is not None and prepared_output(Path(command.preview)).suffix.lower() not in _PICTURE_SUFFIXES:
+        raise InvalidValueError(f"--preview must end in {', '.join(_PICTURE_SUFFIXES)}, not {command.preview}")
     if command.loss_share is not None and not command.loss:
         raise InvalidValueError("--loss-share needs --loss")
     if command.checkpoint_interval < 1:

@@ -32,9 +32,9 @@ from splatwire.types import AnchorScene
 Config = TypeVar("Config")
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
 _UNITS = {"": 1, "B": 1, "kB": 1000, "KB": 1000, "MB": 1_000_000}
-_NEAR = 0.03
+_SIZE_TOLERANCE = 0.03
 """Relative difference to the requested size above which a message is printed."""
-_UNKNOWN = "-:--:--"
+_UNKNOWN_TIME = "-:--:--"
 _PLAIN_INTERVAL_S = 30.0
 """Interval of progress lines without a terminal, seconds."""
 
@@ -180,7 +180,7 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
         shown.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
 
     with Bars(*columns(), console=shown, expand=True, disable=not shown.is_terminal) as bars, printable_streams():
-        task = bars.add_task("starting", total=None, left=_UNKNOWN)
+        task = bars.add_task("starting", total=None, left=_UNKNOWN_TIME)
 
         def progress(now: Progress) -> None:
             text = line(now) + "".join(tests[-1:])
@@ -234,7 +234,7 @@ def time_left(now: Progress) -> str:
         now: State of the training, with its speed so far.
     """
     if now.iterations_per_second is None:
-        return _UNKNOWN
+        return _UNKNOWN_TIME
     return str(timedelta(seconds=round((now.iterations - now.iteration) / now.iterations_per_second)))
 
 
@@ -264,7 +264,7 @@ def checked_size(scene: AnchorScene, target_bytes: int) -> int | None:
     if not target_bytes:
         return None
     num_bytes = stream_bytes(scene)
-    if abs(num_bytes / target_bytes - 1) > _NEAR:
+    if abs(num_bytes / target_bytes - 1) > _SIZE_TOLERANCE:
         advice = "a longer run or another --lmbda comes closer"
         print(f"the stream has {num_bytes:,} bytes where --size asks for {target_bytes:,}: {advice}", file=sys.stderr)
     return num_bytes

@@ -25,7 +25,7 @@ MAX_PREVIEW_BYTES = 1024
 VERSION = 1
 BITS = (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)
 """Bits of a Gaussian's numbers: position x, y, z; size x, y, z; red, green, blue; opacity."""
-MAX_AWAY = 8.0
+MAX_DISTANCE_ASINH = 8.0
 """Largest asinh of a distance from the centre, in spreads; corresponds to 1490 spreads."""
 SIZES = (-12.0, 6.0)
 """Smallest and largest `log(size / spread)`, a natural logarithm."""
@@ -68,7 +68,7 @@ class PreviewFrame:
             return "its middle is out of range"
         if not SPREADS[0] <= self.spread <= SPREADS[1]:
             return "its spread is out of range"
-        bounds = [(-MAX_AWAY, MAX_AWAY)] * 3 + [SIZES]
+        bounds = [(-MAX_DISTANCE_ASINH, MAX_DISTANCE_ASINH)] * 3 + [SIZES]
         names = ("x", "y", "z", "sizes")
         for name, low, high, (least, most) in zip(names, self.low, self.high, bounds, strict=True):
             if not least <= low <= high <= most:
@@ -91,7 +91,7 @@ class PreviewFrame:
         Raises:
             InvalidValueError: If the centre or the spread is out of range.
         """
-        (x, y, z), bounds = _sent(middle), [(-MAX_AWAY, MAX_AWAY)] * 3 + [SIZES]
+        (x, y, z), bounds = _sent(middle), [(-MAX_DISTANCE_ASINH, MAX_DISTANCE_ASINH)] * 3 + [SIZES]
         least, most = (
             [min(max(value, a), b) for value, (a, b) in zip(_sent(values), bounds, strict=True)]
             for values in (low, high)

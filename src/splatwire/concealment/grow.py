@@ -12,8 +12,11 @@ from splatwire.concealment.registry import register_concealer
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.types import ReceivedScene
 
-_CHUNK = 1 << 15
-_MAX_OPAQUE, _MIN_OPAQUE = 0.999, 1e-6
+_BATCH_SIZE = 1 << 15
+"""Number of elements whose neighbours are searched at a time, to limit memory."""
+_MAX_OPACITY = 0.999
+"""Maximum opacity for which a gain is computed; the logarithm of the transmittance of opacity 1 is infinite."""
+_MIN_OPACITY = 1e-6
 
 
 @register_concealer("grow")
@@ -62,21 +65,21 @@ class Grow:
         """
         if partial.expectation is None:
             return self  # positions of lost elements depend on the received ones
-        everyone = np.ones(partial.scene.num_elements, np.bool_)
-        parts = [index for _, index in _neighbors_of(partial.positions, everyone, self.neighbors)]
+        all_elements = np.ones(partial.scene.num_elements, np.bool_)
+        parts = [index for _, index in _neighbors_of(partial.positions, all_elements, self.neighbors)]
         return replace(self, nearest=np.concatenate(parts))
 
     def __call__(self, partial: ReceivedScene) -> Concealed:
         """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
         known, coverage = partial.known, partial.scene.COVERAGE
-        left = 1 - lost_share(partial.positions, known, self.neighbors, partial.sizes, self.nearest)
-        left = np.where(known, self.clamp_received_share(left, known, partial.tier_sizes), np.ones_like(left))
-        size = left ** -(self.exponent * coverage.size)
+        share = 1 - lost_share(partial.positions, known, self.neighbors, partial.sizes, self.nearest)
+        share = np.where(known, self.clamp_received_share(share, known, partial.tier_sizes), np.ones_like(share))
+        size = share ** -(self.exponent * coverage.size)
         if not coverage.opacity:
             return Concealed(size, ~known)
         opacities = partial.elements.opacities
-        opaque = 1 - (1 - np.minimum(opacities, _MAX_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
-        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _MIN_OPAQUE), np.ones_like(left)), 1)
+        opaque = 1 - (1 - np.minimum(opacities, _MAX_OPACITY)) ** (share ** -(self.exponent * coverage.opacity))
+        gain = np.maximum(np.where(known, opaque / np.maximum(opacities, _MIN_OPACITY), np.ones_like(share)), 1)
         return Concealed(size, ~known, gain)
 
     def gain(
@@ -150,11 +153,11 @@ def lost_share(
     lost = weight * ~known
     if bool(known.all()) or not bool(known.any()):
         return share
-    there = np.flatnonzero(known)
-    found = _neighbors_of(positions, known, neighbors) if nearest is None else [(there, nearest[there])]
-    for own, index in found:
+    received = np.flatnonzero(known)
+    found = _neighbors_of(positions, known, neighbors) if nearest is None else [(received, nearest[received])]
+    for rows, index in found:
         if index.shape[1]:
-            share[own] = lost_share_among(index, lost, weight).astype(share.dtype)
+            share[rows] = lost_share_among(index, lost, weight).astype(share.dtype)
     return share
 
 
@@ -173,8 +176,8 @@ def _neighbors_of(
     """
     tree = NeighborTree(positions)
     chosen = np.flatnonzero(selected)
-    for first in range(0, len(chosen), _CHUNK):
-        own = chosen[first : first + _CHUNK]
+    for first in range(0, len(chosen), _BATCH_SIZE):
+        own = chosen[first : first + _BATCH_SIZE]
         yield own, nearest_others(tree, positions[own], own, neighbors)[0]
 
 

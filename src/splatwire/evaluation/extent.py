@@ -10,7 +10,7 @@ from splatwire.anchors.appearance import Scene, origin_of
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
 
-FARTHEST, MAX_SCALED = 2.0, 4.0
+FARTHEST, MAX_RADIUS_RATIO = 2.0, 4.0
 """Limits beyond which files contain different scenes: distance of the centres in radii of the larger scene, and ratio
 of the radii."""
 
@@ -47,7 +47,7 @@ class SceneExtent:
         small, large = min(self.radius, other.radius), max(self.radius, other.radius)
         away = float(np.linalg.norm(other.centre - self.centre))
         # A radius of 0, as of a single Gaussian, is no measure of a scene.
-        if not ((large > 0 and away > FARTHEST * large) or (small > 0 and large > MAX_SCALED * small)):
+        if not ((large > 0 and away > FARTHEST * large) or (small > 0 and large > MAX_RADIUS_RATIO * small)):
             return None
         return (
             f"{other.path} is of another scene than {self.path}: {other} instead of {self} (median position and "

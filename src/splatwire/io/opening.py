@@ -39,7 +39,7 @@ from splatwire.types.splats import Splats
 LOG = logging.getLogger(__name__)
 _MODEL_DEPTH = 3
 """Number of folders from a trained PLY up to its model folder: `iteration_N`, `point_cloud`, the model."""
-_WANTED = "a scene file, stream or file of explicit Gaussians"
+_EXPECTED = "a scene file, stream or file of explicit Gaussians"
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +176,7 @@ def _read(path: Path) -> SceneFile:
         return SceneFile(kind, partial, partial.loss_mask)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))
-    raise BitstreamError(is_not(path, _WANTED) + model_nearby(path, MODEL_3DGS, HACPP))
+    raise BitstreamError(is_not(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))
 
 
 def _background_of(folder: Path) -> Background:

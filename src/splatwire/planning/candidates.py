@@ -36,7 +36,7 @@ BEST_SIDES = 2
 SAFER = 1.3
 """Factor on the number of repair symbols with which 999 of 1000 transfers succeed; used if the budget allows, because
 one failure in 1000 costs 0.02 dB."""
-MAX_IN_HEAD = 0.35
+MAX_BUNDLED_SHARE = 0.35
 """Maximum fraction of the packets that are sent in the init segment with the side information; only complete tiers
 are."""
 PLAIN_LEAD = 0.7
@@ -108,7 +108,7 @@ def largest_head(load: StreamLoad) -> int:
     Args:
         load: Sizes of the stream's packets.
     """
-    return load.head_bytes + int(MAX_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
+    return load.head_bytes + int(MAX_BUNDLED_SHARE * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
 
 
 def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
@@ -125,7 +125,7 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
     """
     shares = [(0, 0.0)]
     for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
-        if packets <= MAX_IN_HEAD * sum(counts):
+        if packets <= MAX_BUNDLED_SHARE * sum(counts):
             shares.append((inside, packets / sum(counts)))
     return shares
 

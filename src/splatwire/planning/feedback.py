@@ -11,7 +11,7 @@ from splatwire.arguments import checked
 from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError
 from splatwire.planning.distortion import StreamVariant
-from splatwire.planning.planner import FINAL_TRIALS, MAX_FATES, ScenePlan, check_request, expected_result
+from splatwire.planning.planner import FINAL_TRIALS, MAX_SIMULATED_DATAGRAMS, ScenePlan, check_request, expected_result
 from splatwire.planning.transfer_model import SimulatedTransfers, draw_losses, model_transfer
 from splatwire.transport.protocol.protection import MAX_RETRANSMITTED, Protection
 
@@ -54,7 +54,7 @@ def plan_retransmission(
     plans = []
     for number, variant in enumerate(variants):
         packets = len(variant.load.packet_bytes)
-        received = draw_losses(loss, max(min(FINAL_TRIALS, MAX_FATES // packets), 1), packets, seed)
+        received = draw_losses(loss, max(min(FINAL_TRIALS, MAX_SIMULATED_DATAGRAMS // packets), 1), packets, seed)
         plan = _plan(variant, number, received, float(budget_bytes), max_protection, rendered_trials)
         plans += [plan] if plan is not None else []
         if progress is not None:

@@ -32,7 +32,7 @@ FINAL_TRIALS = 4000
 """Number of simulated transfers in the final comparison. A failure rate of 0.2 % costs 0.04 dB, and a thousand
 transfers cannot distinguish it from 0.6 %.
 """
-MAX_FATES = 200_000_000
+MAX_SIMULATED_DATAGRAMS = 200_000_000
 """Maximum number of simulated datagrams in memory, one byte each; for long streams, fewer final transfers are
 simulated."""
 SHORT_LIST = 16
@@ -139,7 +139,9 @@ def plan_protection(
         for chosen in (_leaders(plans, SHORT_LIST), plain)
     )
     finalists = _finalists(plans, plain, head_target)
-    fresh = draw_transfer_losses(variants, loss, min(FINAL_TRIALS, max(MAX_FATES // traces.shape[1], trials)), seed + 1)
+    fresh = draw_transfer_losses(
+        variants, loss, min(FINAL_TRIALS, max(MAX_SIMULATED_DATAGRAMS // traces.shape[1], trials)), seed + 1
+    )
     scored = []
     for plan in finalists:
         found = _evaluate_plan(variants[plan.variant], plan, fresh, budget_bytes, rendered_trials)

@@ -13,12 +13,12 @@ from splatwire.render.cpu import render_cpu
 
 GROUP = "splatwire.renderers"
 """Entry-point group of renderers in other packages."""
-_OWN = "cpu"
+_BUILT_IN = "cpu"
 
 
 def renderer_names() -> tuple[str, ...]:
     """Returns the names accepted by `create_renderer`."""
-    return (_OWN, *sorted({point.name for point in entry_points(group=GROUP)} - {_OWN}))
+    return (_BUILT_IN, *sorted({point.name for point in entry_points(group=GROUP)} - {_BUILT_IN}))
 
 
 @checked
@@ -31,7 +31,7 @@ def create_renderer(name: str) -> Renderer:
         UnknownNameError: If no renderer has that name.
         BackendUnavailableError: If it needs a missing package or device.
     """
-    if name == _OWN:
+    if name == _BUILT_IN:
         return render_cpu
     for point in entry_points(group=GROUP, name=name):
         renderer: Renderer = point.load()()

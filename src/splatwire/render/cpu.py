@@ -18,12 +18,12 @@ from splatwire.types import Cameras, Gaussians
 MAX_ENTRIES = 1 << 20
 """Maximum number of (Gaussian, tile) pairs per band of tile rows, unless a single row has more. A pair takes 14 bytes,
 and 36 for gradients."""
-KEPT_ENTRIES = 1 << 23
+MAX_KEPT_ENTRIES = 1 << 23
 """Maximum number of (Gaussian, tile) pairs whose lists are kept for the gradient; larger lists are computed again band
 by band."""
 _BANDS = 8
-_PIECE = 8192  # Gaussians
-_GLIBC_LARGEST = (32 << 20) - 8192  # bytes; larger blocks do not change glibc's threshold
+_SLICE_GAUSSIANS = 8192  # Gaussians
+_GLIBC_MAX_THRESHOLD = (32 << 20) - 8192  # bytes; larger blocks do not change glibc's threshold
 
 
 def render_cpu(
@@ -81,7 +81,7 @@ def each_gradient_cpu(
 def keep_freed_memory() -> None:
     """Makes glibc keep up to 64 MiB of freed memory for reuse by the next image."""
     # Requesting it from the system for each image would cost a tenth of the rendering time.
-    np.empty(_GLIBC_LARGEST, np.uint8)
+    np.empty(_GLIBC_MAX_THRESHOLD, np.uint8)
 
 
 class _Band(NamedTuple):
@@ -138,7 +138,7 @@ class Picture:
         cuts = _band_starts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
         self.cuts = list(itertools.pairwise(cuts))
         self.kept: list[_Band] | None = None
-        self.may_keep = kept and entries.sum() <= KEPT_ENTRIES
+        self.may_keep = kept and entries.sum() <= MAX_KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Draws the view: returns the image, and the remaining transmittance of each pixel."""
@@ -260,7 +260,7 @@ def _zeros(arrays: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def _pieces(num: int) -> list[slice]:
-    return [slice(first, min(first + _PIECE, num)) for first in range(0, num, _PIECE)]
+    return [slice(first, min(first + _SLICE_GAUSSIANS, num)) for first in range(0, num, _SLICE_GAUSSIANS)]
 
 
 def _band_starts(entries: np.ndarray, num_bands: int) -> list[int]:

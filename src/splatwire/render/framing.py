@@ -11,15 +11,17 @@ from splatwire.render.up import estimate_up_axis
 from splatwire.types import Cameras
 from splatwire.types.splats import Splats
 
-_MOST = 100_000
-_FAINT = 0.1
+_MAX_GAUSSIANS = 100_000
+"""Maximum number of Gaussians from which the sphere is computed; larger scenes are sampled evenly."""
+_MIN_OPACITY = 0.1
 """Opacity below which Gaussians are ignored when the scene is fitted into the image."""
-_EDGE = 0.005
+_IGNORED_SHARE = 0.005
 """Share of the Gaussians that is ignored at each end of each axis."""
-_NEARLY_ALL, _REACH = 0.99, 4.0
-"""Share of the Gaussians that must be inside the framed sphere, and the maximum radius of the sphere in multiples of
-the Gaussians' median distance from its centre."""
-_ENCLOSING = 0.5
+_FRAMED_SHARE = 0.99
+"""Share of the Gaussians that must be inside the framed sphere."""
+_MAX_RADIUS = 4.0
+"""Maximum radius of the sphere, in multiples of the Gaussians' median distance from its centre."""
+_ENCLOSING_SHARE = 0.5
 """Minimum share of outward views that are fully covered for a scene to count as enclosing its cameras (a room)."""
 
 
@@ -40,7 +42,7 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     if splats is None or not splats.num_gaussians or not num_views:
         return surrounding_cameras(scene, num_views, size)
     coverage = outward_coverage(splats, num_views, size)
-    if float((coverage > 1).mean()) >= _ENCLOSING:
+    if float((coverage > 1).mean()) >= _ENCLOSING_SHARE:
         return surrounding_cameras(scene, num_views, size)
     middle, radius = _sphere(splats)
     return replace(orbiting_cameras(middle, radius, num_views, estimate_up_axis(scene), size), origin=origin_of(scene))
@@ -48,11 +50,11 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
 
 def _sphere(splats: Splats) -> tuple[list[float], float]:
     """Returns centre and radius (world units) of a sphere around nearly all Gaussians."""
-    seen = splats.means[splats.opacities >= _FAINT]
+    seen = splats.means[splats.opacities >= _MIN_OPACITY]
     positions = (seen if len(seen) else splats.means).astype(np.float64)
-    positions = positions[:: -(-len(positions) // _MOST)]
-    low, high = np.quantile(positions, [_EDGE, 1 - _EDGE], axis=0)
+    positions = positions[:: -(-len(positions) // _MAX_GAUSSIANS)]
+    low, high = np.quantile(positions, [_IGNORED_SHARE, 1 - _IGNORED_SHARE], axis=0)
     middle = (low + high) / 2
     away = np.linalg.norm(positions - middle, axis=1)
-    radius = min(float(np.quantile(away, _NEARLY_ALL)), _REACH * float(lower_median(away)))
+    radius = min(float(np.quantile(away, _FRAMED_SHARE)), _MAX_RADIUS * float(lower_median(away)))
     return middle.tolist(), radius if radius > 0 else max(float(splats.scales.max()), 1e-6)

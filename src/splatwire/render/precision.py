@@ -53,7 +53,7 @@ BRIGHTEST = 4.0
 colour would determine the precision of all Gaussians in front of it."""
 _UNSEEN = 1e-30
 _SHAPE = ("scale0", "scale1", "scale2", "direction", "spin")
-_MAX_THIN, _MAX_SMALL = 10.0, 16.0
+_MAX_AXIS_OCTAVES, _MAX_SIZE_OCTAVES = 10.0, 16.0
 """Range in which `_SLOPES` are valid: maximum ratio of consecutive axes, and maximum ratio of the median size to the
 size of a Gaussian, in octaves."""
 # In the order of the kernel's columns.
@@ -287,13 +287,13 @@ def _classes(splats: Splats, sensitivities: dict[str, Float64[np.ndarray, "G"]])
     # removes the effect of these from the logarithms of the sensitivities. The class is the rest, averaged over the
     # attributes. Class 0 is that of the Gaussian at the quantile `FINEST_SHARE`.
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in sort3(splats.scales))
-    least = np.median(high) - _MAX_SMALL
-    size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MAX_THIN)
-    area, long, thin = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MAX_THIN)
+    least = np.median(high) - _MAX_SIZE_OCTAVES
+    size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MAX_AXIS_OCTAVES)
+    area, long, thin = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MAX_AXIS_OCTAVES)
     shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
     # For disks, needles and points, only attributes independent of the degenerate axes are meaningful.
-    odd = (high < least) | (middle < size - _MAX_THIN) | (low < width - _MAX_THIN)
+    odd = (high < least) | (middle < size - _MAX_AXIS_OCTAVES) | (low < width - _MAX_AXIS_OCTAVES)
     octaves, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
     for name, weight in weights.items():
         own = weight * (np.log2(sensitivities[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)

@@ -27,7 +27,7 @@ from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.extent import BoundingSphere, bounding_sphere
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.group_builder import GroupBuilder, group_of
-from splatwire.sequence.options import USUAL, SequenceOptions
+from splatwire.sequence.options import DEFAULT_OPTIONS, SequenceOptions
 from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.sequence.tracking import SECTION, Tracker, TrackingReport
 from splatwire.types import SplatScene
@@ -38,15 +38,15 @@ LOG = logging.getLogger(__name__)
 FIRST_FRAME = "first_frame"
 """Side information section with the number of the first frame (LEB128), for a sequence that continues another
 sequence."""
-KNOWN_SHARE = 0.5
+MIN_CLASSIFIED_SHARE = 0.5
 """Minimum fraction of Gaussians with a precision class, for giving other Gaussians the median class without an
 analysis."""
-ANEW, APART = 0.5, 0.5
-"""Scene-cut thresholds: minimum fraction of new Gaussians for a frame to count as a scene cut; minimum fraction of
-scene cuts in the first group for encoding every frame as its own group of pictures.
-"""
-SEEN = 0.02
-"""Smallest change of a harmonic coefficient that triggers a warning; 1 is the full range of a colour."""
+MIN_NEW_SHARE = 0.5
+"""Minimum fraction of new Gaussians for a frame to count as a scene cut."""
+MIN_CUT_SHARE = 0.5
+"""Minimum fraction of scene cuts in the first group for encoding every frame as its own group of pictures."""
+MIN_VISIBLE_CHANGE = 0.02
+"""Minimum change of a harmonic coefficient that triggers a warning; 1 is the full range of a colour."""
 
 
 class SequenceEncoder:
@@ -61,7 +61,7 @@ class SequenceEncoder:
 
     @checked
     def __init__(
-        self, options: SequenceOptions = USUAL, classes: Callable[[Splats], np.ndarray] | None = None, *,
+        self, options: SequenceOptions = DEFAULT_OPTIONS, classes: Callable[[Splats], np.ndarray] | None = None, *,
         live: bool = False,
     ) -> None:  # fmt: skip
         self._options, self._classes, self._live = options, classes or precision_classes, live
@@ -104,10 +104,10 @@ class SequenceEncoder:
         number = ByteWriter()
         number.unsigned(self._num_frames)
         other._sections = {**self._sections, FIRST_FRAME: number.bytes()}
-        names = self._tracker.rename()
+        old_keys = self._tracker.renumber()
         if self._known is not None:
-            _, there, at = np.intersect1d(names, self._known[0], assume_unique=True, return_indices=True)
-            other._known = there, self._known[1][at]
+            _, new_keys, rows = np.intersect1d(old_keys, self._known[0], assume_unique=True, return_indices=True)
+            other._known = new_keys, self._known[1][rows]
         return other
 
     def restarted(self, first_frame: int) -> "SequenceEncoder":
@@ -171,8 +171,8 @@ class SequenceEncoder:
             frame: The frame, relative to the origin of the sequence.
             moved: True if the frame had another origin.
         """
-        if moved and "place" not in self._warned_kinds and (found := coarse_positions(frame.splats)) is not None:
-            self._warned_kinds.add("place")
+        if moved and "position" not in self._warned_kinds and (found := coarse_positions(frame.splats)) is not None:
+            self._warned_kinds.add("position")
             LOG.warning(
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
                 "positions have steps of up to %.2g, more than half of their size: all frames lose precision: "
@@ -228,9 +228,9 @@ class SequenceEncoder:
         self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
         cuts = _scene_cuts(group, frames, new)
         classes = self._precision(group, cuts, new)
-        apart = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > APART * len(frames)
+        unrelated = len(frames) > 1 and len(frames[0].keys) > 0 and len(cuts) > MIN_CUT_SHARE * len(frames)
         first, smooth, self._groups = not self._groups, self._live and self._frames.smooth, self._groups + 1
-        if first and apart and not self._live:
+        if first and unrelated and not self._live:
             assert classes is not None
             return self._encode_single_frames(group, frames, cuts, classes)
         self._frames = GroupBuilder(self._options.group_frames, smooth=smooth)
@@ -242,9 +242,9 @@ class SequenceEncoder:
             return self._frames.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
-            looked = pool.submit(self._writer.add_frames, *self._frames.so_far())
+            analysis = pool.submit(self._writer.add_frames, *self._frames.so_far())
             group = self._frames.group()
-            looked.result()
+            analysis.result()
         return group
 
     def _encode_single_frames(
@@ -291,9 +291,9 @@ class SequenceEncoder:
             return None
         classes = self._median_classes(len(group.keys))
         if not self._groups and self._known is not None:
-            _, here, at = np.intersect1d(group.keys, self._known[0], assume_unique=True, return_indices=True)
-            if len(here) >= KNOWN_SHARE * len(group.keys):
-                classes[here] = self._known[1][at]
+            _, tracks, rows = np.intersect1d(group.keys, self._known[0], assume_unique=True, return_indices=True)
+            if len(tracks) >= MIN_CLASSIFIED_SHARE * len(group.keys):
+                classes[tracks] = self._known[1][rows]
                 return classes
         scene = np.where(new, np.searchsorted(cuts, group.begins, side="right") - 1, -1)
         for number in range(len(cuts)):
@@ -323,8 +323,9 @@ class SequenceEncoder:
 
     def _finish_deferred_work(self) -> None:
         """Performs work on the last group that was deferred so that its packets could be sent earlier."""
-        ball = None if self._last is None else bounding_sphere(self._last)
-        self._extent, self._last = self._extent.union(ball) if self._extent and ball else self._extent or ball, None
+        sphere = None if self._last is None else bounding_sphere(self._last)
+        self._extent = self._extent.union(sphere) if self._extent and sphere else self._extent or sphere
+        self._last = None
         self._warn_of_changing_harmonics()
 
     def _warn_of_changing_harmonics(self) -> None:
@@ -332,27 +333,27 @@ class SequenceEncoder:
         (first, last), self._ended = self._ended or (None, None), None
         if first is None or last is None or self._warned or not self._degree:
             return
-        _, here, there = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
-        before, after = first.splats.sh[here, 1:], last.splats.sh[there, 1:]
-        changed = int((np.abs(before - after) > SEEN).any(axis=(1, 2)).sum())
+        _, in_first, in_last = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
+        before, after = first.splats.sh[in_first, 1:], last.splats.sh[in_last, 1:]
+        changed = int((np.abs(before - after) > MIN_VISIBLE_CHANGE).any(axis=(1, 2)).sum())
         if changed:
             self._warned = True
             LOG.warning(
                 "harmonics above degree 0 of %s of %s Gaussians change from frame to frame: a clip keeps those of the "
-                "first frame that each is in", f"{changed:,}", f"{len(here):,}",
+                "first frame that each is in", f"{changed:,}", f"{len(in_first):,}",
             )  # fmt: skip
 
 
 def _scene_cuts(group: TrackGroup, frames: Sequence[TrackedFrame], new: np.ndarray) -> list[int]:
     """Returns the indices of the frames of a group in which most Gaussians are new (scene cuts)."""
     born = np.bincount(group.begins[new], minlength=len(frames))
-    return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
+    return [n for n, frame in enumerate(frames) if born[n] > MIN_NEW_SHARE * len(frame.keys)]
 
 
 @checked
 def encode_sequence(
     frames: Iterable[Frame | Splats],
-    options: SequenceOptions = USUAL,
+    options: SequenceOptions = DEFAULT_OPTIONS,
     *,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[SceneStream, TrackingReport]:

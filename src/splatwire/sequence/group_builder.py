@@ -19,7 +19,7 @@ from splatwire.sequence.partial_tracks import (
 )
 from splatwire.types.splats import Splats
 
-SPARE = 8
+SPARE_DIVISOR = 8
 """Inverse of the spare array capacity for new tracks: one eighth of the current number of tracks."""
 MAX_EARLY_SEARCHES = 1 << 13
 """Maximum number of partial tracks (which do not exist in all frames) with a neighbour search before the group is
@@ -79,7 +79,7 @@ class GroupBuilder:
             self._key_order = by = np.argsort(self._keys, kind="stable")
             at = np.searchsorted(self._keys, keys, sorter=by)
         if not self._values or len(self._keys) > self._capacity:
-            self._grow(len(self._keys) + len(self._keys) // SPARE)
+            self._grow(len(self._keys) + len(self._keys) // SPARE_DIVISOR)
         return by[at]
 
     def _grow(self, count: int) -> None:

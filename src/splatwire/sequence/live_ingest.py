@@ -10,16 +10,23 @@ from typing import Protocol, runtime_checkable
 
 from splatwire.errors import MALFORMED, BackendUnavailableError, SplatwireError
 from splatwire.sequence import SequenceOptions, read_frames
-from splatwire.sequence.arriving import LOOK_S, Backlog, FrameSource, Patience, Signature, signature_at
+from splatwire.sequence.frame_sources import (
+    POLL_INTERVAL_S,
+    DropPolicy,
+    FrameSource,
+    Signature,
+    UnreadableFrame,
+    signature_at,
+)
 from splatwire.sequence.frames import Frame
 from splatwire.transport.protocol.live_session import LiveState
 from splatwire.types.validity import validity_of_splats
 
-OTHERS = 15
-"""Number of consecutive frames with a different degree of harmonics or antialiasing after which the sequence
-adopts their settings.
+NUM_FRAMES_TO_ADOPT = 15
+"""Number of consecutive frames with a different degree of harmonics or antialiasing after which the sequence adopts
+their settings.
 """
-UNUSABLE = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
+FRAME_ERRORS = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 """Exceptions that concern a single frame; encoding continues with the next frame."""
 
 
@@ -68,10 +75,10 @@ class LiveIngest:
         self._source, self._encoder, self._options, self._publish = source, encoder, options, publish
         self._stop, self._warn, self._clock, self._sleep = stop, warn, clock, sleep
         self._rate = float(options.rate)
-        self._waiting: deque[Path] = deque()
-        self._backlog, self._patience = Backlog(self._rate, options.group_frames), Patience()
+        self._queue: deque[Path] = deque()
+        self._drop_policy, self._unreadable = DropPolicy(self._rate, options.group_frames), UnreadableFrame()
         self._kind: tuple[int, bool] | None = None
-        self._others, self._reason = 0, ""
+        self._num_others, self._reason = 0, ""
         self.num_skipped = self.num_dropped = 0
 
     @property
@@ -86,18 +93,18 @@ class LiveIngest:
             BackendUnavailableError: If forward error correction is requested and the package `raptorq` is not
                 installed.
         """
-        due, behind = self._clock(), self._options.group_frames / self._rate
+        due, max_delay = self._clock(), self._options.group_frames / self._rate
         while not self._stop():
             self._queue_new_files()
-            if not self._waiting:
-                if self._source.over:
+            if not self._queue:
+                if self._source.ended:
                     break
-                self._wait(LOOK_S)
+                self._wait(POLL_INTERVAL_S)
                 continue
             frame = self._next_frame()
             if frame is None:
                 continue
-            due = max(due, self._clock() - behind)  # catches up after encoding a group, but not after a pause
+            due = max(due, self._clock() - max_delay)  # catches up after encoding a group, but not after a pause
             if self._push(frame):
                 due += 1 / self._rate
                 self._wait(due - self._clock())
@@ -107,10 +114,10 @@ class LiveIngest:
     def _queue_new_files(self) -> None:
         """Adds new files to the queue of frames; removes the oldest frames if the queue is too long."""
         now = self._clock()
-        self._waiting.extend(self._source.poll(now))
-        surplus = 0 if self._source.over else self._backlog.surplus(len(self._waiting), now)
+        self._queue.extend(self._source.poll(now))
+        surplus = 0 if self._source.ended else self._drop_policy.surplus(len(self._queue), now)
         for _ in range(surplus):
-            dropped = self._waiting.popleft()
+            dropped = self._queue.popleft()
             self._source.mark_read(dropped, signature_at(dropped))
         if surplus:
             self.num_dropped += surplus
@@ -121,22 +128,22 @@ class LiveIngest:
 
     def _next_frame(self) -> Frame | None:
         """Reads the next file of the queue, or returns None if the file is skipped or incomplete."""
-        path, now = self._waiting[0], self._clock()
+        path, now = self._queue[0], self._clock()
         signature = signature_at(path)
-        if not self._patience.is_unchanged(path, signature):
+        if not self._unreadable.is_unchanged(path, signature):
             try:
                 frame = next(read_frames([path]))
-            except UNUSABLE as error:
+            except FRAME_ERRORS as error:
                 self._reason = _reason(error)
-                self._patience.record_failure(path, signature, now)
+                self._unreadable.record_failure(path, signature, now)
             else:
                 self._remove_first(signature)
                 return self._checked(path, frame)
-        if self._patience.is_over(now, behind=len(self._waiting) > 1):
-            self._remove_first(None if self._patience.grows(now) else signature)
+        if self._unreadable.is_expired(now, blocks_others=len(self._queue) > 1):
+            self._remove_first(None if self._unreadable.grows(now) else signature)
             self._skip(self._reason if str(path) in self._reason else f"{path}: {self._reason}")
         else:
-            self._wait(LOOK_S)
+            self._wait(POLL_INTERVAL_S)
         return None
 
     def _remove_first(self, signature: Signature | None) -> None:
@@ -146,8 +153,8 @@ class LiveIngest:
             signature: State of the file when it was read (`signature_of`), so that a later change is noticed. None to
                 ignore the file for as long as it exists.
         """
-        self._patience.clear()
-        self._source.mark_read(self._waiting.popleft(), signature)
+        self._unreadable.clear()
+        self._source.mark_read(self._queue.popleft(), signature)
 
     def _checked(self, path: Path, frame: Frame) -> Frame | None:
         """Checks that a frame can follow the previous frames.
@@ -159,18 +166,19 @@ class LiveIngest:
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
             return None
         if self._kind in (None, kind):
-            self._kind, self._others = kind, 0
+            self._kind, self._num_others = kind, 0
             return frame
         assert self._kind is not None
-        self._others += 1
-        if self._others < OTHERS:
+        self._num_others += 1
+        if self._num_others < NUM_FRAMES_TO_ADOPT:
             self._skip(f"{path} has {_frame_properties(kind)}, frames before have {_frame_properties(self._kind)}")
             return None
         self._warn(
-            f"{path}: {OTHERS} frames in a row have {_frame_properties(kind)}: the stream continues with these frames"
+            f"{path}: {NUM_FRAMES_TO_ADOPT} frames in a row have {_frame_properties(kind)}: the stream continues with "
+            "these frames"
         )
         self._encoder.restart()
-        self._kind, self._others = kind, 0
+        self._kind, self._num_others = kind, 0
         return frame
 
     def _push(self, frame: Frame) -> bool:
@@ -179,7 +187,7 @@ class LiveIngest:
             update = self._encoder.push(frame)
         except BackendUnavailableError:
             raise
-        except UNUSABLE as error:
+        except FRAME_ERRORS as error:
             self._skip(f"a group of frames could not be encoded: {_reason(error)}")
             self._encoder.restart()
             return False

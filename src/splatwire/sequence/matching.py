@@ -9,25 +9,28 @@ from splatwire.ops.kd_tree import build_kd_tree
 from splatwire.sequence.axes import continue_axes
 from splatwire.types.splats import Splats
 
-SAMPLE = 4000
+SAMPLE_SIZE = 4000
 """Number of Gaussians sampled to detect whether two frames have the same order, and to fit the affine motion."""
 ROUNDS = ((32, 0.25), (16, 1.0), (8, 1.0))
 """Matching rounds: number of candidates, and weight of the position relative to the appearance."""
-SMOOTHED = 12
+NUM_PREDICTING = 12
 """Number of neighbours with a confident match that predict a Gaussian's motion."""
-ALIKE = 0.03
+MIN_DIFFERENCE = 0.03
 """Lower bound of the differences of position and appearance, as a fraction of the candidates' medians; smaller
 differences are noise.
 """
-AROUND, ANOTHER = 8, 0.06
-"""Rejection of implausible matches. A match has a score: distance from the predicted position, divided by the distance
-of the `AROUND`-th nearest Gaussian, times the difference in appearance, divided by that of random pairs. If the score
-is `ANOTHER` or more, the match is rejected, because a new track then takes fewer bytes and has a better picture.
-Measured on unrelated and on disturbed frames of one capture.
+SCORE_NEIGHBOR = 8
+"""Index of the nearest Gaussian whose distance is the unit of distance in the score of a match."""
+MAX_SCORE = 0.06
+"""Score from which a match is rejected as implausible: distance from the predicted position, times the difference in
+appearance relative to that of random pairs. A new track then takes fewer bytes and has a better picture. Measured on
+unrelated and on disturbed frames of one capture.
 """
-FEWEST = 0.2
+MIN_MATCHED_SHARE = 0.2
 """Fraction of matched Gaussians below which all matches are rejected as random, and the frame is a scene cut."""
-_AFFINE_STEPS, _TRIMMED = 20, 0.7
+_AFFINE_STEPS = 20
+_KEPT_SHARE = 0.7
+"""Share of the pairs that is kept in each step of the affine fit: those with the smallest distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,7 @@ def tracked(previous: Splats, current: Splats) -> bool:
         return False
     if count < 3:
         return True
-    some = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.int64))
+    some = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_SIZE)).astype(np.int64))
     appearance = [_appearance(splats.select(some)) for splats in (previous, current)]
     own = np.median(np.abs(appearance[0] - appearance[1]).sum(axis=1))
     other = np.median(np.abs(appearance[0] - np.roll(appearance[1], len(some) // 2, axis=0)).sum(axis=1))
@@ -109,7 +112,7 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
         expected = _smooth(positions, now, partner, sure, expected)
     partner, _ = _match_one_to_one(expected, now, appearance[0], appearance[1], ROUNDS[-1][0], 1.0)
     partner[_implausible_matches(expected, now, appearance[0], appearance[1], partner)] = -1
-    if (partner >= 0).sum() < FEWEST * min(len(positions), len(now)):
+    if (partner >= 0).sum() < MIN_MATCHED_SHARE * min(len(positions), len(now)):
         return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
     return Match(partner, _velocity(positions, now, partner, expected))
 
@@ -154,7 +157,7 @@ def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
     Returns:
         Positions of the previous frame after the motion, (N, 3).
     """
-    some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(np.int64))]
+    some = positions[np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE_SIZE)).astype(np.int64))]
     # Trimmed iterative closest points: distant pairs are ignored.
     tree, matrix = build_kd_tree(now), np.concatenate([np.eye(3), np.zeros((1, 3))])
     if len(some) < 8:
@@ -167,7 +170,7 @@ def _fit_affine(positions: np.ndarray, now: np.ndarray) -> np.ndarray:
         if error >= last * 0.999:
             break
         best, last = matrix, error
-        kept = distance <= np.quantile(distance, _TRIMMED)
+        kept = distance <= np.quantile(distance, _KEPT_SHARE)
         matrix = np.linalg.lstsq(padded[kept], now[near[kept]], rcond=None)[0]
     return np.concatenate([positions, np.ones((len(positions), 1))], axis=1) @ best
 
@@ -201,8 +204,8 @@ def _match_one_to_one(
     here = np.arange(len(now))
     # Where most Gaussians do not move or change, the medians are zero; bound the units by a share of the candidates'.
     far_off, unlike = float(np.median(distance[:, -1])), float(np.median(np.sqrt(differ)))
-    unit = max(_distance_scale(distance[here, best]), ALIKE * far_off)
-    look = max(_distance_scale(np.sqrt(differ[here, best])), ALIKE * unlike) ** 2
+    unit = max(_distance_scale(distance[here, best]), MIN_DIFFERENCE * far_off)
+    look = max(_distance_scale(np.sqrt(differ[here, best])), MIN_DIFFERENCE * unlike) ** 2
     score = (distance / unit) ** 2 * weight + differ / look
     partner = _one_to_one(score, near, len(expected))
     found, mine = partner >= 0, near == partner[:, None]
@@ -233,9 +236,11 @@ def _implausible_matches(
     theirs = partner[found]
     usual = max(np.median(np.linalg.norm(appearance_now - np.roll(appearance_now, len(now) // 2, axis=0), axis=1)), 1.0)
     unlike = np.linalg.norm(appearance_now[found] - appearance[theirs], axis=1)
-    distance, _ = build_kd_tree(expected).query(expected[theirs], k=[min(AROUND + 1, len(expected))], workers=-1)
+    distance, _ = build_kd_tree(expected).query(
+        expected[theirs], k=[min(SCORE_NEIGHBOR + 1, len(expected))], workers=-1
+    )
     apart = np.linalg.norm(now[found] - expected[theirs], axis=1)
-    other: np.ndarray = found[apart * unlike > ANOTHER * distance[:, 0] * usual]
+    other: np.ndarray = found[apart * unlike > MAX_SCORE * distance[:, 0] * usual]
     return other
 
 
@@ -288,11 +293,11 @@ def _smooth(
         Corrected positions, (N, 3).
     """
     some = np.flatnonzero(confident)
-    if len(some) < SMOOTHED:
+    if len(some) < NUM_PREDICTING:
         return expected
     rows = partner[some]
     rest = now[some] - expected[rows]
-    _, near = build_kd_tree(positions[rows]).query(positions, k=SMOOTHED, workers=-1)
+    _, near = build_kd_tree(positions[rows]).query(positions, k=NUM_PREDICTING, workers=-1)
     return expected + np.median(rest[near], axis=1)
 
 

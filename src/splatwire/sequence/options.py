@@ -51,5 +51,5 @@ class SequenceOptions:
             raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
 
 
-USUAL = SequenceOptions()
+DEFAULT_OPTIONS = SequenceOptions()
 """Default encoder options."""

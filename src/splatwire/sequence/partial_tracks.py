@@ -12,15 +12,15 @@ from splatwire.types.splats import Splats
 
 NUM_NEIGHBORS = 40
 """Number of neighbours that extrapolate a track's position."""
-ALIKE = 0.25
+MAX_DEVIATION = 0.25
 """Maximum squared deviation from the neighbours' motion, relative to a track's own squared motion, to count as
 coherent.
 """
-SAMPLE = 512
+SAMPLE_SIZE = 512
 """Number of tracks sampled for the test of coherent motion."""
 NUM_SPARE_NEIGHBORS = 16
 """Number of additional neighbours found early, because some may end before the group does."""
-AT_ONCE = 1 << 12
+BATCH_SIZE = 1 << 12
 """Number of tracks processed at a time."""
 
 
@@ -161,7 +161,7 @@ def sample_neighbors(means: np.ndarray, index: NeighborIndex) -> NeighborSet:
         means: Positions of all tracks in all frames, float32 (T, F, 3).
         index: Search tree. The sample is evenly spaced in it; the neighbours are tracks of the tree.
     """
-    some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE)).astype(np.int64)]
+    some = index.rows[np.linspace(0, len(index.rows) - 1, min(len(index.rows), SAMPLE_SIZE)).astype(np.int64)]
     return index.nearest(means, some, NUM_NEIGHBORS + NUM_SPARE_NEIGHBORS + 1, begin=1)
 
 
@@ -198,11 +198,11 @@ def extrapolate_partial_tracks(
     ]
     for frame in np.unique(lacking % frames).tolist():
         tracks, index = lacking[lacking % frames == frame] // frames, NeighborIndex.of(means, frame, whole)
-        some = np.array_split(tracks, -(-len(tracks) // AT_ONCE))
+        some = np.array_split(tracks, -(-len(tracks) // BATCH_SIZE))
         parts += [index.nearest(means, few, NUM_NEIGHBORS) for few in some]
     for part in parts:
-        for begin in range(0, len(part.tracks), AT_ONCE):
-            _extrapolate(means, begins, ends, part.part(slice(begin, begin + AT_ONCE)))
+        for begin in range(0, len(part.tracks), BATCH_SIZE):
+            _extrapolate(means, begins, ends, part.part(slice(begin, begin + BATCH_SIZE)))
     return True
 
 
@@ -238,7 +238,7 @@ def _is_coherent(means: np.ndarray, full_length: np.ndarray, sample: NeighborSet
         sample: Sample of tracks with their neighbours; None to draw the sample here.
     """
     tested = None if sample is None else sample.part(full_length[sample.tracks]).only(full_length, means)
-    if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE):
+    if tested is None or 2 * len(tested.tracks) < min(len(means), SAMPLE_SIZE):
         tested = sample_neighbors(means, NeighborIndex.of(means, 0, np.flatnonzero(full_length))).only(
             full_length, means
         )
@@ -255,7 +255,7 @@ def _moves_like(motion: np.ndarray, neighbor_motion: np.ndarray, exists: np.ndar
         exists: Frames in which each track exists, bool (n, F).
     """
     moved, apart = ((np.square(v).sum(axis=2) * exists).sum(axis=1) for v in (motion, motion - neighbor_motion))
-    alike: np.ndarray = apart <= ALIKE * moved
+    alike: np.ndarray = apart <= MAX_DEVIATION * moved
     return alike
 
 

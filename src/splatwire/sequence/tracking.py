@@ -83,11 +83,11 @@ class Tracker:
         Raises:
             InvalidValueError: If the order is `tracked` and the number of Gaussians changes.
         """
-        named = self._first(frame) if self._last is None else self._next_frame(frame)
-        self._rows, self._last = frame.splats, named
-        return named
+        tracked_frame = self._first(frame) if self._last is None else self._next_frame(frame)
+        self._rows, self._last = frame.splats, tracked_frame
+        return tracked_frame
 
-    def rename(self) -> np.ndarray:
+    def renumber(self) -> np.ndarray:
         """Renumbers the tracks of the last frame from 0, in the order of their keys.
 
         Returns:
@@ -129,26 +129,26 @@ class Tracker:
         keys = np.where(frame.drawn, self._keys, -1)
         # Gaussians that were invisible in the previous frame get new keys.
         new = frame.drawn & (keys < 0)
-        keys[new] = self._fresh(int(new.sum()), count)
+        keys[new] = self._new_keys(int(new.sum()), count)
         self._keys = keys
         return TrackedFrame(_drawn(frame), keys[frame.drawn])
 
     def _matched(self, frame: Frame) -> TrackedFrame:
         """Returns the track key of each Gaussian: the key of the match in the previous frame, or a new key."""
         assert self._last is not None
-        here = _drawn(frame)
-        found = match(self._last.splats, here, self._match)
+        current = _drawn(frame)
+        found = match(self._last.splats, current, self._match)
         old, keys = found.partner >= 0, found.partner.copy()
         keys[old] = self._last.keys[keys[old]]
-        keys[~old] = self._fresh(int((~old).sum()), born=True)
+        keys[~old] = self._new_keys(int((~old).sum()), born=True)
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
         self._keys[frame.drawn], self._match = keys, found
         number, share = self.report.matched, float(old.mean()) if len(old) else 1.0
         mean = (self.report.share * number + share) / (number + 1)
         self.report = replace(self.report, matched=number + 1, share=mean)
-        return TrackedFrame(aligned(self._last.splats, here, found.partner), keys)
+        return TrackedFrame(aligned(self._last.splats, current, found.partner), keys)
 
-    def _fresh(self, count: int, born: bool) -> np.ndarray:
+    def _new_keys(self, count: int, born: bool) -> np.ndarray:
         first, self._next = self._next, self._next + count
         if born:
             self.report = replace(self.report, born=self.report.born + count)

@@ -23,15 +23,15 @@ from splatwire.transport.protocol.server_limits import ServerLimits
 SOCKET_BUFFER = 4 << 20
 BATCH = 256
 """Maximum number of datagrams read or written in one turn of the event loop; timers run between turns."""
-MAX_READ = 2048
-MAX_ANSWERS = 1024
+MAX_DATAGRAM_READ = 2048
+MAX_PENDING_RESPONSES = 1024
 """Maximum number of datagrams that wait while the socket accepts none; further responses to clients are dropped."""
-NO_ROUTE = (errno.EADDRNOTAVAIL, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENETUNREACH)
+NO_ROUTE_ERRORS = (errno.EADDRNOTAVAIL, errno.EHOSTUNREACH, errno.ENETDOWN, errno.ENETUNREACH)
 """Error codes of connecting and sending if this machine has no route to the server, or no address.
 
 On Windows, Python gives these names the values of its socket errors, such as WSAENETUNREACH.
 """
-ADDRESS_GONE = errno.EINVAL
+ADDRESS_LOST_ERROR = errno.EINVAL
 """Error code of sending if this machine no longer has the address of the socket."""
 
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
@@ -124,13 +124,13 @@ class UdpServer(SocketServer):
     def _readable(self) -> None:
         for _ in range(BATCH):
             try:
-                data, address = self._socket.recvfrom(MAX_READ)
+                data, address = self._socket.recvfrom(MAX_DATAGRAM_READ)
             except BlockingIOError:
                 break
             except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable
                 continue
             answer = self.core.receive(address, data, self._loop.time())
-            if answer is not None and len(self._backlog) < MAX_ANSWERS:
+            if answer is not None and len(self._backlog) < MAX_PENDING_RESPONSES:
                 self._backlog.append((address, answer))
         self.pump()
 
@@ -266,7 +266,7 @@ class _Client:
         try:
             for _ in range(BATCH):
                 try:
-                    data = self._socket.recv(MAX_READ)
+                    data = self._socket.recv(MAX_DATAGRAM_READ)
                 except BlockingIOError:
                     break
                 except ConnectionRefusedError:
@@ -324,7 +324,7 @@ class _Client:
                 self._socket.send(data)
             except OSError as error:  # a datagram that cannot be sent counts as lost
                 # A router may report an unreachable host though the socket is good.
-                is_lost = error.errno in (*NO_ROUTE, ADDRESS_GONE) and error.errno != errno.EHOSTUNREACH
+                is_lost = error.errno in (*NO_ROUTE_ERRORS, ADDRESS_LOST_ERROR) and error.errno != errno.EHOSTUNREACH
                 self._is_unusable = self._is_unusable or is_lost
         if self._on_event:
             for event in events:

@@ -21,10 +21,10 @@ from splatwire.ops.threads import share
 
 ROWS = 1 << 13
 """Number of Gaussians converted at a time, whose intermediate results fit into the processor's caches."""
-TYPICAL_BLOCK, TYPICAL_SAMPLE = 3000, 1 << 14
-"""Number of Gaussians of a typical block, and maximum number of Gaussians sampled to estimate the extent of such a
-block.
-"""
+TYPICAL_BLOCK = 3000
+"""Number of Gaussians of a typical block."""
+TYPICAL_SAMPLE = 1 << 14
+"""Maximum number of Gaussians sampled to estimate the extent of such a block."""
 BOX_BITS = 8
 """Maximum number of bits of a side of a bounding box, in spacings of its grid (see `Boxes`)."""
 

@@ -36,7 +36,7 @@ from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.types import LossMask, ReceivedScene, SplatCoding, SplatScene
 from splatwire.types.splats import Splats
 
-PIECE = 1 << 13
+SLICE_GAUSSIANS = 1 << 13
 """Maximum number of Gaussians that are converted to float64 at a time, to save memory."""
 _GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 """Multiples of these numbers, modulo 1, fill a unit cube evenly (R-sequence, generalised golden ratio; Roberts, 2018).
@@ -71,7 +71,7 @@ class GaussianDecoder:
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the memory that each decoding thread needs besides the scene, bytes."""
-        # Integers of several pending blocks, floats of `PIECE` Gaussians, and words of the largest packet.
+        # Integers of several pending blocks, floats of `SLICE_GAUSSIANS` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + words_bytes(packets)
@@ -211,8 +211,8 @@ def store_block(
     filled = rows.copy() if len(lost) else rows
     if len(lost):
         filled[lost] = _estimate_lost(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
-    for first in range(0, len(rows), PIECE):
-        some = slice(first, first + PIECE)
+    for first in range(0, len(rows), SLICE_GAUSSIANS):
+        some = slice(first, first + SLICE_GAUSSIANS)
         origins = np.broadcast_to(info.boxes.corners[block], filled[some][:, :3].shape)
         write_splats(
             splats, indices[some], filled[some], harmonics[some], origins, info.unit, info.size_log, info.transform

@@ -28,12 +28,16 @@ from splatwire.types import SplatScene
 
 FITTED_PACKET = 150
 """Number of Gaussians per packet while context tables are fitted, before the final packets are known."""
-FITTED_SHARE, FEWEST, MOST = 1 / 8, 128, 640
-"""Fraction, minimum and maximum number of packets of the scene to which context tables are fitted. The maximum limits
-the encoding time.
-"""
+FITTED_SHARE = 1 / 8
+"""Fraction of the packets of the scene to which context tables are fitted."""
+MIN_FITTED = 128
+"""Minimum number of these packets."""
+MAX_FITTED = 640
+"""Maximum number of these packets, which limits the encoding time."""
 BYTES_PER_GAUSSIAN = 160
+"""Size of the output buffer per Gaussian, bytes: an upper limit of its coded size without harmonics."""
 BYTES_PER_HARMONIC = 12
+"""Additional size for each integer of its harmonics, bytes."""
 
 
 def prepare_splats(
@@ -57,7 +61,9 @@ def prepare_splats(
     if not splats.num_gaussians:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     if not packetization.common:
-        raise InvalidValueError("Gaussians travel whole and in Morton order: no separated packaging, no raster order")
+        raise InvalidValueError(
+            "a packet has all attributes of its Gaussians, in Morton order: no separated packaging, no raster order"
+        )
     if options.noise is not None:
         raise InvalidValueError("explicit Gaussians have no networks whose noise could be tolerated")
     coding = scene.coding if options.quality is None and options.classes is None else None
@@ -115,7 +121,7 @@ def fit_side_info(
     first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
     blocks = scene.some_blocks()
-    wanted = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, FEWEST, MOST) / len(blocks)
+    wanted = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
 
     def count(block: int) -> tuple[np.ndarray, np.ndarray]:
         size = int(scene.edges[block + 1] - scene.edges[block])
@@ -137,7 +143,7 @@ def scene_transform(scene: SourceScene) -> np.ndarray:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.some_blocks()
     where = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
-    where = where[:: -(-len(where) // (FITTED_PACKET * FEWEST))]
+    where = where[:: -(-len(where) // (FITTED_PACKET * MIN_FITTED))]
     return fit_transform(to_harmonics(scene.pick(where)), 2.0 ** scene.classes_at(where))
 
 

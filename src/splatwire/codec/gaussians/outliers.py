@@ -12,7 +12,7 @@ from splatwire.ops.threads import share
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
-ROOM = MAX_LATTICE_BITS - 2
+MAX_COORDINATE_BITS = MAX_LATTICE_BITS - 2
 """Maximum number of bits of a coordinate: integer bits for the farthest Gaussian, and fractional bits for the finest
 quantisation step.
 """

@@ -31,7 +31,7 @@ from splatwire.codec.gaussians.layout import (
     S_SCALE2,
     STEP_BITS,
 )
-from splatwire.codec.gaussians.outliers import ROOM, log_clipped_colours, within_reach
+from splatwire.codec.gaussians.outliers import MAX_COORDINATE_BITS, log_clipped_colours, within_reach
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.side_info import DEFAULT_SHIFT, SideInfo
 from splatwire.codec.gaussians.tables import thinness_table
@@ -52,7 +52,7 @@ _FLAT_SHIFT = 8
 """log2 of the coarsest quantisation step that keeps flat Gaussians flat, for the companded ratio of the second to the
 third scale.
 """
-SMALLEST = 20
+POINT_OCTAVES = 20
 """Gaussians smaller than the scene by more than this number of octaves count as points, which are ignored when
 quantisation steps are adapted to the scene.
 """
@@ -124,7 +124,7 @@ class SourceScene:
         coding: SplatCoding | None = None,
         *,
         sorted_already: bool = False,
-        most_unit: int = ROOM,
+        most_unit: int = MAX_COORDINATE_BITS,
     ) -> "SourceScene":
         """Sorts Gaussians into the blocks of a packet plan, and chooses their quantisation steps.
 
@@ -379,7 +379,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     # The step of the largest scale is adapted to the mean scale of the scene's Gaussians.
     bases = quality.bases(splats.degree)
     parts = list(runs(splats.scales))
-    least = np.float32(2.0 ** (size_log - SMALLEST))
+    least = np.float32(2.0 ** (size_log - POINT_OCTAVES))
 
     def sizes(scales: np.ndarray) -> tuple[float, int]:
         largest = scales.max(axis=1)
@@ -390,7 +390,7 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     # Explicit order of addition: `sum` rounds differently from Python 3.12 on.
     total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
     count = sum(number for _, number in totals)
-    mean = total / count - size_log if count else -SMALLEST
+    mean = total / count - size_log if count else -POINT_OCTAVES
     bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
     return bases
 
@@ -430,4 +430,4 @@ def _lattice_unit(splats: Splats, classes: np.ndarray, bases: np.ndarray, size_l
     # The finest step of positions in the scene, or a larger one if coordinates exceed the range of the lattice.
     most = max(share(finest, list(zip(runs(splats.scales), runs(classes), strict=True))), default=-np.inf)
     far = np.log2(float(np.abs(splats.means).max()) + 1e-30) - size_log
-    return int(np.clip(np.ceil(most), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))
+    return int(np.clip(np.ceil(most), 0, max(min(MAX_COORDINATE_BITS - np.ceil(far), MAX_COORDINATE_BITS), 0)))

@@ -15,7 +15,7 @@ from splatwire.types.networks import Linear
 HIDDEN = 24
 """Number of units of the hidden layer of the network."""
 Own = TypeVar("Own", bound="Perceptron")
-MAX_UNUSUAL = 3.0
+MAX_STANDARDISED = 3.0
 """Clamping limit of standardised inputs, in standard deviations; prevents extrapolation on unusual scenes."""
 MAX_CHANGE = 0.3
 """Maximum change of the logarithm of a gain by the network."""
@@ -92,7 +92,7 @@ class Perceptron:
         Returns:
             The two outputs for each element, without activation.
         """
-        x = np.clip((signature - self.mean) / self.spread, -MAX_UNUSUAL, MAX_UNUSUAL)
+        x = np.clip((signature - self.mean) / self.spread, -MAX_STANDARDISED, MAX_STANDARDISED)
         h = x @ self.hidden.weight.T + self.hidden.bias
         h = h / (1 + np.exp(-h))
         return h @ self.output.weight.T + self.output.bias

@@ -14,7 +14,7 @@ WIDTHS = (11, 10, 11)
 """Number of bits of the x, y and z coordinates of a position."""
 _LOOSER = (1, 2, 4, 8)
 """Factors on the error limit, tried in ascending order until few enough Gaussians are padding."""
-_MAX_FILLED, _MAX_SHARE = 16 * CHUNK, 1 / 16
+_MAX_PADDING, _MAX_SHARE = 16 * CHUNK, 1 / 16
 """Maximum number of padding Gaussians, and their maximum share of all Gaussians; the larger limit applies."""
 _CLASS = 8.0
 """Ratio of the largest to the smallest local scale within a sorting class."""
@@ -40,7 +40,7 @@ def arrange(splats: Splats) -> tuple[np.ndarray, np.ndarray]:
         return rows, np.zeros(count, bool)
     last = np.array([chunk[-1]] if count % CHUNK else [], np.int64)  # only the last chunk may have fewer rows
     again = np.isin(chunk, np.union1d(coarse, last))
-    index, filling = _cut_into_chunks(splats, rows[again], max(_MAX_FILLED, int(_MAX_SHARE * count)))
+    index, filling = _cut_into_chunks(splats, rows[again], max(_MAX_PADDING, int(_MAX_SHARE * count)))
     return np.concatenate([rows[~again], index]), np.concatenate([np.zeros(int((~again).sum()), bool), filling])
 
 

@@ -18,12 +18,13 @@ from splatwire.transport.protocol.datagrams import MAX_NACKS
 #
 # Limits of a server:
 #
-# * interval between retransmissions of a packet: `transfer.RESEND_S`, or 1.25 round-trip times if that is longer;
+# * interval between retransmissions of a packet: `transfer.RETRANSMIT_INTERVAL_S`, or 1.25 round-trip times if that is
+#   longer;
 # * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are keyframe
 #   Gaussians and the packets of the newest group (`live_session`), otherwise the packets up to
 #   `Protection.resend_until`;
 # * retransmitted bytes as a share of the stream: `Protection.resend`;
-# * number of latest datagrams that NACKs may name by sequence number: `send_queue.RECENT`;
+# * number of latest datagrams that NACKs may name by sequence number: `send_queue.MAX_LOGGED_DATAGRAMS`;
 # * bytes sent to a client: `ServerLimits.max_sent_ratio`.
 #
 # The counterpart in browsers is `web/src/transport/transfer.ts`. `web/scripts/make_tables.py` copies the limits of a

@@ -14,13 +14,15 @@ Item = tuple[int, int, int]
 """Datagram to send: its kind (`SIDE`, `DATA` or `PARITY`); number of the init segment's segment or of the parity group
 (0 for a packet); number of the symbol, or index of the packet in sending order.
 """
-RECENT = 8192
+MAX_LOGGED_DATAGRAMS = 8192
 """Number of latest datagrams of which the packet indices are stored."""
-VIEW_UPDATE_S, TILE_S = 2e-3, 1e-6
-"""Time reserved to process a client's new viewpoint, seconds: fixed part, and part per tile of the scene. About five
-times the actual cost, so that viewpoints use at most a fifth of the server's time.
+VIEW_UPDATE_COST_S = 2e-3
+"""Time reserved to process a client's new viewpoint, seconds. About five times the actual cost, so that viewpoints use
+at most a fifth of the server's time.
 """
-BETWEEN_S = 0.1
+TILE_COST_S = 1e-6
+"""Additional time for each tile of the scene, seconds."""
+VIEW_INTERVAL_S = 0.1
 """Minimum interval between two processed viewpoints of one client, seconds. Of the viewpoints received in between, only
 the newest is processed.
 """
@@ -47,8 +49,8 @@ class ViewUpdateBudget:
             last: Time at which the client's previous viewpoint was processed, seconds; None for the first.
             tiles: Number of tiles of the scene.
         """
-        at = max(self._free_at, now if last is None else max(now, last + BETWEEN_S))
-        self._free_at = at + VIEW_UPDATE_S + tiles * TILE_S
+        at = max(self._free_at, now if last is None else max(now, last + VIEW_INTERVAL_S))
+        self._free_at = at + VIEW_UPDATE_COST_S + tiles * TILE_COST_S
         return at
 
 
@@ -60,7 +62,7 @@ class SentLog:
     """
 
     def __init__(self, enabled: bool) -> None:
-        self._indices = array("I", bytes(4 * RECENT)) if enabled else None
+        self._indices = array("I", bytes(4 * MAX_LOGGED_DATAGRAMS)) if enabled else None
 
     def record(self, sequence: int, packet_index: int) -> None:
         """Records a sent datagram.
@@ -70,7 +72,7 @@ class SentLog:
             packet_index: Index of its packet in sending order; -1 without a packet.
         """
         if self._indices is not None:
-            self._indices[sequence % RECENT] = packet_index + 1
+            self._indices[sequence % MAX_LOGGED_DATAGRAMS] = packet_index + 1
 
     def packet_index(self, number: int, sequence: int) -> int:
         """Returns the index in sending order of the packet that a lost datagram contained; -1 if unknown.
@@ -79,8 +81,8 @@ class SentLog:
             number: Sequence number of the lost datagram.
             sequence: Sequence number of the next datagram to send; the log covers only the last datagrams before it.
         """
-        known = self._indices is not None and sequence - RECENT <= number < sequence
-        return self._indices[number % RECENT] - 1 if known and self._indices is not None else -1
+        known = self._indices is not None and sequence - MAX_LOGGED_DATAGRAMS <= number < sequence
+        return self._indices[number % MAX_LOGGED_DATAGRAMS] - 1 if known and self._indices is not None else -1
 
     def discard(self, number: int | None) -> None:
         """Removes a lost datagram from the log, so that the server ignores further NACKs for this datagram.

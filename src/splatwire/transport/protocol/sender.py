@@ -46,13 +46,14 @@ from splatwire.transport.protocol.wire import TO_SERVER, decode, encode, kind_of
 LOG = logging.getLogger(__name__)
 UNKNOWN_STREAM, SERVER_FULL, STOPPED, TOO_MANY = 1, 2, 3, 4
 
-STARTS = 2
+MAX_STARTS_FACTOR = 2
 """Number of transfers that a network (IPv4 address or IPv6 /64) may start within `WINDOW_S`, as a multiple of the
 allowed concurrent transfers; also the number of its refusals that are logged and answered with their own reason.
 """
 
-UPDATE_STARTS = 150
-"""Like `STARTS`, for transfers of updates: each client may request an update per second, and some of them twice."""
+MAX_UPDATE_STARTS_FACTOR = 150
+"""Like `MAX_STARTS_FACTOR`, for transfers of updates: each client may request an update per second, and some of them
+twice."""
 
 Key = tuple[Hashable, int]
 """Key of a transfer: address of the client, and random number (nonce) of its connection attempt."""
@@ -97,9 +98,9 @@ class Server:
         total = self._limits.total_rate
         self.total_pacer = None if total is None else Pacer(total)
         self._on_failure = on_failure
-        self._starts = StartRateLimiter(STARTS * self._limits.per_network)
-        self._refusals = StartRateLimiter(STARTS * self._limits.per_network)
-        self._update_starts = StartRateLimiter(UPDATE_STARTS * self._limits.per_network)
+        self._starts = StartRateLimiter(MAX_STARTS_FACTOR * self._limits.per_network)
+        self._refusals = StartRateLimiter(MAX_STARTS_FACTOR * self._limits.per_network)
+        self._update_starts = StartRateLimiter(MAX_UPDATE_STARTS_FACTOR * self._limits.per_network)
         self._transfers: dict[Key, ServerTransfer] = {}
         self._networks: dict[Key, Network] = {}
         self._sessions: dict[tuple[Hashable, int], Key] = {}

@@ -29,19 +29,19 @@ from splatwire.transport.protocol.send_schedule import build_send_schedule
 from splatwire.transport.protocol.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
 MAX_PACKET_BYTES = 1150
-FINEST_BY_ITSELF = 256
+MIN_DEFAULT_SYMBOL_BYTES = 256
 """Minimum of the default symbol size in bytes: with smaller symbols, additional headers cost more than fewer repair
 symbols save.
 """
-RESERVE = 0.5
+RESERVE_SHARE = 0.5
 """Number of repair symbols of the init segment that are sent only after NACKs, as a share of its source symbols."""
 OPENING_BYTES = 1 << 18
 """Maximum size in bytes of the coarsest tiles that are sent before view-dependent tiles. The coarsest tiles show the
 whole scene and conceal losses.
 """
-SMALL_OBJECT_SYMBOLS = 600
-"""Minimum number of symbols of an init segment, if symbols need not be smaller than `FINEST_BY_ITSELF` for it. The lost
-share of many symbols varies less, so that fewer repair symbols are needed.
+MIN_SYMBOLS = 600
+"""Minimum number of symbols of an init segment, if symbols need not be smaller than `MIN_DEFAULT_SYMBOL_BYTES` for it.
+The lost share of many symbols varies less, so that fewer repair symbols are needed.
 """
 
 
@@ -296,8 +296,8 @@ def _packets_in_order(
 
 def side_symbol_bytes(num_bytes: int) -> int:
     """Returns the default size of FEC symbols for an init segment of `num_bytes` bytes."""
-    finer = num_bytes // SMALL_OBJECT_SYMBOLS // ALIGNMENT * ALIGNMENT
-    return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
+    finer = num_bytes // MIN_SYMBOLS // ALIGNMENT * ALIGNMENT
+    return min(max(finer, MIN_DEFAULT_SYMBOL_BYTES), SIDE_SYMBOL_BYTES)
 
 
 def head_symbols(
@@ -321,7 +321,7 @@ def head_symbols(
         size = segments.size(segment)
         repair = min(round(protection.side_repair * size), MAX_REPAIR)
         wanted = repair > 0 or protection.limits_retransmission
-        whole = min(repair + math.ceil(RESERVE * size), MAX_REPAIR) if wanted else 0
+        whole = min(repair + math.ceil(RESERVE_SHARE * size), MAX_REPAIR) if wanted else 0
         out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, whole)))
         scheduled.append(size + repair)
     return tuple(out), scheduled

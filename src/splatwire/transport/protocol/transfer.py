@@ -27,25 +27,26 @@ from splatwire.transport.protocol.wire import (
 )
 
 END_INTERVAL_S = 0.1
-OFTEN, WAITING_S = 10, 1.0
-"""Number of `End` datagrams (everything was sent) at the short interval `END_INTERVAL_S`, and later interval, in
-seconds, for clients that may still change their viewpoint.
-"""
-WELCOME_S = 0.15
+"""Interval between `End` datagrams (everything was sent), seconds."""
+NUM_FREQUENT_ENDS = 10
+"""Number of `End` datagrams at this interval, for clients that may still change their viewpoint."""
+SLOW_END_INTERVAL_S = 1.0
+"""Interval between later `End` datagrams for these clients, seconds."""
+WELCOME_INTERVAL_S = 0.15
 """Minimum interval between responses that accept a request (welcome), seconds. Clients repeat requests after 0.2 s."""
 MAX_WELCOMES = 50
 """Maximum number of responses that accept a request (welcome): as many as a client's requests before it gives up."""
-RESEND_S = 0.05
+RETRANSMIT_INTERVAL_S = 0.05
 """Minimum interval between retransmissions of a packet, seconds; at least one round-trip time."""
-RESERVE_FACTOR = 1.3
+HEAD_RESERVE_FACTOR = 1.3
 """Factor on the bytes reserved to retransmit missing init segment symbols: some retransmissions are lost too."""
 SPARE_BYTES = 100_000
 """Number of bytes that may be sent to a client beyond `ServerLimits.max_sent_ratio`."""
 MAX_SEQUENCE = (1 << 32) - 1
 """Maximum sequence number of a datagram (32 bits): enough for 23 days of a live sequence at 20 Mbit/s."""
-FRESH_S = 1.0
+MAX_TOKEN_AGE_S = 1.0
 """Maximum age of a client's token at which packets are sent before the first feedback, seconds."""
-QUIET_S = 1.0
+FEEDBACK_TIMEOUT_S = 1.0
 """Time without feedback after which sending is suspended, seconds. Receivers report 50 times per second."""
 
 
@@ -82,13 +83,13 @@ class ServerTransfer:
         self._has_feedback, self._reported, self._opening = reliable_head, False, False
         self._retransmissions: deque[tuple[int, int, int]] = deque()
         self._retransmitted_at: dict[tuple[int, int, int], float] = {}
-        self._waiting: set[tuple[int, int, int]] = set()
+        self._queued: set[tuple[int, int, int]] = set()
         self._known_packets = KnownPackets()
         self._num_head_retransmissions = self._retransmitted_bytes = 0
         self._head_cursor = stream.proactive_symbols
         self._head_sent_at: float | None = None
         self._end_at, self._ends = 0.0, 0
-        self._welcomed_at, self._welcomes = -WELCOME_S, 0
+        self._welcomed_at, self._welcomes = -WELCOME_INTERVAL_S, 0
         self._max_bytes = SPARE_BYTES
         self._raise_byte_limit(0)
 
@@ -116,7 +117,7 @@ class ServerTransfer:
         self._retransmissions = deque(
             item for item in retransmissions if item[0] == DATA and stream.may_retransmit(item[2])
         )
-        self._waiting = set(self._retransmissions)
+        self._queued = set(self._retransmissions)
         self._num_head_retransmissions, self._head_sent_at, self._head_cursor = 0, None, stream.proactive_symbols
         self._raise_byte_limit(known)
 
@@ -149,7 +150,7 @@ class ServerTransfer:
         Args:
             round_trip: Round-trip time, seconds; None if unknown.
         """
-        if round_trip is not None and round_trip <= FRESH_S and self.stream.tiles is None:  # wait for a view
+        if round_trip is not None and round_trip <= MAX_TOKEN_AGE_S and self.stream.tiles is None:  # wait for a view
             self.control.on_handshake_rtt(round_trip)
             self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
 
@@ -166,7 +167,7 @@ class ServerTransfer:
         Args:
             now: Time, seconds.
         """
-        if self._reported or now - self._welcomed_at < WELCOME_S or self._welcomes == MAX_WELCOMES:
+        if self._reported or now - self._welcomed_at < WELCOME_INTERVAL_S or self._welcomes == MAX_WELCOMES:
             return False
         self._welcomed_at, self._welcomes = now, self._welcomes + 1
         return True
@@ -188,7 +189,7 @@ class ServerTransfer:
         at = self.next_at()
         if at is None or at > now:
             return None
-        if now > self.heard_at + QUIET_S:
+        if now > self.heard_at + FEEDBACK_TIMEOUT_S:
             self._has_feedback = self._opening = False
             return None
         self._slow_down(now)
@@ -198,8 +199,8 @@ class ServerTransfer:
         elif (found := self._take_next(now)) is not None:
             item = found
         else:
-            waits = self._queue.has_viewpoint and self._ends > OFTEN
-            self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
+            waits = self._queue.has_viewpoint and self._ends > NUM_FREQUENT_ENDS
+            self._end_at, self._ends = now + (SLOW_END_INTERVAL_S if waits else END_INTERVAL_S), self._ends + 1
             self._sent_log.record(self._feedback_tracker.sequence, -1)
             if self._ends % 2 or not self.stream.is_live:
                 return self._record_sent(encode(End(self.session, self._feedback_tracker.sequence)), now)
@@ -247,7 +248,7 @@ class ServerTransfer:
             self._num_head_retransmissions -= 1
             self._head_sent_at = now if self._num_head_retransmissions == 0 else None
         else:
-            self._waiting.discard(item)
+            self._queued.discard(item)
             self._retransmitted_at[item] = now
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
@@ -268,7 +269,7 @@ class ServerTransfer:
 
     def _queue_retransmissions(self, frame: Feedback, now: float) -> None:
         """Queues the retransmissions that the client requests, within the stream's limit on their bytes."""
-        wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
+        wait = max(RETRANSMIT_INTERVAL_S, 1.25 * (self.control.round_trip or 0.0))
         symbol_bytes = self.stream.symbol_bytes + SIDE_OVERHEAD
         missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.stream.head)))
         if missing and self._head_sent_at is not None and now - self._head_sent_at >= wait:
@@ -276,12 +277,12 @@ class ServerTransfer:
             self._head_sent_at, self._num_head_retransmissions = None, len(items)
             self._retransmitted_bytes += len(items) * symbol_bytes
             self._retransmissions.extendleft(items)
-        left = self.stream.resend_bytes - self._retransmitted_bytes - RESERVE_FACTOR * missing * symbol_bytes
+        left = self.stream.resend_bytes - self._retransmitted_bytes - HEAD_RESERVE_FACTOR * missing * symbol_bytes
         for index, number in self._requested(frame):
             item = (DATA, 0, index)
             if index < 0 or not self.stream.may_retransmit(index):
                 continue
-            if item in self._waiting:
+            if item in self._queued:
                 self._sent_log.discard(number)
                 continue
             if now - self._retransmitted_at.get(item, -1e9) < wait:
@@ -291,7 +292,7 @@ class ServerTransfer:
                 break
             left -= size
             self._retransmitted_bytes += size
-            self._waiting.add(item)
+            self._queued.add(item)
             self._retransmissions.append(item)
             self._sent_log.discard(number)
 

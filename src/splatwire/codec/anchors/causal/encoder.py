@@ -17,15 +17,16 @@ from splatwire.ops.morton import morton_encode
 from splatwire.types import Anchors, AnchorScene
 
 _LOGS = [0, 3, 4, 5]
-"""Which of an anchor's six scalings are coded, as four logarithms: the offset scale (once) and the size along x, y,
-z."""
-HEAD_SHARE = 0.08
-"""Maximum share of side information in a stream; beyond it more position bits are moved to packets, up to `MAX_LEAF`.
-"""
-MAX_LEAF = 8
+"""Indices of the coded ones among an anchor's six scalings: the offset scale (once), and the sizes along x, y, z. They
+are coded as logarithms."""
+MAX_SIDE_INFO_SHARE = 0.08
+"""Maximum share of side information in a stream. If it is larger, bits of positions are moved to the packets."""
+MAX_LEAF_ANCHORS = 8
+"""Maximum number of anchors that share a leaf of the position tree, which limits the moved bits."""
 SAMPLE_SEED = 0
-SAMPLE = 1000
-MAX_NUMBER = 14_000
+SAMPLE_SIZE = 1000
+"""Number of anchors from which the bytes of all packets are estimated."""
+MAX_QUANTISED = 14_000
 """Largest magnitude of anchors' attributes, in quantisation steps, so that attributes and means fit into 32 bits."""
 
 
@@ -91,12 +92,11 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
     Returns:
         The high bits for the side information, and the probabilities for coding the low bits in packets.
     """
-    # Side information delays the first picture. Its share of all bytes is therefore limited to about `HEAD_SHARE`, by
-    # moving low bits to the packets.
-    # At most `MAX_LEAF` anchors share a leaf of the position tree, even if the side information is then larger.
+    # Side information delays the first picture, so its share of all bytes is limited to about `MAX_SIDE_INFO_SHARE`.
+    # The limit of anchors per leaf takes precedence.
     positions, others = info.positions, len(write_side_info(info)) - len(info.positions.section)
-    most = HEAD_SHARE * (others + len(positions.section) + packet_bytes) - others
-    for leaf in range(2, MAX_LEAF + 1):
+    most = MAX_SIDE_INFO_SHARE * (others + len(positions.section) + packet_bytes) - others
+    for leaf in range(2, MAX_LEAF_ANCHORS + 1):
         if len(positions.section) <= most:
             break
         positions = share_positions(voxels, leaf)
@@ -105,12 +105,12 @@ def _split_position_bits(info: SideInfo, voxels: np.ndarray, packet_bytes: float
 
 def _with_sizes(anchors: Anchors) -> Anchors:
     """Replaces scalings of 0 by the smallest positive scaling, because logarithms of scalings are coded."""
-    there = anchors.scalings > 0
-    if bool(there.all()):
+    positive = anchors.scalings > 0
+    if bool(positive.all()):
         return anchors
-    if not bool(there.any()):
+    if not bool(positive.any()):
         raise InvalidValueError("no scaling of the scene's anchors is positive")
-    return replace(anchors, scalings=np.maximum(anchors.scalings, anchors.scalings[there].min()))
+    return replace(anchors, scalings=np.maximum(anchors.scalings, anchors.scalings[positive].min()))
 
 
 class CausalEncoder:
@@ -139,13 +139,13 @@ class CausalEncoder:
             offsets / info.steps[-1],
         )
         for part in parts:
-            if np.abs(part).max(initial=0) > MAX_NUMBER:
+            if np.abs(part).max(initial=0) > MAX_QUANTISED:
                 raise InvalidValueError("an attribute is too large for its quantisation step")
         self._values = np.concatenate(parts, axis=1)
 
     def expected_bytes(self) -> float:
         """Estimated bytes of all packets, from a sample of the anchors."""
-        ranks = np.random.default_rng(SAMPLE_SEED).permutation(len(self._masks))[:SAMPLE]
+        ranks = np.random.default_rng(SAMPLE_SEED).permutation(len(self._masks))[:SAMPLE_SIZE]
         return float(anchor_bits(self._context, self._quantised(ranks)).mean()) * len(self._masks) / 8
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:

@@ -16,7 +16,7 @@ MAX_GAUSSIANS = 4_000_000
 TUNING_SHARE, MAX_TUNING = 0.25, 2000
 """Iterations of the fine-tuning with the codec's rounding: share of all iterations, and their maximum number."""
 
-MAX_FASTER = 5.0
+MAX_RATE_FACTOR = 5.0
 """Maximum factor on the initial learning rates of short trainings."""
 
 
@@ -54,7 +54,7 @@ class GaussianRates:
         """
         # On snowmiku_small, 500 iterations with 3 to 5 times the rates reach 25.3 dB on test views; 400 with the
         # published rates reach 18.8 dB.
-        factor = min(math.sqrt(max(FULL_ITERATIONS / iterations, 1)), MAX_FASTER)
+        factor = min(math.sqrt(max(FULL_ITERATIONS / iterations, 1)), MAX_RATE_FACTOR)
         faster = {name: LearningRate(rate.initial * factor, rate.final) for name, rate in vars(self).items()}
         means = LearningRate(self.means.initial * factor, self.means.final * factor)
         return GaussianRates(**{**faster, "means": means, "logits": self.logits})

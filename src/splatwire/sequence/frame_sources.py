@@ -13,17 +13,19 @@ from typing import Protocol, runtime_checkable
 
 from splatwire.sequence.frames import by_number, is_frame
 
-LOOK_S = 0.02
+POLL_INTERVAL_S = 0.02
 """Interval between two checks of the folder or pipe, seconds."""
-OLD_S = 1.0
+COMPLETE_AGE_S = 1.0
 """Age of a file's last change from which the file counts as complete at the first check, seconds."""
-QUIET_S = 0.5
+UNCHANGED_S = 0.5
 """Time without change after which a file counts as complete if its format does not reveal truncation, seconds."""
-GROWING_S = 10.0
+GROWING_TIMEOUT_S = 10.0
 """Maximum time that later frames wait for a frame whose file still grows, seconds."""
-PATIENCE_S, PATIENCE_BEHIND_S = 3.0, 0.5
-"""Time without a change after which an unreadable frame is given up, seconds: with none behind it, and with some."""
-MAX_LOOKS = 16
+UNREADABLE_TIMEOUT_S = 3.0
+"""Time without a change after which an unreadable frame is skipped, seconds."""
+UNREADABLE_TIMEOUT_QUEUED_S = 0.5
+"""The same if later frames wait for it."""
+MAX_RECHECKS = 16
 """Maximum number of changes of an unreadable file or folder; it is then ignored until it is removed."""
 MAX_ENTRIES = 4096
 """Maximum number of entries of a folder that are checked for changes; no frame has as many files."""
@@ -31,12 +33,12 @@ MAX_NAMES = 4096
 """Maximum number of file names read from a pipe before their frames are read."""
 MAX_NAME_BYTES = 1 << 16
 """Maximum length of a line of the pipe, bytes."""
-SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb")
+FRAME_SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb")
 """File name suffixes of frames: later frames wait for such a file, and a warning is logged if the file is
 unreadable."""
-UNCHECKED = (".splat",)
+SUFFIXES_WITHOUT_COUNT = (".splat",)
 """Suffixes of formats without a stored number of Gaussians: a truncated file would be read as a smaller frame."""
-UNFINISHED = (".part", ".partial", ".tmp", ".temp", "~")
+TEMPORARY_SUFFIXES = (".part", ".partial", ".tmp", ".temp", "~")
 """Suffixes of temporary files that their writers rename when the files are complete."""
 
 Signature = tuple[int, int, int]
@@ -48,10 +50,10 @@ class FrameSource(Protocol):
     """Source of the files of a sequence's frames, in the order of playback.
 
     Attributes:
-        over: True if no further file will appear.
+        ended: True if no further file will appear.
     """
 
-    over: bool
+    ended: bool
 
     def poll(self, now: float) -> list[Path]:
         """Returns the files that are complete and were not returned before.
@@ -79,14 +81,14 @@ class PipeSource:
 
     def __init__(self, source: int, warn: Callable[[str], None]) -> None:
         self._source, self._warn, self._rest = source, warn, b""
-        self.over = False
+        self.ended = False
 
     def poll(self, now: float) -> list[Path]:
         """Returns the frame files whose names have been read from the pipe since the previous call."""
         found: list[Path] = []
-        while not self.over and len(found) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
+        while not self.ended and len(found) < MAX_NAMES and select.select([self._source], [], [], 0)[0]:
             data = os.read(self._source, 1 << 14)
-            self.over = not data
+            self.ended = not data
             *lines, self._rest = (self._rest + (data or b"\n")).split(b"\n")
             found += [Path(os.fsdecode(line.strip())) for line in lines if line.strip()]
             if len(self._rest) > MAX_NAME_BYTES:
@@ -113,9 +115,9 @@ class FolderSource:
         self._folder, self._warn, self._wall = folder, warn, wall
         self._done: dict[str, Signature | None] = {}  # None: returned but not read yet, or given up
         self._seen: dict[str, tuple[Signature, float, float]] = {}
-        self._looks: dict[str, int] = {}
+        self._num_changes: dict[str, int] = {}
         self._reported: set[str] = set()
-        self.over = False
+        self.ended = False
 
     def poll(self, now: float) -> list[Path]:
         """Returns the files that are complete and were not returned before, sorted by name."""
@@ -124,7 +126,7 @@ class FolderSource:
         except OSError as error:
             self._warn(f"{self._folder}: {error.strerror}; waiting for it")
             return []
-        names = [name for name in names if not name.lower().endswith(UNFINISHED)]
+        names = [name for name in names if not name.lower().endswith(TEMPORARY_SUFFIXES)]
         self._forget(set(names))
         return self._complete(self._new(names), now)
 
@@ -151,21 +153,21 @@ class FolderSource:
 
     def _complete(self, new: list[tuple[Path, os.stat_result, Signature]], now: float) -> list[Path]:
         ready: list[Path] = []
-        held_up = False
+        is_blocked = False
         for number, (path, status, signature) in enumerate(new):
             before, changed, first = self._seen.get(path.name, (None, now, now))
             changed = changed if before == signature else now
             self._seen[path.name] = signature, changed, first
-            if held_up:
+            if is_blocked:
                 continue
-            frame_like = path.suffix.lower() in SUFFIXES
-            behind = number + 1 < len(new)
-            if not self._settled(path, status, now - changed, first=before is None, behind=behind):
-                held_up = frame_like and not (behind and now - first >= GROWING_S)
-                if frame_like and not held_up:
-                    self._warn(f"{path} still grows after {GROWING_S:g} s: skipped")
+            frame_like = path.suffix.lower() in FRAME_SUFFIXES
+            has_later = number + 1 < len(new)
+            if not self._is_complete(path, status, now - changed, is_first=before is None, has_later=has_later):
+                is_blocked = frame_like and not (has_later and now - first >= GROWING_TIMEOUT_S)
+                if frame_like and not is_blocked:
+                    self._warn(f"{path} still grows after {GROWING_TIMEOUT_S:g} s: skipped")
                     self._done[path.name] = None
-                elif not frame_like and now - first >= GROWING_S:
+                elif not frame_like and now - first >= GROWING_TIMEOUT_S:
                     self._give_up(path)
                 continue
             if frame_like or is_frame(path):
@@ -173,8 +175,8 @@ class FolderSource:
                 self._done[path.name] = None
             else:
                 self._done[path.name] = signature
-                self._looks[path.name] = self._looks.get(path.name, 0) + 1
-                if self._looks[path.name] > MAX_LOOKS:
+                self._num_changes[path.name] = self._num_changes.get(path.name, 0) + 1
+                if self._num_changes[path.name] > MAX_RECHECKS:
                     self._give_up(path)
             del self._seen[path.name]
         return ready
@@ -188,13 +190,24 @@ class FolderSource:
         if signature is not None and path.name in self._done:
             self._done[path.name] = signature
 
-    def _settled(self, path: Path, status: os.stat_result, quiet: float, *, first: bool, behind: bool) -> bool:
-        if first:
-            return self._wall() - status.st_mtime > OLD_S
+    def _is_complete(
+        self, path: Path, status: os.stat_result, unchanged: float, *, is_first: bool, has_later: bool
+    ) -> bool:
+        """True if a file is probably complete.
+
+        Args:
+            path: The file.
+            status: Its status.
+            unchanged: Time since its last change, seconds.
+            is_first: True at the first check of this file.
+            has_later: True if later frames exist.
+        """
+        if is_first:
+            return self._wall() - status.st_mtime > COMPLETE_AGE_S
         moved = status.st_ctime_ns > status.st_mtime_ns  # renamed after it was written
-        if path.suffix.lower() in UNCHECKED and not moved and not behind:
-            return quiet >= QUIET_S
-        return quiet > 0
+        if path.suffix.lower() in SUFFIXES_WITHOUT_COUNT and not moved and not has_later:
+            return unchanged >= UNCHANGED_S
+        return unchanged > 0
 
     def _forget(self, names: set[str]) -> None:
         """Removes deleted files from the records of processed and waiting files.
@@ -202,14 +215,14 @@ class FolderSource:
         Args:
             names: Names of the files that exist.
         """
-        for known in (self._done, self._seen, self._looks):
-            for name in known.keys() - names:
-                del known[name]
+        for records in (self._done, self._seen, self._num_changes):
+            for name in records.keys() - names:
+                del records[name]
         self._reported &= names
 
 
-class Patience:
-    """Waiting time for the file of one frame that cannot be read yet, for example because it is being written."""
+class UnreadableFrame:
+    """Failed attempts to read the file of one frame, which may still be written."""
 
     def __init__(self) -> None:
         self._path: Path | None = None
@@ -231,27 +244,27 @@ class Patience:
         self._first = self._first if self._path == path else now
         self._path, self._signature, self._changed = path, signature, now
 
-    def is_over(self, now: float, *, behind: bool) -> bool:
+    def is_expired(self, now: float, *, blocks_others: bool) -> bool:
         """True if a frame file has stayed unreadable for so long that the frame is skipped.
 
         Args:
             now: Current time, seconds.
-            behind: True if later frames wait for this frame.
+            blocks_others: True if later frames wait for this frame.
         """
-        if self._signature is None or (behind and self.grows(now)):
+        if self._signature is None or (blocks_others and self.grows(now)):
             return True
-        return now - self._changed >= (PATIENCE_BEHIND_S if behind else PATIENCE_S)
+        return now - self._changed >= (UNREADABLE_TIMEOUT_QUEUED_S if blocks_others else UNREADABLE_TIMEOUT_S)
 
     def grows(self, now: float) -> bool:
-        """True if the file has grown for `GROWING_S` seconds and is still unreadable."""
-        return now - self._first >= GROWING_S
+        """True if the file has grown for `GROWING_TIMEOUT_S` seconds and is still unreadable."""
+        return now - self._first >= GROWING_TIMEOUT_S
 
     def clear(self) -> None:
         """Deletes the record of failed attempts to read a frame file."""
         self._path = self._signature = None
 
 
-class Backlog:
+class DropPolicy:
     """Policy of a live encoder for dropping frames that wait too long, which limits the delay of the stream.
 
     Args:
@@ -259,14 +272,21 @@ class Backlog:
         group_frames: Number of frames of a group of pictures.
     """
 
-    STANDING_S, WINDOW_S, DRAIN, KEEP_S = 1.0, 2.0, 0.25, 0.1
+    MAX_QUEUE_S = 1.0
+    """Duration of the queued frames above which frames may be dropped, seconds."""
+    WINDOW_S = 2.0
+    """Time that the queue must stay longer than the limit, seconds."""
+    MIN_DRAIN_RATE = 0.25
+    """Decrease of the queue, as a share of the frame rate, from which no frame is dropped."""
+    KEPT_S = 0.1
+    """Duration of the frames that are kept after others were dropped, seconds."""
 
     def __init__(self, rate: float, group_frames: int) -> None:
         self._rate = rate
         # Frames are dropped if more than one second and more than two groups of pictures wait, and the queue does not
         # shrink.
-        self._limit = max(math.ceil(rate * self.STANDING_S), 2 * group_frames)
-        self._keep = math.ceil(rate * self.KEEP_S)
+        self._limit = max(math.ceil(rate * self.MAX_QUEUE_S), 2 * group_frames)
+        self._keep = math.ceil(rate * self.KEPT_S)
         self._lengths: deque[tuple[float, int]] = deque()
 
     def surplus(self, waiting: int, now: float) -> int:
@@ -284,7 +304,7 @@ class Backlog:
             return 0
         passed, length = self._lengths.popleft()
         drained = length - waiting
-        if drained >= self.DRAIN * self._rate * (now - passed):
+        if drained >= self.MIN_DRAIN_RATE * self._rate * (now - passed):
             return 0
         self._lengths.clear()
         return waiting - self._keep
