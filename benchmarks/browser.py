@@ -133,7 +133,7 @@ def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> lis
     cameras, scene = cameras_around_means(received.scene.positions), conceal(received, concealer)
     style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
     page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
-    page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
+    page.evaluate(f"{ELEMENT}.controlPanel.set({{concealer: '{concealer}'}})")
     found = []
     for view, expected in enumerate(render_scene(scene, cameras)):
         camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": SIZE}
@@ -146,7 +146,7 @@ def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> lis
 def concealed(page: Browser, url: str, stream: SceneStream) -> dict[str, list[float]]:
     opened(page, url)
     page.wait_for(f"{ELEMENT}.status.gaussians > 0")
-    names = json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.panel.concealers)"))
+    names = json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.controlPanel.concealers)"))
     return {name: pictures(page, stream, name) for name in names}
 
 

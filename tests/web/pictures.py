@@ -23,7 +23,7 @@ def check_concealed(page: Browser, url: str, stream: SceneStream, least: float) 
     page.open(url)
     page.wait_for(f"{ELEMENT}?.status && {ELEMENT}.status.finished && {ELEMENT}.status.gaussians > 0")
     best = "sketch" if "sketch" in concealers_of(stream) else "grow"
-    assert page.evaluate(f"{ELEMENT}.panel.settings.concealer") == best
+    assert page.evaluate(f"{ELEMENT}.controlPanel.settings.concealer") == best
     pictures = [check_pictures(page, stream, least, name) for name in ("drop", *concealers_of(stream))]
     assert len(set(pictures)) == len(pictures), "two concealers draw the same"
 
@@ -41,7 +41,7 @@ def half_of(stream: SceneStream) -> SceneStream:
 def check_pictures(page: Browser, stream: SceneStream, least: float, concealer: str = "drop") -> str:
     """Compares the page with the renderer for the same cameras to `least` decibels; returns the last picture."""
     cameras, picture = tiny_cameras(2, 240, 180), ""
-    page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
+    page.evaluate(f"{ELEMENT}.controlPanel.set({{concealer: '{concealer}'}})")
     page.evaluate(
         f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
     )

@@ -85,7 +85,7 @@ def check_hands(page: Browser) -> None:
     page.key("f")
     assert page.evaluate(f"{ORBIT}.turned")
     page.key("h")
-    assert page.evaluate(f"{ELEMENT}.panel.element.hidden")
+    assert page.evaluate(f"{ELEMENT}.controlPanel.element.hidden")
 
 
 def documented(name: str) -> str:

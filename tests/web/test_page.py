@@ -100,11 +100,11 @@ def test_redundant_copies_count_neither_as_received_nor_as_lost(stream: SceneStr
     told = f"{rows}.find((dt) => dt.textContent === 'PSNR')?.nextSibling.textContent"
     with isolated_page() as page:
         assert opened(page, packed.as_uri()) == "complete"
-        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.panel.settings.concealer === 'sketch'")
+        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.controlPanel.settings.concealer === 'sketch'")
         assert page.wait_for(told) == "no loss"
         assert status(page, "gaussians") == stream.manifest.num_elements
         check_pictures(page, stream, 40, "sketch")
-        page.evaluate(f"{ELEMENT}.panel.set({{show: 'lossless'}})")
+        page.evaluate(f"{ELEMENT}.controlPanel.set({{show: 'lossless'}})")
         check_pictures(page, stream, 40)
 
 
@@ -189,11 +189,11 @@ def check_settings(page: Browser) -> None:
     """Packets that the user drops lower the quality, which the panel shows."""
     panel = f"{ELEMENT}.shadowRoot.querySelector('.panel')"
     assert "Concealer" not in page.evaluate(f"{panel}.innerText"), "the laboratory is open"
-    page.evaluate(f"{ELEMENT}.panel.open = true")
-    assert page.evaluate(f"{ELEMENT}.panel.concealers.join()") == "drop,grow,scene_free"
+    page.evaluate(f"{ELEMENT}.controlPanel.open = true")
+    assert page.evaluate(f"{ELEMENT}.controlPanel.concealers.join()") == "drop,grow,scene_free"
     assert page.evaluate(f"{panel}.querySelector('option[disabled]').innerText") == "sketch (not in this stream)"
     assert page.evaluate(f"/In bursts of 1 packet\\s/.test({panel}.innerText)")
-    page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
+    page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
     page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({panel}.innerText)")
     assert page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.over').classList.contains('shown')")
     assert not page.evaluate(f"/dropped on purpose\\s+0 packets/.test({panel}.innerText)")

@@ -199,12 +199,12 @@ def test_attributes_properties_and_events_are_consistent(stream: SceneStream) ->
         assert page.evaluate(f"[...{sliders}].every((slider) => slider.ariaLabel)"), "a slider without a name"
         page.evaluate(f"{ELEMENT}.concealer = 'drop'")
         assert page.evaluate(f"{ELEMENT}.getAttribute('concealer')") == "drop"
-        assert page.evaluate(f"{ELEMENT}.panel.settings.concealer") == "drop"
+        assert page.evaluate(f"{ELEMENT}.controlPanel.settings.concealer") == "drop"
         page.wait_for(f"{ELEMENT}.view")
         page.evaluate(f"{ELEMENT}.viewpoint = '0 0 -3 0 0 0 0 -1 0'")
         assert page.evaluate(f"{ELEMENT}.view.orbit.placed")
         page.evaluate(f"{ELEMENT}.setAttribute('panel', 'none')")
-        assert page.evaluate(f"{ELEMENT}.panel.element.hidden")
+        assert page.evaluate(f"{ELEMENT}.controlPanel.element.hidden")
         page.evaluate(f"events.length = 0; {ELEMENT}.src = 'nothing.swz'")
         assert "404" in page.wait_for("events.find(([kind]) => kind === 'error')")[1]["message"]
         page.evaluate(f"events.length = 0; {ELEMENT}.src = 'ball.swz'")

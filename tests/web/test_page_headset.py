@@ -72,12 +72,15 @@ class Session extends EventTarget {{
     const frame = {{ session: this, getViewerPose: () => ({{ transform: {{ position, orientation }}, views }}) }};
     return setTimeout(() => {{
       work(performance.now(), frame);
-      window.eyes = document.querySelector("splat-wire").view.canvas.toDataURL();
+      window.eyes = document.querySelector("splat-wire").view?.canvas.toDataURL();
       window.frames_drawn = (window.frames_drawn ?? 0) + 1;
     }}, 30);
   }}
   cancelAnimationFrame(number) {{ clearTimeout(number); }}
-  async end() {{ this.dispatchEvent(new Event("end")); }}
+  async end() {{
+    this.ended = true;
+    this.dispatchEvent(new Event("end"));
+  }}
 }}
 const xr = Object.assign(new EventTarget(), {{
   isSessionSupported: async (kind) => kind === "immersive-vr",
@@ -88,6 +91,12 @@ const xr = Object.assign(new EventTarget(), {{
 }});
 Object.defineProperty(navigator, "xr", {{ value: xr }});
 """
+FULL = """
+const {getError} = WebGL2RenderingContext.prototype;
+WebGL2RenderingContext.prototype.getError = function () {
+  return window.isFull ? this.OUT_OF_MEMORY : getError.call(this);
+};"""
+"""WebGL refuses memory while `isFull` is true."""
 
 
 @pytest.fixture(scope="module")
@@ -166,6 +175,22 @@ def test_both_eyes_see_what_the_page_draws_from_their_positions(packed: str) -> 
         page.wait_for(f"{ELEMENT}.view.canvas.width === {before}")
         assert np.allclose(viewmat_of(page), viewmat, atol=1e-4)
         assert psnr(picture_of(page, moved(viewmat, head(EYES_M[0]))), wanted[0]) > 40
+
+
+def test_too_little_memory_in_a_headset_ends_the_session_with_one_error(packed: str) -> None:
+    """The page shows the scene again."""
+    with browser() as page:
+        page.prepare(FAKE)
+        page.prepare(FULL)
+        opened(page, packed)
+        page.evaluate(f"window.failures = []; {ELEMENT}.addEventListener('error', (event) => failures.push(event))")
+        enter(page)
+        page.wait_for("window.frames_drawn > 3")
+        page.evaluate(f"window.isFull = true; {ELEMENT}.view.antialias(true)")
+        reason = page.wait_for(f"{ELEMENT}.status.failed")
+        assert reason == "This device cannot draw the scene: too little memory."
+        page.wait_for(f"{ROOT}.querySelector('.first.shown')")
+        assert page.evaluate(f"[failures.length, session.ended, {ELEMENT}.view]") == [1, True, None]
 
 
 def test_a_headset_that_refuses_is_a_message_and_the_page_goes_on(packed: str) -> None:

@@ -151,21 +151,36 @@ FULL_PAGES = {
     for name, page in (("gpu", FULL_GPU), ("process", FULL_PROCESS), ("frame", FULL_FRAME), ("defect", FULL_DEFECT))
     for attempts in (1, 100)
 }
-PAGES = FULL_PAGES | {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
+WITHOUT = f"""{FULL.replace("ATTEMPTS", "0")}<script>
+const {{getContext}} = HTMLCanvasElement.prototype;
+HTMLCanvasElement.prototype.getContext = function (kind, ...given) {{
+  return kind === "webgl2" && !window.works ? (attempts++, null) : getContext.call(this, kind, ...given);
+}};</script>{SCENE}<div style="height: 3000px"></div>"""
+"""Page without WebGL until `works` is true."""
+PAGES = (
+    FULL_PAGES
+    | {"without": WITHOUT}
+    | {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY, "linking": LINKING}
+)
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 CAMERAS = tiny_cameras(1, 240, 180)
 CAMERA = {"viewmat": CAMERAS.viewmats[0].tolist(), "focal": float(CAMERAS.Ks[0, 1, 1]), "height": 180}
 
 
-def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> None:
-    """Runs work on one of the open pages."""
+def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None], *, held: str = "") -> None:
+    """Runs work on one of the open pages. The stream is sent once the expression `held` is true."""
 
     async def serve() -> None:
         async with hosting(PAGES, {"ball.swz": stream_to_bytes(stream)}) as host:
+            if held:
+                host.deliver = lambda request, body: 0
 
             def drive() -> None:
                 with isolated_page() as page:
                     page.open(f"{host.url}{name}")
+                    if held:
+                        page.wait_for(held)
+                        host.deliver = lambda request, body: None
                     work(page)
 
             await asyncio.to_thread(drive)
@@ -175,7 +190,7 @@ def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> 
 
 def picture(page: Browser, **settings: object) -> str:
     """Picture with these settings."""
-    page.evaluate(f"{ELEMENT}.panel.set({json.dumps(settings)})")
+    page.evaluate(f"{ELEMENT}.controlPanel.set({json.dumps(settings)})")
     return str(page.resolve(f"{ELEMENT}.picture({json.dumps(CAMERA)})"))
 
 
@@ -201,7 +216,7 @@ def test_switching_concealers_renders_each_correctly() -> None:
         assert len(set(first.values())) == len(first), "two of them draw the same"
         for name in (*names, *reversed(names)):
             for other in names:  # requested and then cancelled
-                page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.4, concealer: '{other}'}})")
+                page.evaluate(f"{ELEMENT}.controlPanel.set({{dropped: 0.4, concealer: '{other}'}})")
             assert picture(page, concealer=name) == first[name], name
             assert picture(page, dropped=0) == first["whole"]
 
@@ -333,3 +348,36 @@ def test_levels_are_drawn_again_with_fewer_gaussians_after_too_little_memory(nam
         assert page.evaluate(f"{ELEMENT}.status.failed") is None
 
     on_page(f"{name}-1", stream, work)
+
+
+def test_failure_to_draw_before_the_first_tiles_is_not_final() -> None:
+    """The picture area alone was too large for the memory at that time."""
+    stream = encode_levels(SplatScene(ball(3000)), Packetization(block_size=1000, lanes=4))
+
+    def work(page: Browser) -> None:
+        page.wait_for(WHOLE)
+        assert page.evaluate("heard") == []
+
+    on_page("gpu-1", stream, work, held="attempts === 1")
+
+
+def test_missing_webgl_is_one_error_and_is_over_once_it_works() -> None:
+    def work(page: Browser) -> None:
+        def scroll(top: int, expected: str) -> None:
+            page.evaluate(f"scrollTo(0, {top})")
+            page.wait_for(expected)
+
+        reason = page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.status.failed")
+        assert reason.startswith("This browser has no WebGL 2")
+        watch = "new IntersectionObserver((all) => (window.seen = all.at(-1).isIntersecting))"
+        page.evaluate(f"void {watch}.observe({ELEMENT})")
+        for attempts in (2, 3):
+            scroll(2000, "window.seen === false")
+            scroll(0, f"attempts === {attempts}")
+        page.evaluate("window.works = true")
+        scroll(2000, "window.seen === false")
+        scroll(0, f"{ELEMENT}.view?.shows")
+        page.wait_for(f"{ELEMENT}.status.failed === null")
+        assert page.evaluate("heard") == [f"failed: {reason}"]
+
+    on_page("without", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)

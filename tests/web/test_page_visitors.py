@@ -92,7 +92,7 @@ def test_axe_finds_no_accessibility_problem(
             for url in (scene, clip):
                 opened(page, url)
                 assert axe_findings(page) == []
-                page.evaluate(f"{ELEMENT}.panel.open = true")
+                page.evaluate(f"{ELEMENT}.controlPanel.open = true")
                 assert axe_findings(page) == []
 
 
@@ -108,11 +108,11 @@ def test_images_have_names_and_touch_targets_are_large(scene: str, clip: str) ->
             opened(page, url)
             canvases = f"[...{ROOT}.querySelectorAll('.scene canvas')].map((one) => [one.role, one.ariaLabel])"
             assert page.evaluate(canvases) == [["img", f"Picture of {title}"]] * 2
-            page.evaluate(f"{ELEMENT}.panel.open = true")
+            page.evaluate(f"{ELEMENT}.controlPanel.open = true")
             assert page.evaluate(small) == []
             cut = f"[...{ROOT}.querySelectorAll('button')].filter((one) => one.scrollWidth > one.offsetWidth).length"
             assert page.evaluate(cut) == 0, "a word is wider than its button"
-            page.evaluate(f"{ELEMENT}.panel.showHelp(true)")
+            page.evaluate(f"{ELEMENT}.controlPanel.showHelp(true)")
             assert page.evaluate(small) == []
             assert axe_findings(page) == []
 
@@ -135,7 +135,7 @@ def test_a_scene_fits_the_free_part_of_the_window(tall: str) -> None:
             opened(page, tall)
             page.evaluate(f"{ROOT}.querySelector('.foot').style.display = 'none'")  # it lies on the scene
             for laboratory in (False, True):
-                page.evaluate(f"{ELEMENT}.panel.open = {str(laboratory).lower()}")
+                page.evaluate(f"{ELEMENT}.controlPanel.open = {str(laboratory).lower()}")
                 for _ in range(20):  # the screen may show a picture of the earlier size for some frames
                     if (share := free_part(page)) > 0.75:
                         break

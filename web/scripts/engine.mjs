@@ -1,7 +1,8 @@
 // Reduces PlayCanvas to a camera and Gaussians sorted in a worker, with WebGL. Removes lights, shadows, skies, WebGPU,
 // augmented reality, and PlayCanvas's own levels of detail and file formats.
 
-import { readdirSync, readFileSync } from "node:fs";
+import { readFileSync } from "node:fs";
+import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 /** Shader texts that are not needed for Gaussians. */
@@ -114,33 +115,46 @@ export const lower = {
   },
 };
 
-/** Sources of the renderer's bundle. */
-const DRAWING = /render\/(view|tiled_meshes|gpu_gaussians|half_float_target|headset)\.ts$/;
 const METHOD = /^\t(?:static )?(\w+)\([^\n]*\) \{\n(?:\t\t[^\n]*\n|\n)*\t\},?\n/gm;
+
+const CONSTANT = /^\tstatic ([A-Z]+) = [^\n]*\n/gm;
 
 const MATH = fileURLToPath(new URL("../node_modules/playcanvas/build/playcanvas/src/core/math/", import.meta.url));
 
-/** Removes methods of PlayCanvas's vector classes that the page's bundle does not call, directly or indirectly. */
+/** Returns the sources that a module imports, directly or indirectly, by path. */
+function imported(path, found = new Map()) {
+  if (found.has(path)) return found;
+  const text = readFileSync(path, "utf8");
+  found.set(path, text);
+  for (const [, name] of text.matchAll(/^(?:import|export)(?! type)[^;]*? from "(\.[^"]+)"/gm))
+    imported(join(dirname(path), name), found);
+  return found;
+}
+
+/** Removes members of PlayCanvas's vector classes that the page's bundle does not use, directly or indirectly. */
 export const vectors = {
   name: "vectors",
   setup(setup) {
-    const src = fileURLToPath(new URL("../src/", import.meta.url)),
-      ours = readdirSync(src, { recursive: true }).filter((name) => name.endsWith(".ts") && !DRAWING.test(name)),
+    const main = fileURLToPath(new URL("../src/main.ts", import.meta.url)),
+      ours = [...imported(main).values()],
       files = ["math", "quat", "vec3"].map((name) => readFileSync(`${MATH}${name}.js`, "utf8")),
       methods = files.flatMap((text) => [...text.matchAll(METHOD)]),
       asked = new Set(["constructor"]);
     const ask = (text) => {
-      for (const [, name] of text.matchAll(/\.(\w+)\(/g)) {
-        if (asked.has(name)) continue;
+      for (const [, name] of text.matchAll(/(?<!\bMath)\.(\w+)\(/g)) {
+        if (asked.has(name) || name === "toString") continue;
         asked.add(name);
         for (const [body, other] of methods) if (other === name) ask(body);
       }
     };
-    for (const name of ours) ask(readFileSync(src + name, "utf8"));
+    for (const text of ours) ask(text);
     for (const text of files) ask(text.replace(METHOD, ""));
     for (const [body, name] of methods) if (name === "constructor") ask(body);
+    const isUsed = (name) => [...ours, ...files].some((text) => new RegExp(`\\b(Vec3|Quat)\\.${name}\\b`).test(text));
     setup.onLoad({ filter: /core\/math\/(math|quat|vec3)\.js$/ }, ({ path }) => {
-      const contents = readFileSync(path, "utf8").replace(METHOD, (body, name) => (asked.has(name) ? body : ""));
+      const contents = readFileSync(path, "utf8")
+        .replace(METHOD, (body, name) => (asked.has(name) ? body : ""))
+        .replace(CONSTANT, (line, name) => (isUsed(name) ? line : ""));
       return { contents, loader: "js" };
     });
   },

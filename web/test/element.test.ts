@@ -36,6 +36,8 @@ const ATTRIBUTES = {
   fingerprint: "fingerprint",
   concealer: "concealer",
   viewpoint: "viewpoint",
+  up: "up",
+  panel: "panel",
   gestures: "gestures",
   autorotate: "autorotate",
   poster: "poster",
@@ -67,4 +69,15 @@ test("properties set attributes as templates of frameworks mean them", async () 
       assert.equal(element.getAttribute(attribute), expected, `${property} = ${given}`);
       assert.equal(element.updates, property === "updates" && expected !== null && expected !== "false");
     }
+});
+
+test("frameworks can set every attribute: React assigns to a property of its name if there is one", async () => {
+  Object.assign(globalThis, { HTMLElement: FakeElement });
+  const { SplatWire } = await import("../src/page/element.ts");
+  for (const name of SplatWire.observedAttributes) {
+    const element = new SplatWire();
+    if (name in element) Object.assign(element, { [name]: "8" });
+    else element.setAttribute(name, "8");
+    assert.equal(element.hasAttribute(name), true, name);
+  }
 });

@@ -149,6 +149,17 @@ test("a context that is lost repeatedly is requested with growing pauses, then g
     ["no memory"],
   );
   void stage.open();
+  stage.setVisible(false);
+  stage.setVisible(true);
   await settle();
   assert.equal(lost.length, 9);
+  const now = performance.now() + 61_000;
+  context.mock.method(performance, "now", () => now);
+  stage.setVisible(false);
+  stage.setVisible(true);
+  await settle();
+  assert.equal(lost.length, 10);
+  lost.at(-1)!();
+  await settle();
+  assert.equal(errors.length, 2);
 });

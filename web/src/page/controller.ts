@@ -105,6 +105,7 @@ export class Controller {
       if (!this.#released.signal.aborted) this.#session.fail(error.message);
     };
     const failWith = (failed: AbortController, error: Error): void => {
+      if (failed.signal.aborted) return; // reported before
       failed.abort(error);
       fail(error);
     };
@@ -114,7 +115,11 @@ export class Controller {
     const title = titleOf(host);
     this.stage = new Stage(
       () => {
-        if (this.#drawingFailed.signal.aborted) this.#drawingFailed = new AbortController();
+        const { aborted, reason } = this.#drawingFailed.signal;
+        if (aborted) {
+          this.#drawingFailed = new AbortController();
+          this.#session.withdraw(reason.message);
+        }
         this.#conceal();
       },
       (error) => failWith(this.#drawingFailed, error),

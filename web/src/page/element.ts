@@ -13,28 +13,77 @@ import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
 
 /** Attributes that identify the stream. Other attributes are applied without restarting it. */
 const SOURCES: readonly string[] = ["src", "session", "fingerprint", "data"];
+/** Attributes whose properties have their text, or the empty string. */
+const REFLECTED = [
+  "src",
+  "session",
+  "fingerprint",
+  "concealer",
+  "viewpoint",
+  "up",
+  "panel",
+  "gestures",
+  "poster",
+  "camera-limits",
+] as const;
+
+/** Type of `addEventListener` and `removeEventListener`. */
+interface ListenerMethod<Options> {
+  <Name extends keyof SplatWireEventMap>(
+    type: Name,
+    listener: (this: SplatWire, event: SplatWireEventMap[Name]) => unknown,
+    options?: boolean | Options,
+  ): void;
+  (type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | Options): void;
+}
 
 export class SplatWire extends Base {
-  static readonly observedAttributes = [
-    ...SOURCES,
-    "concealer",
-    "viewpoint",
-    "up",
-    "panel",
-    "gestures",
-    "autorotate",
-    "poster",
-    "camera-limits",
-    "max-gaussians",
-    "updates",
-  ];
+  static readonly observedAttributes = [...REFLECTED, "data", "autorotate", "max-gaussians", "updates"];
+  /** URL of the stream. */
+  declare src: string;
+  /** URL of the WebTransport session. */
+  declare session: string;
+  /** SHA-256 of the certificate of `session`. */
+  declare fingerprint: string;
+  /** Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. */
+  declare concealer: string;
+  /** Initial viewpoint, nine numbers: eye, target, up. */
+  declare viewpoint: string;
+  /** Axis of the scene that points up: `x`, `y` or `z`, or with `-` the opposite direction. */
+  declare up: string;
+  /** `none` hides the controls, `open` opens the settings. */
+  declare panel: string;
+  /** `cooperative` leaves the wheel and one-finger gestures to the page. The empty string lets the scene take them. */
+  declare gestures: string;
+  /** URL of a picture that is visible until the first Gaussians are. */
+  declare poster: string;
+  /** Limits of the camera: four numbers, see docs/browser.md. The empty string means none. */
+  declare cameraLimits: string;
+
+  declare addEventListener: ListenerMethod<AddEventListenerOptions>;
+  declare removeEventListener: ListenerMethod<EventListenerOptions>;
+
+  static {
+    for (const name of REFLECTED)
+      Object.defineProperty(SplatWire.prototype, name.replace("-l", "L"), {
+        get(this: SplatWire): string {
+          return this.getAttribute(name) ?? "";
+        },
+        set(this: SplatWire, value: unknown) {
+          this.#set(name, value);
+        },
+        enumerable: true,
+        configurable: true,
+      });
+  }
+
   #controller: Controller | null = null;
   #status = newStatus();
   #restartPending = false;
   readonly #wanted: WantedPlayback = {};
   /** Playback while no stream is loaded. */
   readonly #unloaded = new SequencePlayback(
-    () => this.panel,
+    () => this.controlPanel,
     () => undefined,
     this.#wanted,
   );
@@ -87,60 +136,6 @@ export class SplatWire extends Base {
     this.#controller = null;
   }
 
-  /** URL of the stream. */
-  get src(): string {
-    return this.getAttribute("src") ?? "";
-  }
-
-  set src(value: string) {
-    this.#set("src", value);
-  }
-
-  /** URL of the WebTransport session. */
-  get session(): string {
-    return this.getAttribute("session") ?? "";
-  }
-
-  set session(value: string) {
-    this.#set("session", value);
-  }
-
-  /** SHA-256 of the certificate of `session`. */
-  get fingerprint(): string {
-    return this.getAttribute("fingerprint") ?? "";
-  }
-
-  set fingerprint(value: string) {
-    this.#set("fingerprint", value);
-  }
-
-  /** Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. */
-  get concealer(): string {
-    return this.getAttribute("concealer") ?? "";
-  }
-
-  set concealer(value: string) {
-    this.#set("concealer", value);
-  }
-
-  /** Initial viewpoint, nine numbers: eye, target, up. */
-  get viewpoint(): string {
-    return this.getAttribute("viewpoint") ?? "";
-  }
-
-  set viewpoint(value: string) {
-    this.#set("viewpoint", value);
-  }
-
-  /** `cooperative` leaves the wheel and one-finger gestures to the page. The empty string lets the scene take them. */
-  get gestures(): string {
-    return this.getAttribute("gestures") ?? "";
-  }
-
-  set gestures(value: string) {
-    this.#set("gestures", value);
-  }
-
   /** Speed of the automatic rotation in degrees per second; the empty string means 12, null means none. */
   get autorotate(): string | null {
     return this.getAttribute("autorotate");
@@ -148,24 +143,6 @@ export class SplatWire extends Base {
 
   set autorotate(value: string | null) {
     this.#set("autorotate", value);
-  }
-
-  /** URL of a picture that is visible until the first Gaussians are. */
-  get poster(): string {
-    return this.getAttribute("poster") ?? "";
-  }
-
-  set poster(value: string) {
-    this.#set("poster", value);
-  }
-
-  /** Limits of the camera: four numbers, see docs/browser.md. The empty string means none. */
-  get cameraLimits(): string {
-    return this.getAttribute("camera-limits") ?? "";
-  }
-
-  set cameraLimits(value: string) {
-    this.#set("camera-limits", value);
   }
 
   /** Maximum number of drawn Gaussians of a scene with levels; 0 means that of the device. */
@@ -264,7 +241,7 @@ export class SplatWire extends Base {
   }
 
   /** @internal Throws if the element is not in a document. */
-  get panel(): Panel {
+  get controlPanel(): Panel {
     return this.#running.panel;
   }
 
@@ -284,34 +261,6 @@ export class SplatWire extends Base {
   get #running(): Controller {
     if (!this.#controller) throw new Error("this <splat-wire> is not in a document");
     return this.#controller;
-  }
-
-  override addEventListener<Name extends keyof SplatWireEventMap>(
-    type: Name,
-    listener: (this: SplatWire, event: SplatWireEventMap[Name]) => unknown,
-    options?: boolean | AddEventListenerOptions,
-  ): void;
-  override addEventListener(
-    type: string,
-    listener: EventListenerOrEventListenerObject | null,
-    options?: boolean | AddEventListenerOptions,
-  ): void;
-  override addEventListener(type: string, listener: unknown, options?: boolean | AddEventListenerOptions): void {
-    super.addEventListener(type, listener as EventListener, options);
-  }
-
-  override removeEventListener<Name extends keyof SplatWireEventMap>(
-    type: Name,
-    listener: (this: SplatWire, event: SplatWireEventMap[Name]) => unknown,
-    options?: boolean | EventListenerOptions,
-  ): void;
-  override removeEventListener(
-    type: string,
-    listener: EventListenerOrEventListenerObject | null,
-    options?: boolean | EventListenerOptions,
-  ): void;
-  override removeEventListener(type: string, listener: unknown, options?: boolean | EventListenerOptions): void {
-    super.removeEventListener(type, listener as EventListener, options);
   }
 }
 

@@ -22,6 +22,13 @@ export class SessionStatus {
     this.dispatch("error", { message: text });
   }
 
+  /** Withdraws an error that is over. */
+  withdraw(text: string): void {
+    if (this.status.failed !== text) return;
+    this.status.failed = null;
+    this.panel.setMessage("");
+  }
+
   /** Reports a disconnect. */
   lost(reason: string, retryMs: number): void {
     this.status.lost = reason;

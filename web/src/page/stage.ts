@@ -32,6 +32,8 @@ const FRAME_TIMEOUT_MS = 100;
 const CONTEXT_RETRY_MS = 1000;
 /** Failures in a row after which no context is requested again. Browsers refuse contexts for two minutes after some. */
 const MAX_CONTEXT_FAILURES = 8;
+/** Time after which an element that becomes visible requests a context once more, milliseconds. */
+const RECOVERY_MS = 60_000;
 
 /** Display time of a hint, milliseconds. */
 const HINT_MS = 2000;
@@ -94,6 +96,7 @@ export class Stage implements ContextOwner {
   #destroyed = false;
   /** Number of lost or refused WebGL contexts in a row, 0 before the first loss. */
   #contextFailures = 0;
+  #failedAt = 0;
   #retryTimer = 0;
   #startWebGL: () => void = () => undefined;
   readonly #webGLWanted = new Promise<void>((resolve) => (this.#startWebGL = resolve));
@@ -207,16 +210,18 @@ export class Stage implements ContextOwner {
   /** Handles the loss of the WebGL context: paints in software until there is another one. */
   #contextLost(view: View): void {
     if (this.view !== view) return;
+    const failures = view.failuresAfter(this.#contextFailures);
     this.release();
     releaseContext(this);
     this.onContextLost?.();
-    this.#openLater(view.failuresAfter(this.#contextFailures), view.reason);
+    this.#openLater(failures, view.reason);
   }
 
   /** Opens after a pause, or reports the error after too many failures. */
   #openLater(failures: number, error: Error): void {
     clearTimeout(this.#retryTimer);
     this.#contextFailures = failures;
+    this.#failedAt = performance.now();
     if (failures > MAX_CONTEXT_FAILURES) return this.failed(error);
     this.#retryTimer = window.setTimeout(
       () => {
@@ -244,6 +249,8 @@ export class Stage implements ContextOwner {
     if (this.isVisible === inSight) return;
     this.isVisible = inSight;
     if (!inSight) return offerContext();
+    if (performance.now() - this.#failedAt > RECOVERY_MS)
+      this.#contextFailures = Math.min(this.#contextFailures, MAX_CONTEXT_FAILURES);
     this.touch();
     void this.open();
   }

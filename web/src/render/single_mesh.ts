@@ -32,6 +32,11 @@ export class SingleMesh {
     return this.#drawn?.count ?? 0;
   }
 
+  /** True if no Gaussians were added. */
+  get isEmpty(): boolean {
+    return !this.#count;
+  }
+
   /** True if Gaussians exist that others can replace. */
   get hasGaussians(): boolean {
     return this.#drawn !== null;

@@ -252,10 +252,10 @@ export class View {
 
   /**
    * Returns the number of failures after the loss of this context and a number of failures before. It is infinite if
-   * another context would be lost, too. Only a scene whose tiles are drawn can be drawn with fewer Gaussians.
+   * another context would be lost, too: a scene without tiles cannot be drawn with fewer Gaussians.
    */
   failuresAfter(failures: number): number {
-    if (this.#failure && !this.#tiles) return Infinity;
+    if (this.#failure && !this.#tiles && !this.#mesh.isEmpty) return Infinity;
     return performance.now() - this.#openedAt > STABLE_MS ? 1 : failures + 1;
   }
 
@@ -539,21 +539,22 @@ export class View {
   }
 
   #beforeFrame(): void {
-    if (!this.#headset.active) this.#prepareFrame(); // a headset places the camera and sets the pace
+    const { idle } = this.#gpu,
+      { active } = this.#headset;
+    if ((idle || active) && this.#memory === "drawn") this.#checkMemory();
+    if (!active) this.#prepareFrame(idle); // a headset places the camera and sets the pace
     if (this.#hiding.length) this.#hideReplaced();
     this.watcher?.(this.camera);
   }
 
-  /** Places the camera, and postpones the frame while the GPU is busy. */
-  #prepareFrame(): void {
+  /** Places the camera, and postpones the frame unless the GPU is idle. */
+  #prepareFrame(idle: boolean): void {
     if (!this.#fixed) {
       const { position, rotation } = this.orbit.pose();
       this.#camera.setPosition(position.x, position.y, position.z);
       this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
     this.#sortWhenAtRest();
-    const { idle } = this.#gpu;
-    if (idle && this.#memory === "drawn") this.#checkMemory();
     this.#waitsForGpu = this.#app.renderNextFrame && !idle;
     if (this.#waitsForGpu) this.#app.renderNextFrame = false;
     else if (this.#app.renderNextFrame) this.#applySize();
