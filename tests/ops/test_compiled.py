@@ -1,6 +1,9 @@
 """Compiled kernels are cached in private folders only."""
 
+import contextlib
+import errno
 import fcntl
+import itertools
 import logging
 import os
 import shutil
@@ -9,13 +12,16 @@ import sys
 import threading
 import time
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numba
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
-from splatwire.ops import compiled
+from splatwire.ops import _cache_file, compiled
+from splatwire.ops._cache_file import CacheFile
 
 pytestmark = pytest.mark.slow
 
@@ -336,6 +342,103 @@ def test_unreadable_cache_index_counts_as_empty(tmp_path, monkeypatch):
         (index,) = (tmp_path / "cache").rglob("*.nbi")
         content = index.read_bytes()
         index.write_bytes(content[: len(content) - 5])
+
+
+_KEYS = ("float64", "int64", "int32")
+
+
+def _cache(folder: Path, source: int) -> CacheFile:
+    return CacheFile(IndexDataCacheFile(str(folder), "kernel", None), source)
+
+
+def _store(folder: Path, source: int, key: str) -> None:
+    _cache(folder, source).save(key, f"code {source} {key}")
+
+
+def _killed() -> None:
+    raise SystemExit
+
+
+def _happen_at_write(number: int, event: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets something happen just before a file of a cache gets its name, counted from 0."""
+    replace, count = os.replace, itertools.count()
+
+    def observed(*names: Any) -> None:
+        if next(count) == number:
+            event()
+        replace(*names)
+
+    monkeypatch.setattr(os, "replace", observed)
+
+
+def _check_codes(folder: Path) -> None:
+    for source in (1, 2):
+        for key in _KEYS:
+            assert _cache(folder, source).load(key) in (None, f"code {source} {key}")
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_killed_process_leaves_no_code_of_other_sources(number, tmp_path, monkeypatch):
+    for key in _KEYS:
+        _store(tmp_path, 1, key)
+    with monkeypatch.context() as patched, contextlib.suppress(SystemExit):
+        _happen_at_write(number, _killed, patched)
+        for key in reversed(_KEYS):
+            _store(tmp_path, 2, key)
+    _check_codes(tmp_path)
+    for key in _KEYS:
+        _store(tmp_path, 2, key)
+    assert [_cache(tmp_path, 2).load(key) for key in _KEYS] == [f"code 2 {key}" for key in _KEYS]
+    assert len(list(tmp_path.iterdir())) == 1 + len(_KEYS), "old or unfinished files are left"
+
+
+@pytest.mark.parametrize("stored", [(1, "int64"), (2, "int64"), (2, "float64")])
+@pytest.mark.parametrize("number", range(4))
+def test_processes_that_store_code_at_once_mix_up_nothing(number, stored, tmp_path, monkeypatch):
+    with monkeypatch.context() as patched:
+        _happen_at_write(number, lambda: _store(tmp_path, *stored), patched)
+        for key in ("float64", "int32"):
+            _store(tmp_path, 2, key)
+    _check_codes(tmp_path)
+
+
+def test_damaged_code_counts_as_not_cached(tmp_path, monkeypatch):
+    """A power failure can leave a file with zeros; machine code with an error could do anything."""
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    assert compiled.njit()(_twice)(21) == 42
+    for damage in (lambda data: bytes(len(data)), lambda data: data[:-9], lambda data: data[:-9] + bytes(9)):
+        (path,) = tmp_path.rglob("*.nbc")
+        path.write_bytes(damage(path.read_bytes()))
+        assert compiled.njit()(_twice)(21) == 42
+    (path,) = tmp_path.rglob("*.nbc")
+    assert path.read_bytes().strip(b"\0")
+
+
+def test_kernels_work_if_their_code_cannot_be_stored(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(_cache_file, "_REPORTED", set())
+    kernels: list[Any] = [compiled.njit()(_twice), compiled.njit()(_observed)]
+
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    assert [kernel(21) for kernel in kernels] == [42, 21]
+    assert [record.getMessage() for record in caplog.records if record.levelno > logging.INFO] == [
+        f"compiled kernels cannot be kept in {kernels[0]._cache.cache_path}, so each process compiles them: "
+        "No space left on device"
+    ]
+    assert not [path for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".lock"]
+
+
+def test_kernels_work_if_their_folder_is_gone(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(_cache_file, "_REPORTED", set())
+    kernel: Any = compiled.njit()(_twice)
+    Path(kernel._cache.cache_path).rmdir()
+    Path(kernel._cache.cache_path).touch()
+    assert kernel(21) == 42
+    assert "compiled kernels cannot be kept" in caplog.text
 
 
 _CODED = """

@@ -19,6 +19,8 @@ import numpy as np
 from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
+from splatwire.ops._cache_file import CacheFile, log_unkept
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -95,9 +97,10 @@ def _with_shared_cache(kernel: Any) -> Any:
     a constant invalidates the cached code.
     """
     if not numba.config.DISABLE_JIT:
-        file = kernel._cache._cache_file
-        file._source_stamp = (file._source_stamp, _sources_digest(kernel.py_func.__module__))
-        file._load_index = _ignore_unreadable(file._load_index)
+        cache = kernel._cache
+        stamp = (cache._cache_file._source_stamp, _sources_digest(kernel.py_func.__module__))
+        cache._cache_file = CacheFile(cache._cache_file, stamp)
+        cache.save_overload = _without_folder_errors(cache)
         kernel.compile = _compile_once(kernel)
     return kernel
 
@@ -133,7 +136,8 @@ def _file_lock(path: Path, kernel: str) -> Iterator[None]:
     """Context that holds a file lock, so that only one process compiles a kernel.
 
     The context begins without the lock in three cases: the file cannot be opened, the system has no locks, or another
-    process holds the lock for too long (see `_wait_for`). Two processes may then compile the same kernel.
+    process holds the lock for too long (see `_wait_for`). Two processes may then compile and store the same kernel,
+    which `CacheFile` permits.
 
     Args:
         path: The lock file; created if it is absent.
@@ -198,20 +202,21 @@ def _lock_within(duration_s: float, handle: int) -> bool:
             return True
 
 
-def _ignore_unreadable(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
-    """Wraps numba's function that reads the index of cached machine code: an unreadable index counts as empty.
+def _without_folder_errors(cache: Any) -> Callable[[Any, Any], None]:
+    """Wraps numba's function that stores machine code: a cache folder that cannot be made is logged.
 
     Args:
-        load: The function of numba.
+        cache: Cache of a kernel.
     """
+    save = cache.save_overload
 
-    def index() -> dict[Any, str]:
+    def save_overload(signature: Any, compiled: Any) -> None:
         try:
-            return load()
-        except Exception:  # unpickling may raise anything
-            return {}
+            save(signature, compiled)
+        except OSError as error:
+            log_unkept(Path(cache.cache_path), error)
 
-    return index
+    return save_overload
 
 
 @functools.cache

@@ -1,0 +1,124 @@
+"""Files of compiled kernels that any number of processes may read and write at once, without locks."""
+
+import contextlib
+import glob
+import hashlib
+import logging
+import os
+import pickle
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import IndexDataCacheFile
+
+LOG = logging.getLogger("splatwire.ops.compiled")
+_DIGEST_BYTES = 16
+_REPORTED: set[str] = set()
+"""Reasons for which machine code could not be kept, each logged once."""
+
+
+class CacheFile(IndexDataCacheFile):
+    """The cached machine code of a kernel: an index file, and a data file for each signature.
+
+    A data file is named after its content and written before the index that names it. An index therefore never names
+    the code of another signature or of an earlier source, however processes alternate and wherever one is killed. Code
+    that is absent or damaged counts as not cached.
+
+    Args:
+        plain: The object of numba to replace.
+        source_stamp: Identifies the sources of the kernel; code of other sources counts as not cached.
+    """
+
+    # numba numbers data files and writes the index first: two processes may then give one number to two signatures, and
+    # a process that is killed in between leaves an index of new sources with the code of old ones.
+
+    def __init__(self, plain: IndexDataCacheFile, source_stamp: object) -> None:
+        self._stem = plain._index_name.removesuffix(".nbi")
+        super().__init__(plain._cache_path, self._stem, source_stamp)
+
+    def save(self, key: Any, data: Any) -> None:
+        """Stores the machine code of a signature. An error of the file system is logged: the kernel works without.
+
+        Args:
+            key: Identifies the signature and the processor.
+            data: The code, which can be pickled.
+        """
+        packed = self._dump(data)
+        name = self._data_name_of(packed)
+        try:
+            if self._data(name) != packed:
+                self._replace(name, packed)
+            names = {**self._load_index(), key: name}
+            index = self._dump((self._source_stamp, names))
+            self._replace(self._index_name, pickle.dumps(self._version, protocol=-1) + index)
+        except FileNotFoundError:
+            pass  # another process has removed the unfinished file, or the whole folder
+        except OSError as error:
+            log_unkept(Path(self._cache_path), error)
+        else:
+            self._remove_all_but({self._index_name, *names.values()})
+
+    def load(self, key: Any) -> Any:
+        """Returns the machine code of a signature; None if it is not cached.
+
+        Args:
+            key: Identifies the signature and the processor.
+        """
+        name = self._load_index().get(key)
+        if name is None or (packed := self._data(name)) is None:
+            return None
+        return pickle.loads(packed)  # noqa: S301 - numba, too, executes the content of its cache
+
+    def _load_index(self) -> dict[Any, str]:
+        """Returns the names of the data files by key. An unreadable index, such as of another release, is empty."""
+        try:
+            found: dict[Any, str] = super()._load_index()
+        except Exception:  # unpickling may raise anything
+            return {}
+        return found
+
+    def _data_name_of(self, packed: bytes) -> str:
+        return f"{self._stem}.{hashlib.blake2b(packed, digest_size=_DIGEST_BYTES).hexdigest()}.nbc"
+
+    def _data(self, name: str) -> bytes | None:
+        """Returns the content of a data file; None if it is absent, unreadable or not what its name says."""
+        try:
+            packed = Path(self._cache_path, name).read_bytes()
+        except OSError:
+            return None
+        return packed if self._data_name_of(packed) == name else None
+
+    def _replace(self, name: str, content: bytes) -> None:
+        """Writes a file of the cache folder atomically.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
+        unfinished = Path(self._cache_path, f"{self._stem}.{uuid.uuid4().hex[:16]}.tmp")
+        try:
+            unfinished.write_bytes(content)
+            os.replace(unfinished, Path(self._cache_path, name))
+        finally:
+            with contextlib.suppress(OSError):
+                unfinished.unlink()
+
+    def _remove_all_but(self, kept: set[str]) -> None:
+        """Removes code of earlier sources, and the unfinished files of killed processes."""
+        # Another process that is about to name such a file in its index compiles its kernel once more.
+        for path in self._files():
+            if path.name not in kept:
+                with contextlib.suppress(OSError):
+                    path.unlink()
+
+    def _files(self) -> Iterator[Path]:
+        return Path(self._cache_path).glob(f"{glob.escape(self._stem)}.*")
+
+
+def log_unkept(folder: Path, error: OSError) -> None:
+    """Logs once that compiled kernels cannot be written to a folder."""
+    reason = error.strerror or str(error)
+    if reason not in _REPORTED:
+        _REPORTED.add(reason)
+        LOG.warning("compiled kernels cannot be kept in %s, so each process compiles them: %s", folder, reason)
