@@ -3,6 +3,7 @@
 import gc
 import os
 import re
+import signal
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -52,6 +53,12 @@ if _without_torch():
         *(str(_TESTS / folder) for folder in NEURAL),
         *(str(path) for path in sorted(_TESTS.rglob("test_*.py")) if NEEDS_TORCH.search(path.read_text())),
     ]
+
+
+def pytest_configure() -> None:
+    """Lets commands that tests start react to SIGINT, which background jobs of a shell script ignore."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_report_header() -> str | None:

@@ -10,11 +10,11 @@ def start() -> None:
     Ctrl-C while it loads ends the process like Ctrl-C later, with exit status 130 and without a traceback.
     """
     try:
-        command_line = importlib.import_module("splatwire.cli.main")
+        importlib.import_module("splatwire.cli.main").main()
     except KeyboardInterrupt:
-        sys.stderr.write("splatwire: stopped\n")
+        if sys.stderr is not None:
+            sys.stderr.write("splatwire: stopped\n")
         sys.exit(130)
-    command_line.main()
 
 
 if __name__ == "__main__":

@@ -157,6 +157,40 @@ def test_second_signal_ends_a_verb_immediately():
         asyncio.run(work())
 
 
+def test_the_second_signal_has_its_earlier_action():
+    """With the system's default action, SIGTERM would leave temporary files and processes of the server."""
+    received: list[int] = []
+
+    async def work() -> None:
+        stop = stop_on_signals()
+        signal.raise_signal(signal.SIGTERM)
+        await asyncio.wait_for(stop.wait(), 120)
+        signal.raise_signal(signal.SIGTERM)
+
+    before = signal.signal(signal.SIGTERM, lambda number, _: received.append(number))
+    try:
+        asyncio.run(work())
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert received == [signal.SIGTERM]
+
+
+def test_a_server_ignores_signals_that_were_ignored_before():
+    """A script's background job must not end at the Ctrl-C that is meant for another program."""
+
+    async def work() -> None:
+        stop = stop_on_signals()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        signal.raise_signal(signal.SIGTERM)
+        await asyncio.wait_for(stop.wait(), 120)
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        asyncio.run(work())
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 STUCK = """
 import os, signal, sys, threading
 from concurrent.futures import ThreadPoolExecutor

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import weakref
 from typing import Any
 
 import numba
@@ -13,10 +14,11 @@ import pytest
 
 import splatwire
 from splatwire.bitstream.limits import MAX_GROUP_FRAMES
+from splatwire.cli import _signals
 from splatwire.cli import main as main_module
 from splatwire.cli._deprecated_options import with_current_names
 from splatwire.cli._parsing import settings_of
-from splatwire.cli._signals import raising
+from splatwire.cli._signals import SignalErrors
 from splatwire.cli.main import VERBS
 from splatwire.sequence.options import GROUP_FRAMES
 
@@ -232,7 +234,7 @@ def test_ctrl_c_waits_while_an_error_would_be_lost(module, function):
         values[function]()
         given_up.wait()  # the repeated signal interrupts the wait
 
-    before = signal.signal(signal.SIGINT, raising(lambda _: KeyboardInterrupt()))
+    before = signal.signal(signal.SIGINT, SignalErrors(lambda _: KeyboardInterrupt()).handle)
     timeout = threading.Timer(240, given_up.set)
     timeout.start()
     try:
@@ -243,6 +245,104 @@ def test_ctrl_c_waits_while_an_error_would_be_lost(module, function):
         signal.signal(signal.SIGINT, before)
     assert values["done"] == [True]
     assert not given_up.is_set()
+
+
+def test_ctrl_c_in_a_callback_that_loses_errors_is_repeated(capsys):
+    """Python prints and ignores errors of any function that it calls while it frees an object."""
+
+    class Held:
+        pass
+
+    def freed(_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(1000):
+            pass
+
+    given_up = threading.Event()
+
+    def interrupted() -> None:
+        held = Held()
+        weakref.ref(held, freed)
+        watched = weakref.ref(held, freed)
+        del held
+        assert watched() is None
+        given_up.wait()  # the repeated signal interrupts the wait
+
+    errors = SignalErrors(lambda _: KeyboardInterrupt())
+    before = signal.signal(signal.SIGINT, errors.handle)
+    timeout = threading.Timer(240, given_up.set)
+    timeout.start()
+    try:
+        with errors.lost_ones_repeated(), pytest.raises(KeyboardInterrupt):
+            interrupted()
+    finally:
+        timeout.cancel()
+        signal.signal(signal.SIGINT, before)
+    assert not given_up.is_set()
+    assert capsys.readouterr().err == ""
+
+
+def test_other_ignored_errors_are_printed(monkeypatch):
+    printed: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: printed.append(unraisable.exc_type))
+
+    class Broken:
+        def __del__(self):
+            raise ZeroDivisionError
+
+    with SignalErrors(lambda _: KeyboardInterrupt()).lost_ones_repeated():
+        Broken()
+    assert printed == [ZeroDivisionError]
+
+
+def test_a_second_signal_waits_until_the_command_has_cleaned_up(tmp_path, monkeypatch):
+    """Users press Ctrl-C twice, and `timeout` sends SIGTERM to the group of a process that has just got it."""
+    now = 100.0
+    errors = SignalErrors(lambda number: SystemExit(128 + number), lambda: now)
+    repeated: list[int] = []
+    monkeypatch.setattr(_signals, "_repeat_later", repeated.append)
+    with pytest.raises(SystemExit):
+        errors.handle(signal.SIGTERM, None)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        errors.handle(number, None)
+    assert repeated == [signal.SIGTERM, signal.SIGINT]
+    now += 3600.0  # cleaning hangs
+    with pytest.raises(SystemExit) as stopped:
+        errors.handle(signal.SIGINT, None)
+    assert stopped.value.code == 130
+
+
+def test_the_first_interrupt_is_only_reported_and_the_second_one_stops():
+    reported = threading.Event()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with _signals.first_interrupt(reported.set):
+            signal.raise_signal(signal.SIGINT)
+            assert reported.wait(120)
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_an_ignored_interrupt_stays_ignored_in_a_training():
+    """A script's background job must not end at the Ctrl-C that is meant for another program."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with _signals.first_interrupt(lambda: None):
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("handler", [signal.SIG_DFL, signal.SIG_IGN, signal.default_int_handler])
+def test_a_signal_that_waited_ends_with_its_command(handler, monkeypatch):
+    sent: list[int] = []
+    monkeypatch.setattr(signal, "pthread_kill", lambda _, number: sent.append(number))
+    monkeypatch.setattr(signal, "getsignal", lambda _: handler)
+    _signals._repeat(signal.SIGINT)
+    assert not sent
 
 
 def test_ctrl_c_stops_the_compilation_of_a_kernel():
@@ -263,7 +363,7 @@ def test_ctrl_c_stops_the_compilation_of_a_kernel():
         numba.njit(lambda: callee())()
         threading.Event().wait(60)  # an interrupt that came too late ends the wait
 
-    before = signal.signal(signal.SIGINT, raising(lambda _: KeyboardInterrupt()))
+    before = signal.signal(signal.SIGINT, SignalErrors(lambda _: KeyboardInterrupt()).handle)
     try:
         with pytest.raises(KeyboardInterrupt):
             compile_kernel()

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from splatwire.cli._loop_signals import LoopSignals
 from splatwire.cli._operations import log_error, monitoring_address, open_monitoring, start_log
 from splatwire.cli._options import Listening
 from splatwire.cli._output import print_json
@@ -130,17 +131,16 @@ async def open_server(
 
 
 def stop_on_signals() -> asyncio.Event:
-    """Returns an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the process immediately."""
+    """Returns an event that is set by SIGINT (Ctrl-C) or SIGTERM; a second signal ends the command immediately."""
     # Errors of the event loop outside of any request, such as exhausted file descriptors, are printed as one line each.
-    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    stop = asyncio.Event()
 
     def end(number: int) -> None:
         stop.set()
-        loop.remove_signal_handler(number)
+        signals.restore(number)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, end, number)
-    loop.set_exception_handler(LoopErrors())
+    signals = LoopSignals(end)
+    asyncio.get_running_loop().set_exception_handler(LoopErrors())
     return stop
 
 

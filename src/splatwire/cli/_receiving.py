@@ -1,12 +1,12 @@
 """Common code of `receive` and `view`: receives over UDP, QUIC or Media over QUIC, and checks certificates."""
 
 import asyncio
-import signal
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
+from splatwire.cli._loop_signals import LoopSignals
 from splatwire.cli._options import TrustOptions
 from splatwire.errors import InvalidValueError
 from splatwire.transport import Receiver
@@ -92,20 +92,14 @@ def canceling_on_signals(stop: asyncio.Future[None]) -> Iterator[list[int]]:
     Yields:
         List of the numbers of the received signals, which grows.
     """
-    loop, received = asyncio.get_running_loop(), list[int]()
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    received = list[int]()
 
     def on_signal(number: int) -> None:
         received.append(number)
         stop.cancel()
 
-    for number in before:
-        loop.add_signal_handler(number, on_signal, number)
+    signals = LoopSignals(on_signal)
     try:
         yield received
     finally:
-        # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
-        for number, handler in before.items():
-            loop.remove_signal_handler(number)
-            if handler is not None:  # None: it was not Python's, and Python cannot set it again
-                signal.signal(number, handler)
+        signals.restore()

@@ -2,13 +2,18 @@
 
 import _thread
 import signal
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 _RETRY_S = 0.02
 """Time after which a signal is tried again, seconds."""
+_CLEANUP_S = 5.0
+"""Time for a command to remove its temporary files after a signal, seconds; further signals wait meanwhile."""
 _FOREIGN = ("llvmlite.binding", "weakref")
 """Modules whose functions, and all that these call, lose an error: LLVM calls them, or Python while it frees objects.
 An error in `llvmlite.binding` can also leave a lock held for ever."""
@@ -32,27 +37,90 @@ def status_of(interrupt: KeyboardInterrupt) -> int:
     return 128 + (interrupt.number if isinstance(interrupt, StoppedError) else signal.SIGINT)
 
 
-def raising(error: Callable[[int], BaseException]) -> Callable[[int, FrameType | None], None]:
-    """Returns a signal handler that raises an error in the main thread, as soon as the error cannot get lost.
+class SignalErrors:
+    """Raises an error in the main thread for each signal, as soon as the error cannot get lost.
+
+    Signals that follow soon after wait until the command has cleaned up, or for `_CLEANUP_S` seconds.
 
     Args:
         error: Function that returns the error for the number of a signal.
+        clock: Function that returns the time, seconds.
     """
 
-    def handle(number: int, frame: FrameType | None) -> None:
-        if _may_raise(frame):
-            raise error(number)
-        # A thread of `threading` would need locks that the interrupted code may hold.
-        _thread.start_new_thread(_repeat, (number,))
+    def __init__(self, error: Callable[[int], BaseException], clock: Callable[[], float] = time.monotonic) -> None:
+        self._error, self._clock = error, clock
+        self._raised: tuple[int, int] | None = None
+        self._cleaned_at = 0.0
 
-    return handle
+    def handle(self, number: int, frame: FrameType | None) -> None:
+        """Handles a signal (see `signal.signal`)."""
+        now = self._clock()
+        if now < self._cleaned_at or not _may_raise(frame):
+            _repeat_later(number)
+            return
+        self._cleaned_at = now + _CLEANUP_S
+        error = self._error(number)
+        self._raised = id(error), number  # the error itself would keep alive what is cleaned up when it is freed
+        raise error
+
+    @contextmanager
+    def lost_ones_repeated(self) -> Iterator[None]:
+        """Context in which a signal is sent again if Python ignored its error, instead of a message on the error.
+
+        Python ignores errors in functions that it calls while it frees objects, or that C calls.
+        """
+        before = sys.unraisablehook
+
+        def lost(unraisable: Any) -> None:
+            if self._raised is None or self._raised[0] != id(unraisable.exc_value):
+                before(unraisable)
+                return
+            self._cleaned_at = 0.0
+            _repeat_later(self._raised[1])
+
+        sys.unraisablehook = lost
+        try:
+            yield
+        finally:
+            sys.unraisablehook = before
+
+
+@contextmanager
+def first_interrupt(callback: Callable[[], None]) -> Iterator[None]:
+    """Context in which the first SIGINT (Ctrl-C) only calls a function, in another thread.
+
+    Further ones have their action from before. If the signal is ignored, as in background jobs of a shell script, or
+    outside of the main thread, nothing changes.
+
+    Args:
+        callback: The function.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if before in (None, signal.SIG_IGN) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        signal.signal(number, before)
+        _thread.start_new_thread(callback, ())  # here, printing could fail within the printing that was interrupted
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _repeat_later(number: int) -> None:
+    # A thread of `threading` would need locks that the interrupted code may hold.
+    _thread.start_new_thread(_repeat, (number,))
 
 
 def _repeat(number: int) -> None:
     """Sends a signal to the main thread again, unless the command has ended meanwhile."""
     time.sleep(_RETRY_S)
-    main = threading.main_thread().ident
-    if not callable(signal.getsignal(number)) or main is None:
+    handler, main = signal.getsignal(number), threading.main_thread().ident
+    if not callable(handler) or handler is signal.default_int_handler or main is None:
         return
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(main, number)  # also interrupts a wait

@@ -1,7 +1,6 @@
 """Display of a training run: progress bar or lines, and a stop with checkpoint on Ctrl-C."""
 
 import re
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -19,6 +18,7 @@ from rich.progress import Progress as Bars
 from rich.table import Column
 
 from splatwire.cli._rich import console
+from splatwire.cli._signals import first_interrupt
 from splatwire.cli._terminal import printable_streams
 from splatwire.cli.train import Train
 from splatwire.data import Dataset, dataset_layout, open_dataset
@@ -173,9 +173,7 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
     tests: list[str] = []
     printed = [time.monotonic()]
 
-    def interrupted(number: int, frame: Any) -> None:
-        if stop:
-            raise KeyboardInterrupt
+    def interrupted() -> None:
         stop.append(True)
         shown.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
 
@@ -197,11 +195,8 @@ def watch(on_test: Any, last_task: str = "fitting the context model again") -> I
         def last_phase(share: float) -> None:
             bars.update(task, description=f"{last_task}, {share:.0%}")
 
-        before = signal.signal(signal.SIGINT, interrupted)
-        try:
+        with first_interrupt(interrupted):
             yield Listener(progress, tested, lambda: bool(stop), last_phase)
-        finally:
-            signal.signal(signal.SIGINT, before)
 
 
 def columns() -> tuple[ProgressColumn, ...]:

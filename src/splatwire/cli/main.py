@@ -18,7 +18,7 @@ from typing import Any
 import splatwire
 from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, resource_problem
-from splatwire.cli._signals import raising, status_of
+from splatwire.cli._signals import SignalErrors, status_of
 from splatwire.cli._startup_progress import startup_messages
 from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
@@ -143,17 +143,17 @@ def _signals_as_exit(*, in_process: bool) -> Iterator[None]:
     def stop(number: int) -> BaseException:
         return KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
 
-    end = raising(stop)
     if not _in_main_thread():
         yield
         return
-    interrupt = signal.getsignal(signal.SIGINT)
+    errors, interrupt = SignalErrors(stop), signal.getsignal(signal.SIGINT)
     if interrupt is signal.default_int_handler:
-        signal.signal(signal.SIGINT, end)
+        signal.signal(signal.SIGINT, errors.handle)
     numbers = [n for n in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)) if _is_default(n)]
-    before = {number: signal.signal(number, end) for number in dict.fromkeys(numbers)}
+    before = {number: signal.signal(number, errors.handle) for number in dict.fromkeys(numbers)}
     try:
-        yield
+        with errors.lost_ones_repeated():
+            yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,0 +1,35 @@
+"""Signals that a running event loop handles."""
+
+import asyncio
+import signal
+from collections.abc import Callable
+
+
+class LoopSignals:
+    """Lets the running event loop call a function for SIGINT (Ctrl-C) and SIGTERM.
+
+    Signals that are ignored, as in background jobs of a shell script, stay ignored.
+
+    Args:
+        callback: Called with the number of a signal.
+    """
+
+    def __init__(self, callback: Callable[[int], None]) -> None:
+        self._loop = asyncio.get_running_loop()
+        found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        self._before = {number: handler for number, handler in found.items() if handler is not signal.SIG_IGN}
+        for number in self._before:
+            self._loop.add_signal_handler(number, callback, number)
+
+    def restore(self, *numbers: int) -> None:
+        """Restores the earlier action of signals.
+
+        Args:
+            *numbers: Numbers of the signals; none for all.
+        """
+        # The event loop would leave the default actions, with which SIGTERM leaves temporary files.
+        for number in numbers or tuple(self._before):
+            handler = self._before.pop(number)
+            self._loop.remove_signal_handler(number)
+            if handler is not None:  # None: it was not Python's, and Python cannot set it again
+                signal.signal(number, handler)
