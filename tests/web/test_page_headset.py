@@ -189,7 +189,7 @@ def test_too_little_memory_in_a_headset_ends_the_session_with_one_error(packed: 
         page.evaluate(f"window.isFull = true; {ELEMENT}.view.antialias(true)")
         reason = page.wait_for(f"{ELEMENT}.status.failed")
         assert reason == "This device cannot draw the scene: too little memory."
-        page.wait_for(f"{ROOT}.querySelector('.first.shown')")
+        page.wait_for(f"Boolean({ROOT}.querySelector('.first.shown'))")
         assert page.evaluate(f"[failures.length, session.ended, {ELEMENT}.view]") == [1, True, None]
 
 

@@ -554,3 +554,16 @@ test("a check during decoding waits for the received packets, and keeps them in 
   );
   assert.ok(caches.records.length > 1);
 });
+
+test("a scene without a server is not cached: its address is never used again", async () => {
+  for (const [file, entries] of [
+    ["blob:https://scenes.example/e1424ea9", 0],
+    ["data:application/octet-stream;base64,AAAA", 0],
+    [URL_, 1],
+  ] as const) {
+    const caches = new Caches();
+    new Server((asked) => part(STILL, asked));
+    assert.equal((await visit(caches, { file })).verified, true);
+    assert.equal(caches.entries.size > 0, entries > 0, file);
+  }
+});

@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { titleOf } from "../src/page/address.ts";
 import { embedCode, viewpointOf } from "../src/page/links.ts";
 
 const STREAM = new URL("https://host/a/scene.swz?x=1&y=2");
@@ -47,4 +48,16 @@ test("a viewpoint without a view is refused", () => {
     "0 0 1 0 0 0 0 1",
   ])
     assert.equal(viewpointOf(wrong), null, wrong);
+});
+
+test("a scene is named after its file, or after the page if it has none", () => {
+  for (const [src, title] of [
+    ["https://host/a/a%20room.swz?token#x", "a room"],
+    ["data:application/octet-stream;base64,AA/BBBB=", "Page"],
+    ["blob:https://host/e1424ea9-8cf7-4c83", "Page"],
+    [null, "Page"],
+  ]) {
+    const getAttribute = (name: string) => (name === "src" ? src : null);
+    assert.equal(titleOf({ getAttribute, ownerDocument: { title: "Page" } } as unknown as HTMLElement), title);
+  }
 });

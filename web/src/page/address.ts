@@ -22,8 +22,9 @@ export function addressOf(src: string, base: string): URL | null {
   }
 }
 
-/** Returns the scene's title: the element's `aria-label`, the file name, or the title of the page. */
+/** Returns the scene's title: the element's `aria-label`, the name of a file on a server, or the title of the page. */
 export function titleOf(host: HTMLElement): string {
-  const file = nameOf((host.getAttribute("src") ?? "").split(/[?#]/)[0]);
+  const src = host.getAttribute("src") ?? "",
+    file = /^(blob|data):/.test(src) ? "" : nameOf(src.split(/[?#]/)[0]);
   return host.getAttribute("aria-label") || file || host.ownerDocument.title || "Scene";
 }

@@ -40,9 +40,9 @@ export class PacketCache {
     this.#prefix = `https://kept.invalid/${encodeURIComponent(file)}/`;
   }
 
-  /** Opens the cache of a file. Returns null if the browser has none or denies access. */
+  /** Opens the cache of a file. Returns null without a server, or if the browser has none or denies access. */
   static async open(file: string): Promise<PacketCache | null> {
-    if (typeof caches === "undefined") return null;
+    if (typeof caches === "undefined" || !file.startsWith("http")) return null;
     for (const name of OLD_NAMES) void caches.delete(name).catch(() => undefined);
     const cache = await withTimeout(caches.open(NAME)).catch(() => null);
     return cache && new PacketCache(cache, file);
